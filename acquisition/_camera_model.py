@@ -1,0 +1,130 @@
+"""The camera as geometry: which ray a pixel sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+
+Array = npt.NDArray[np.float64]
+
+# OpenCV looks along +Z with Y down, the house looks along -Z with Y up.
+_FLIP = np.array([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A pinhole camera with Brown distortion, looking along -Z at the working plane z = 0.
+
+    Parameters
+    ----------
+    K
+        ``(3, 3)`` intrinsic matrix in pixels; (0, 0) is the centre of the first pixel.
+    width, height
+        Image size in pixels.
+    working_distance_mm
+        Distance from the centre of projection to the working plane along the optical axis. None
+        where no scale is known.
+    distortion
+        ``(5,)`` OpenCV's k1, k2, p1, p2, k3.
+
+    Raises
+    ------
+    DataError
+        If K is not an upper triangular matrix with positive focal lengths, or a size is not
+        positive.
+    """
+
+    K: Array
+    width: int
+    height: int
+    working_distance_mm: float | None = None
+    distortion: Array = field(default_factory=lambda: np.zeros(5))
+
+    def __post_init__(self) -> None:
+        K = np.array(self.K, np.float64)
+        if K.shape != (3, 3) or not np.isfinite(K).all():
+            raise DataError("a camera matrix K must be 3 x 3 finite numbers")
+        if (
+            K[0, 0] <= 0
+            or K[1, 1] <= 0
+            or abs(K[2, 2] - 1) > 1e-9
+            or np.any(K[[1, 2, 2], [0, 0, 1]])
+        ):
+            raise DataError(
+                "a camera matrix K must read [fx s cx; 0 fy cy; 0 0 1] with positive focal lengths"
+            )
+        if self.width < 1 or self.height < 1:
+            raise DataError(f"a camera image of {self.width} x {self.height} pixels has no pixels")
+        distance = self.working_distance_mm
+        if distance is not None and not (np.isfinite(distance) and distance > 0):
+            raise DataError(f"a working distance of {distance} mm is not a positive length")
+        distortion = np.array(self.distortion, np.float64).ravel()
+        if len(distortion) > 5 or not np.isfinite(distortion).all():
+            raise DataError("distortion must be at most five finite numbers: k1 k2 p1 p2 k3")
+        object.__setattr__(self, "K", K)
+        object.__setattr__(self, "distortion", np.pad(distortion, (0, 5 - len(distortion))))
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width), the shape of an image."""
+        return self.height, self.width
+
+    @property
+    def centre_mm(self) -> Array:
+        """The centre of projection, ``(0, 0, working distance)``."""
+        if self.working_distance_mm is None:
+            raise DataError("this camera has no working distance: add working_distance_mm to it")
+        return np.array([0.0, 0.0, self.working_distance_mm])
+
+    def rays(self, pixels: npt.ArrayLike) -> Array:
+        """Return the directions that pixels see, in the house frame, scaled to z = -1.
+
+        A surface point is ``centre + depth * ray`` with depth along the optical axis.
+
+        Parameters
+        ----------
+        pixels
+            ``(..., 2)`` positions (x, y) in pixels.
+
+        Returns
+        -------
+        Array
+            ``(..., 3)`` float64.
+        """
+        points = np.asarray(pixels, np.float64)
+        if not self.distortion.any():
+            y = (points[..., 1] - self.K[1, 2]) / self.K[1, 1]
+            x = (points[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
+        else:
+            criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
+            flat = np.ascontiguousarray(points.reshape(-1, 1, 2))
+            normalised = cv2.undistortPoints(
+                flat, self.K, self.distortion, criteria=criteria
+            ).reshape(points.shape)
+            x, y = normalised[..., 0], normalised[..., 1]
+        rays: Array = np.stack([x, y, np.ones_like(x)], axis=-1) * _FLIP
+        return rays
+
+    def pixel_rays(self) -> Array:
+        """Return the ray of every pixel, ``(height, width, 3)``."""
+        x, y = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return self.rays(np.stack([x, y], axis=-1))
+
+    def points_on_plane(self, z_mm: float = 0.0) -> Array:
+        """Return where every pixel's ray meets the plane z = ``z_mm``, ``(height, width, 3)``."""
+        centre = self.centre_mm
+        points: Array = centre + (centre[2] - z_mm) * self.pixel_rays()
+        return points
+
+    def project(self, points_mm: npt.ArrayLike) -> Array:
+        """Return the pixels ``(..., 2)`` at which points ``(..., 3)`` of the house frame appear."""
+        points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
+        pixels, _ = cv2.projectPoints(
+            points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self.K, self.distortion
+        )
+        return np.asarray(pixels, np.float64).reshape(*points.shape[:-1], 2)

@@ -1,0 +1,223 @@
+"""The lights of a recording: directions or positions, how strong, and where they point."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import PurePosixPath, PureWindowsPath
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+
+Array = npt.NDArray[np.float64]
+
+
+def light_id(name: str) -> str:
+    """Reduce a file name or path to what identifies a light: its stem, any separator, any case."""
+    return PurePosixPath(PureWindowsPath(name).name).stem.casefold()
+
+
+@dataclass(frozen=True, eq=False)
+class Lights:
+    """N lights, either all distant (directions) or all near (positions).
+
+    Parameters
+    ----------
+    directions
+        ``(N, 3)`` vectors from the scene toward the lights, in the house frame (X right, Y up,
+        Z toward the camera). Stored as unit vectors. None for near lights.
+    positions_mm
+        ``(N, 3)`` positions in the house frame, millimetres. None for distant lights.
+    intensities
+        ``(N, 3)`` or ``(N,)``, RGB or one value, greater than 0: the irradiance a light gives at
+        the frame's origin on a surface that faces it, in the unit of the images. Default 1.
+    axes
+        ``(N, 3)`` unit vectors along which near lights shine, pointing away from the light.
+        Default: at the origin.
+    mu
+        ``(N,)`` exponent of the radiation pattern ``cos(angle to the axis) ** mu``; 0 is isotropic.
+    ids
+        N names that tie lights to frames: ``L07`` for LED 7, or the stem of an image file.
+
+    Raises
+    ------
+    DataError
+        If shapes disagree, a value is not finite, a direction has no length, a position lies at
+        the origin, or an intensity is not positive. The message names the light.
+    """
+
+    directions: Array | None = None
+    positions_mm: Array | None = None
+    intensities: Array | None = None
+    axes: Array | None = None
+    mu: Array | None = None
+    ids: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        given = self.directions if self.positions_mm is None else self.positions_mm
+        if given is None or (self.directions is not None and self.positions_mm is not None):
+            raise DataError("lights need either directions or positions, and not both")
+        vectors = _finite(given, "direction" if self.positions_mm is None else "position")
+        count = len(vectors)
+        ids = tuple(self.ids) or tuple(f"L{i:02d}" for i in range(count))
+        if len(ids) != count:
+            raise DataError(f"{count} lights but {len(ids)} ids")
+        length = np.linalg.norm(vectors, axis=1)
+        if np.any(length < 1e-9):
+            raise DataError(f"light {ids[int(np.argmin(length))]} is a zero vector")
+        if self.positions_mm is None:
+            object.__setattr__(self, "directions", vectors / length[:, None])
+        else:
+            object.__setattr__(self, "positions_mm", vectors)
+        intensities = np.ones((count, 3)) if self.intensities is None else self.intensities
+        intensities = np.asarray(intensities, np.float64)
+        if intensities.ndim == 1:
+            intensities = np.repeat(intensities[:, None], 3, axis=1)
+        if intensities.shape != (count, 3):
+            raise DataError(f"{count} lights but intensities of shape {intensities.shape}")
+        bad = ~np.all(np.isfinite(intensities) & (intensities > 0), axis=1)
+        if bad.any():
+            raise DataError(
+                f"light {ids[int(np.argmax(bad))]} has an intensity that is not a positive number"
+            )
+        object.__setattr__(self, "intensities", intensities)
+        axes = -vectors / length[:, None] if self.axes is None else _finite(self.axes, "axis")
+        axis_length = np.linalg.norm(axes, axis=1)
+        if len(axes) != count or np.any(axis_length < 1e-9):
+            raise DataError(f"{count} lights need {count} axes that are not zero")
+        object.__setattr__(self, "axes", axes / axis_length[:, None])
+        mu = np.zeros(count) if self.mu is None else np.asarray(self.mu, np.float64)
+        if mu.shape != (count,) or not np.all(np.isfinite(mu) & (mu >= 0)):
+            raise DataError(f"{count} lights need {count} values mu >= 0")
+        object.__setattr__(self, "mu", mu)
+        object.__setattr__(self, "ids", ids)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def near(self) -> bool:
+        """True where the lights have positions."""
+        return self.positions_mm is not None
+
+    @property
+    def unit_directions(self) -> Array:
+        """``(N, 3)`` unit vectors from the origin toward the lights, for near lights too."""
+        if self.positions_mm is None:
+            return _known(self.directions)
+        length = np.linalg.norm(self.positions_mm, axis=1, keepdims=True)
+        directions: Array = self.positions_mm / length
+        return directions
+
+    def distant(self) -> Lights:
+        """Return the same lights as seen from the origin, with no positions."""
+        return Lights(directions=self.unit_directions, intensities=self.intensities, ids=self.ids)
+
+    def take(self, indices: Sequence[int]) -> Lights:
+        """Return the lights of these indices, in this order."""
+        pick = list(indices)
+        return replace(
+            self,
+            directions=None if self.directions is None else self.directions[pick],
+            positions_mm=None if self.positions_mm is None else self.positions_mm[pick],
+            intensities=_known(self.intensities)[pick],
+            axes=_known(self.axes)[pick],
+            mu=_known(self.mu)[pick],
+            ids=tuple(self.ids[i] for i in pick),
+        )
+
+    def vectors_at(self, points_mm: npt.ArrayLike) -> Array:
+        """Return the light vectors at scene points: unit direction times relative irradiance.
+
+        The irradiance of a Lambertian surface is ``intensity * max(n . v, 0)`` with ``v`` from
+        here. For near lights ``|v| = (r0 / r)^2 * (cos t / cos t0)^mu``, with distance r and angle
+        t to the axis, r0 and t0 those of the origin (the LED model of Queau et al., 2018, scaled
+        to 1 at the origin). Points behind the LED's own plane get no light.
+
+        Parameters
+        ----------
+        points_mm
+            ``(..., 3)`` points in the house frame.
+
+        Returns
+        -------
+        Array
+            ``(N, ..., 3)`` float64.
+        """
+        points = np.asarray(points_mm, np.float64)
+        shape = (len(self),) + (1,) * (points.ndim - 1) + (3,)
+        if self.positions_mm is None:
+            constant = _known(self.directions).reshape(shape)
+            return np.broadcast_to(constant, (len(self), *points.shape)).copy()
+        position = self.positions_mm.reshape(shape)
+        axis = _known(self.axes).reshape(shape)
+        mu = _known(self.mu).reshape(shape[:-1])
+        toward = position - points
+        distance = np.linalg.norm(toward, axis=-1)
+        reference = np.linalg.norm(position, axis=-1)
+        cosine = np.clip(-np.sum(toward * axis, axis=-1) / distance, 0.0, None)
+        cosine_reference = -np.sum(position * axis, axis=-1) / reference
+        if np.any(cosine_reference <= 0):
+            dark = self.ids[int(np.argmin(cosine_reference.ravel()))]
+            raise DataError(f"light {dark} points away from the origin: check its axis")
+        gain = (reference / distance) ** 2 * (cosine / cosine_reference) ** mu
+        gain = np.where(cosine > 0, gain, 0.0)
+        vectors: Array = toward / distance[..., None] * gain[..., None]
+        return vectors
+
+    def match(self, names: Sequence[str]) -> tuple[list[int], bool]:
+        """Find each frame's light by its id, or by order where no names match.
+
+        Parameters
+        ----------
+        names
+            One id or file name per frame.
+
+        Returns
+        -------
+        indices
+            The light of each frame.
+        by_name
+            False where order decided, which deserves a warning.
+
+        Raises
+        ------
+        DataError
+            If names match only in part, or not at all and the counts differ.
+        """
+        known = {light_id(name): i for i, name in enumerate(self.ids)}
+        wanted = [light_id(name) for name in names]
+        found = [known[name] for name in wanted if name in known]
+        if len(known) == len(self) and len(found) == len(wanted) == len(set(found)):
+            return found, True
+        if len(wanted) != len(self):
+            raise DataError(
+                f"{len(wanted)} images for {len(self)} lights: "
+                "every image needs its light (by file name, or by order when the counts agree)"
+            )
+        if found:
+            missing = next(name for name in names if light_id(name) not in known)
+            raise DataError(
+                f"{len(found)} of {len(wanted)} image names are in the lights, {missing} is not: "
+                "rename the images or the lights"
+            )
+        return list(range(len(self))), False
+
+
+def _known(value: Array | None) -> Array:
+    """Narrow a field that the constructor filled in."""
+    if value is None:
+        raise TypeError("a field that the constructor fills in is missing")
+    return value
+
+
+def _finite(value: npt.ArrayLike, what: str) -> Array:
+    array = np.array(value, np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
+        raise DataError(f"{what}s of lights must be N x 3 numbers, not {array.shape}")
+    bad = ~np.isfinite(array).all(axis=1)
+    if bad.any():
+        raise DataError(f"the {what} of light {int(np.argmax(bad))} is not finite")
+    return array

@@ -1,0 +1,1 @@
+"""From linear images to normals, shape, detail and geometry."""

@@ -1,0 +1,17 @@
+"""What can go wrong on the bench. Every message says what, where and what to do, in one line."""
+
+
+class RigError(Exception):
+    """The rig cannot do what was asked (exit code 3 at the front door)."""
+
+
+class BoardError(RigError):
+    """The LED board or its serial line failed; the message names port, command and LED."""
+
+
+class CameraError(RigError):
+    """The camera failed; the message names the node or the frame that was awaited."""
+
+
+class RigConfigError(RigError):
+    """A rig file or rig name is not understood."""
