@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePosixPath, PureWindowsPath
+from pathlib import PureWindowsPath
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +15,16 @@ from acquisition._errors import DataError
 Array = npt.NDArray[np.float64]
 
 
+# A suffix that begins with a letter is a file type; `chrome.0` ends in a number, not in a type.
+_FILE_TYPE = re.compile(r"\.[a-z][a-z0-9]{1,4}$")
+
+
 def light_id(name: str) -> str:
-    """Reduce a file name or path to what identifies a light: its stem, any separator, any case."""
-    return PurePosixPath(PureWindowsPath(name).name).stem.casefold()
+    """Reduce a file name or path to what identifies a light: its stem, any separator, any case.
+
+    Idempotent: ``chrome.0.tga``, ``D:\\scan\\CHROME.0.TGA`` and ``chrome.0`` are all ``chrome.0``.
+    """
+    return _FILE_TYPE.sub("", PureWindowsPath(name).name.casefold())
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +206,9 @@ class Lights:
                 "every image needs its light (by file name, or by order when the counts agree)"
             )
         if found:
-            missing = next(name for name in names if light_id(name) not in known)
+            missing = next((name for name in names if light_id(name) not in known), None)
+            if missing is None:
+                raise DataError("two images or two lights share a name: rename them")
             raise DataError(
                 f"{len(found)} of {len(wanted)} image names are in the lights, {missing} is not: "
                 "rename the images or the lights"

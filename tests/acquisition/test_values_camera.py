@@ -1,0 +1,59 @@
+"""CameraModel: its frame against OpenCV's, rays against projection, what it refuses."""
+
+import numpy as np
+import pytest
+
+from acquisition import CameraModel, DataError
+
+K = np.array([[1000.0, 0, 320], [0, 1010, 240], [0, 0, 1]])
+
+
+def test_up_in_the_scene_is_up_in_the_image():
+    camera = CameraModel(K, 640, 480, 600.0)
+    x, y = camera.project([10.0, 20.0, 0.0])
+    np.testing.assert_allclose([x, y], [320 + 1000 * 10 / 600, 240 - 1010 * 20 / 600])
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        pytest.param(np.zeros(5), id="pinhole"),
+        pytest.param([-0.2, 0.1, 1e-3, -2e-3, 0.02], id="Brown"),
+    ],
+)
+def test_rays_invert_projection(distortion):
+    camera = CameraModel(K, 640, 480, 600.0, distortion)
+    points = np.random.default_rng(0).uniform(-80, 80, (200, 3))
+    depth = 600.0 - points[:, 2:]
+    back = camera.centre_mm + depth * camera.rays(camera.project(points))
+    np.testing.assert_allclose(back, points, atol=1e-9)
+
+
+def test_points_on_plane_lie_on_it_and_project_back():
+    camera = CameraModel(K, 64, 48, 600.0)
+    points = camera.points_on_plane(5.0)
+    assert points.shape == (48, 64, 3)
+    np.testing.assert_allclose(points[..., 2], 5.0)
+    np.testing.assert_allclose(camera.project(points)[7, 9], [9, 7], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        pytest.param((np.eye(2), 4, 4), "3 x 3", id="shape"),
+        pytest.param((K * np.nan, 4, 4), "finite", id="nan"),
+        pytest.param((-K, 4, 4), "focal", id="negative"),
+        pytest.param((K.T, 4, 4), "read", id="transposed"),
+        pytest.param((K, 0, 4), "no pixels", id="no width"),
+        pytest.param((K, 4, 4, -1.0), "working distance", id="distance"),
+        pytest.param((K, 4, 4, 1.0, np.ones(8)), "distortion", id="rational model"),
+    ],
+)
+def test_camera_refuses(arguments, message):
+    with pytest.raises(DataError, match=message):
+        CameraModel(*arguments)
+
+
+def test_no_working_distance_says_what_to_add():
+    with pytest.raises(DataError, match="working_distance_mm"):
+        CameraModel(K, 4, 4).points_on_plane()

@@ -1,0 +1,121 @@
+"""Lights: what they refuse, the near-light model against its closed form, matching to frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquisition import DataError, Lights, light_id
+
+UP = [[0.0, 0.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        pytest.param({}, "either directions or positions", id="nothing"),
+        pytest.param({"directions": UP, "positions_mm": UP}, "not both", id="both"),
+        pytest.param({"directions": [[0, 0, 1], [0, 0, 0]]}, "L01 is a zero vector", id="zero"),
+        pytest.param({"directions": [[0, np.nan, 1]]}, "light 0 is not finite", id="nan"),
+        pytest.param({"directions": [[0, 1]]}, "N x 3", id="two columns"),
+        pytest.param({"directions": UP, "intensities": [0.0]}, "L00 has an intensity", id="dark"),
+        pytest.param({"directions": UP, "intensities": [1.0, 1.0]}, "intensities", id="count"),
+        pytest.param({"directions": UP, "mu": [-1.0]}, "mu", id="mu"),
+        pytest.param({"directions": UP, "ids": ("a", "b")}, "2 ids", id="ids"),
+        pytest.param({"directions": UP, "axes": [[0, 0, 0]]}, "axes", id="axis"),
+    ],
+)
+def test_lights_refuse(fields, message):
+    with pytest.raises(DataError, match=message):
+        Lights(**fields)
+
+
+def test_directions_are_stored_as_unit_vectors():
+    lights = Lights(directions=[[0, 0, 5], [3, 0, 4]])
+    np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
+    assert lights.ids == ("L00", "L01")
+    assert not lights.near
+
+
+def test_near_light_follows_the_inverse_square_and_cosine_laws():
+    """A lamp 400 mm overhead, looking down: E(x) = (h / r)^2 (h / r)^mu with r^2 = h^2 + x^2."""
+    height, x, mu = 400.0, 300.0, 1.5
+    lights = Lights(positions_mm=[[0, 0, height]], mu=[mu])
+    r = np.hypot(height, x)
+    (vector,) = lights.vectors_at([x, 0.0, 0.0])
+    np.testing.assert_allclose(np.linalg.norm(vector), (height / r) ** (2 + mu), rtol=1e-12)
+    np.testing.assert_allclose(vector / np.linalg.norm(vector), [-x / r, 0, height / r])
+
+
+def test_a_point_behind_the_led_gets_no_light():
+    lights = Lights(positions_mm=[[0, 0, 100.0]], mu=[0.0])
+    np.testing.assert_array_equal(lights.vectors_at([0.0, 0.0, 150.0]), [[0, 0, 0]])
+
+
+def test_a_light_that_points_away_is_refused():
+    lights = Lights(positions_mm=[[0, 0, 100.0]], axes=UP)
+    with pytest.raises(DataError, match="points away"):
+        lights.vectors_at([0.0, 0.0, 0.0])
+
+
+@given(
+    st.tuples(st.floats(-500, 500), st.floats(-500, 500), st.floats(50, 900)),
+    st.floats(0, 4),
+)
+def test_at_the_origin_near_and_distant_agree(position, mu):
+    near = Lights(positions_mm=[position], mu=[mu])
+    origin = np.zeros((2, 2, 3))
+    np.testing.assert_allclose(
+        near.vectors_at(origin), near.distant().vectors_at(origin), atol=1e-12
+    )
+
+
+def test_take_keeps_every_field_in_order():
+    lights = Lights(positions_mm=np.eye(3) * 10, intensities=[1, 2, 3], mu=[0, 1, 2])
+    two = lights.take([2, 0])
+    assert two.ids == ("L02", "L00")
+    np.testing.assert_array_equal(two.positions_mm, [[0, 0, 10], [10, 0, 0]])
+    np.testing.assert_array_equal(two.intensities[:, 0], [3, 1])
+    np.testing.assert_array_equal(two.mu, [2, 0])
+
+
+@pytest.mark.parametrize(
+    ("ids", "names", "expected", "by_name"),
+    [
+        pytest.param(("a", "b"), ("b.png", "a.png"), [1, 0], True, id="by name"),
+        pytest.param(("x/A.TIF", "b"), (r"C:\d\a.png", "B"), [0, 1], True, id="paths and case"),
+        pytest.param(("a", "b"), ("p", "q"), [0, 1], False, id="by order"),
+        pytest.param(("a", "b", "c"), ("c",), [2], True, id="fewer frames than lights"),
+    ],
+)
+def test_match(ids, names, expected, by_name):
+    lights = Lights(directions=np.eye(3)[: len(ids)], ids=ids)
+    assert lights.match(names) == (expected, by_name)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        pytest.param(("p",), "1 images for 2 lights", id="counts differ"),
+        pytest.param(("a", "q"), "q is not", id="only some match"),
+        pytest.param(("a", "a"), "share a name", id="two frames of one light"),
+    ],
+)
+def test_match_refuses(names, message):
+    lights = Lights(directions=np.eye(3)[:2], ids=("a", "b"))
+    with pytest.raises(DataError, match=message):
+        lights.match(names)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        pytest.param(r"D:\dome\IMG 007.Tif", "img 007", id="Windows path"),
+        pytest.param("a/b/chrome.0.tga", "chrome.0", id="number before the type"),
+        pytest.param("chrome.0", "chrome.0", id="a number is no file type"),
+        pytest.param("L07", "l07", id="LED"),
+    ],
+)
+def test_light_id_is_the_stem(name, expected):
+    assert light_id(name) == expected
+    assert light_id(expected) == expected
