@@ -1,16 +1,58 @@
 """Recordings: plans, sessions, image files, and the values of lights, camera and sensor."""
 
+from acquisition._camera_files import read_camera, write_camera
 from acquisition._camera_model import CameraModel
+from acquisition._engine import record
 from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._images import read_image, write_exr, write_png, write_tiff
+from acquisition._import import import_frames
+from acquisition._journal import EventLine, FrameLine
 from acquisition._lights import Lights, light_id
+from acquisition._lights_files import read_lights, write_lights
+from acquisition._manifest import Manifest
+from acquisition._mask_files import read_mask
 from acquisition._noise_model import NoiseModel
+from acquisition._plan import CapturePlan, PlannedShot, read_plan
+from acquisition._raw import RawFrame, read_raw
+from acquisition._session import Session, SessionFrame
+from acquisition._session_writer import SessionWriter
+from acquisition._source import Frame, Source
+from acquisition._source_reader import read_source
+from acquisition._verify import Verification, verify_session
 
 __all__ = [
     "CameraModel",
+    "CapturePlan",
     "DataError",
+    "EventLine",
+    "Frame",
+    "FrameLine",
     "Lights",
+    "Manifest",
     "MissingPathError",
     "NoiseModel",
+    "PlannedShot",
+    "RawFrame",
+    "Session",
+    "SessionFrame",
+    "SessionWriter",
+    "Source",
     "StorageError",
+    "Verification",
+    "import_frames",
     "light_id",
+    "read_camera",
+    "read_image",
+    "read_lights",
+    "read_mask",
+    "read_plan",
+    "read_raw",
+    "read_source",
+    "record",
+    "verify_session",
+    "write_camera",
+    "write_exr",
+    "write_lights",
+    "write_png",
+    "write_tiff",
 ]

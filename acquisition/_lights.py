@@ -20,9 +20,9 @@ _FILE_TYPE = re.compile(r"\.[a-z][a-z0-9]{1,4}$")
 
 
 def light_id(name: str) -> str:
-    """Reduce a file name or path to what identifies a light: its stem, any separator, any case.
+    r"""Reduce a file name or path to what identifies a light: its stem, any separator, any case.
 
-    Idempotent: ``chrome.0.tga``, ``D:\\scan\\CHROME.0.TGA`` and ``chrome.0`` are all ``chrome.0``.
+    Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` are all ``chrome.0``.
     """
     return _FILE_TYPE.sub("", PureWindowsPath(name).name.casefold())
 

@@ -1,0 +1,177 @@
+"""``session.toml``: what a session is, written once before its first frame."""
+
+from __future__ import annotations
+
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+
+from acquisition._camera_model import CameraModel
+from acquisition._lights import Lights
+from acquisition._noise_model import NoiseModel
+from acquisition._plan import CapturePlan
+from acquisition._software import SOFTWARE, software_version
+
+FORMAT_VERSION: Final = 1
+
+_Size = Annotated[int, Field(ge=1)]
+_Vector = tuple[float, float, float]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class SoftwareRecord(_Table):
+    """The program that wrote the session."""
+
+    name: str = SOFTWARE
+    version: str = Field(default_factory=software_version)
+
+
+class RigRecord(_Table):
+    """The rig: name and driver of the rig file, and how its board identified itself."""
+
+    name: str
+    driver: str
+    board: str
+    protocol: str
+    firmware: str
+    leds: _Size
+
+
+class CameraRecord(_Table):
+    """The camera as a device, and the frames it delivers.
+
+    ``bit_depth`` counts the significant low bits of each 16-bit sample. ``cfa`` names the colours
+    of the filter mosaic from the top left, row by row; absent for grey and RGB. ``channels`` is 1
+    (grey or mosaic) or 3 (RGB). Absent levels: black 0, white ``2 ** bit_depth - 1``.
+    """
+
+    width: _Size
+    height: _Size
+    channels: Literal[1, 3] = 1
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
+    pixel_format: str = ""
+    cfa: Annotated[str, Field(pattern=r"^[A-Z]+$")] | None = None
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+    black_level_dn: Annotated[float, Field(ge=0)] = 0.0
+    white_level_dn: Annotated[float, Field(gt=0, le=65535)] | None = None
+
+    @property
+    def white_dn(self) -> float:
+        """Grey value from which a sample counts as saturated."""
+        if self.white_level_dn is not None:
+            return self.white_level_dn
+        return float(2**self.bit_depth - 1)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of every frame as an array, ``(H, W)`` or ``(H, W, 3)``."""
+        size = (self.height, self.width)
+        return size if self.channels == 1 else (*size, 3)
+
+    @model_validator(mode="after")
+    def _ordered_levels(self) -> CameraRecord:
+        if self.black_level_dn >= self.white_dn:
+            raise ValueError("the black level is not below the white level")
+        return self
+
+
+class SensorRecord(_Table):
+    """A `NoiseModel`, written out."""
+
+    electrons_per_dn: float
+    read_noise_e: float
+    black_level_dn: float
+    bit_depth: int
+
+    @classmethod
+    def of(cls, sensor: NoiseModel) -> SensorRecord:
+        """Write out a sensor."""
+        return cls.model_validate(sensor.__dict__)
+
+    def value(self) -> NoiseModel:
+        """Return the sensor; raises DataError where the numbers make none."""
+        return NoiseModel(**self.model_dump())
+
+
+class CameraModelRecord(_Table):
+    """A `CameraModel`, written out."""
+
+    K: tuple[_Vector, _Vector, _Vector]
+    distortion: tuple[float, ...]
+    width: _Size
+    height: _Size
+    working_distance_mm: float | None = None
+
+    @classmethod
+    def of(cls, camera: CameraModel) -> CameraModelRecord:
+        """Write out a camera model."""
+        return cls(
+            K=camera.K.tolist(),
+            distortion=camera.distortion.tolist(),
+            width=camera.width,
+            height=camera.height,
+            working_distance_mm=camera.working_distance_mm,
+        )
+
+    def value(self) -> CameraModel:
+        """Return the camera model; raises DataError where the numbers make none."""
+        return CameraModel(
+            np.array(self.K),
+            self.width,
+            self.height,
+            self.working_distance_mm,
+            np.array(self.distortion),
+        )
+
+
+class LightsRecord(_Table):
+    """`Lights`, written out: one row per light, either directions or positions."""
+
+    ids: tuple[str, ...]
+    directions: tuple[_Vector, ...] | None = None
+    positions_mm: tuple[_Vector, ...] | None = None
+    intensities: tuple[_Vector, ...]
+    axes: tuple[_Vector, ...]
+    mu: tuple[float, ...]
+
+    @classmethod
+    def of(cls, lights: Lights) -> LightsRecord:
+        """Write out lights."""
+        columns = ("directions", "positions_mm", "intensities", "axes", "mu")
+        arrays = {name: getattr(lights, name) for name in columns}
+        rows = {name: array.tolist() for name, array in arrays.items() if array is not None}
+        return cls(ids=lights.ids, **rows)
+
+    def value(self) -> Lights:
+        """Return the lights; raises DataError where the numbers make none."""
+        columns = self.model_dump(exclude={"ids"}, exclude_none=True)
+        return Lights(ids=self.ids, **{name: np.array(rows) for name, rows in columns.items()})
+
+
+class Manifest(_Table):
+    """What ``session.toml`` holds.
+
+    ``plan`` and ``rig`` are absent in imported sessions. ``camera`` is the device and its frames;
+    ``camera_model``, ``sensor`` and ``lights`` are calibrations, present where known.
+    """
+
+    format_version: Literal[1] = FORMAT_VERSION
+    started_utc: AwareDatetime
+    operator: str
+    object: str
+    place: str = ""
+    notes: str = ""
+    rights: str = ""
+    software: SoftwareRecord = Field(default_factory=SoftwareRecord)
+    plan: CapturePlan | None = None
+    rig: RigRecord | None = None
+    camera: CameraRecord
+    camera_model: CameraModelRecord | None = None
+    sensor: SensorRecord | None = None
+    lights: LightsRecord | None = None

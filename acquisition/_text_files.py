@@ -1,0 +1,37 @@
+"""Text files written by other people's programs: byte order marks, line ends, old encodings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from acquisition._errors import DataError, MissingPathError
+
+
+def read_text(path: Path) -> str:
+    """Read a text file, UTF-8 with or without a byte order mark, else Latin-1.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it cannot be read or is not text.
+    """
+    if not path.exists():
+        raise MissingPathError(f"{path}: no such file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}): check the file") from error
+    if b"\0" in data:
+        raise DataError(f"{path}: not a text file")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")  # names written by old Windows programs
+
+
+def numbered_lines(text: str) -> list[tuple[int, str]]:
+    """Return (line number from 1, text without outer space) of the lines that are not blank."""
+    stripped = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+    return [(number, line) for number, line in stripped if line]

@@ -1,0 +1,76 @@
+"""TOML files as validated models, with errors in one line."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from acquisition._errors import DataError, MissingPathError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def first_complaint(error: ValidationError) -> str:
+    """Return the first thing pydantic objects to as ``where: what``, in one line."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    where = ".".join(str(part) for part in first["loc"])
+    what = str(first["msg"]).removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        what = "is not a known key"
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return (f"{where}: {what}" if where else what).replace("\n", " ") + more
+
+
+def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
+    """Parse TOML bytes; a DataError names ``path`` and the line that is not understood."""
+    try:
+        return tomllib.loads(data.decode("utf-8"))
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DataError(f"{path}: is not TOML: {error}") from error
+
+
+def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
+    """Build a model from parsed values; a DataError names ``path`` and the key."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise DataError(f"{path}: {first_complaint(error)}") from error
+
+
+def read_toml(model: type[Model], path: Path) -> Model:
+    """Read a model from a TOML file.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If it cannot be read, is not TOML, or holds a key or value the model refuses.
+    """
+    if not path.exists():
+        raise MissingPathError(f"{path}: no such file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    return validated(model, parse_toml(data, path), path)
+
+
+def to_toml(model: BaseModel) -> bytes:
+    """Return a model as TOML; what is None is left out, as TOML has no null.
+
+    Raises
+    ------
+    DataError
+        If a text holds half a character, as arguments that are not UTF-8 do.
+    """
+    text = tomli_w.dumps(model.model_dump(exclude_none=True))
+    try:
+        return text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        around = text[: error.start].rpartition("\n")[2] + ascii(error.object[error.start])
+        raise DataError(f"not a text that UTF-8 can hold: {around}") from error

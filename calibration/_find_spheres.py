@@ -1,0 +1,205 @@
+"""Find mirror spheres without masks: circles in the image that hold a moving highlight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import map_coordinates
+
+from calibration._conic import Array, Ellipse
+from calibration._errors import EstimateError
+from calibration._highlights import Highlights, find_highlights
+from calibration._outline import outline_image, refine_outline
+
+_SEARCH_SIZE_PX = 700
+_SMALLEST_RADIUS_PX = 8
+_CENTRES = 60
+_SECTORS = 72
+_LEAST_COVERAGE = 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class SphereImage:
+    """What the images show of one sphere.
+
+    Parameters
+    ----------
+    outline
+        The ellipse of its outline.
+    points_px
+        ``(M, 2)`` outline points.
+    coverage
+        Share 0..1 of the circumference that was seen.
+    highlights
+        One per light.
+    """
+
+    outline: Ellipse
+    points_px: Array
+    coverage: float
+    highlights: Highlights
+
+
+def find_spheres(values: npt.NDArray[np.float32]) -> list[SphereImage]:
+    """Find the mirror spheres in a stack.
+
+    Edges of the mean image vote for centres along their gradients (Hough), radii follow from the
+    edges that face a centre, and a candidate counts when it shows a compact highlight under at
+    least half of the lights and that highlight moves with the light. Of overlapping candidates
+    (a sphere mirrors circles inside itself) the largest well-covered one is the outline.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear, NaN where saturated.
+
+    Returns
+    -------
+    list of SphereImage
+        Sorted by x.
+
+    Raises
+    ------
+    EstimateError
+        If none is found; the message says what was looked at.
+    """
+    image = outline_image(values)
+    circles = _circles(image)
+    found: list[SphereImage] = []
+    for circle in circles:
+        if any(_overlap(circle, sphere.outline) for sphere in found):
+            continue
+        sphere = _verify(values, image, circle)
+        if sphere is not None and not any(_overlap(sphere.outline, s.outline) for s in found):
+            found.append(sphere)
+    if not found:
+        raise EstimateError(
+            f"no mirror sphere found: {len(circles)} round outlines in the mean image, none with a "
+            "compact highlight that moves with the light; give masks or circles"
+        )
+    return sorted(found, key=lambda sphere: sphere.outline.centre_px)
+
+
+def _verify(
+    values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
+) -> SphereImage | None:
+    """Refine a candidate and return it if its highlights are those of a mirror sphere."""
+    try:
+        reach = max(3.0, 0.03 * circle.radius_px)
+        outline, points, coverage = refine_outline(image, circle, reach)
+    except EstimateError:
+        return None
+    if coverage < _LEAST_COVERAGE or abs(outline.radius_px / circle.radius_px - 1) > 0.15:
+        return None
+    highlights = find_highlights(values, outline)
+    seen = highlights.pixels[highlights.found]
+    if len(seen) < 0.5 * len(values):
+        return None
+    if len(seen) > 1 and np.max(np.ptp(seen, axis=0)) < max(1.0, 0.02 * outline.radius_px):
+        return None
+    return SphereImage(outline, points, coverage, highlights)
+
+
+def _overlap(a: Ellipse, b: Ellipse) -> bool:
+    """Whether the centre of one lies within the other."""
+    distance = np.hypot(a.centre_px[0] - b.centre_px[0], a.centre_px[1] - b.centre_px[1])
+    return bool(distance < max(a.radius_px, b.radius_px))
+
+
+def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
+    """Return circular edges of an image, the best covered first, larger before smaller."""
+    factor = max(1.0, max(image.shape) / _SEARCH_SIZE_PX)
+    size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    edges, facing = _edges(np.log(small))
+    if len(edges) == 0:
+        return []
+    largest = 0.6 * min(small.shape)
+    centres = _centres(edges, facing, (small.shape[0], small.shape[1]), largest)
+    scored = [
+        (coverage, centre, radius)
+        for centre in centres
+        for radius, coverage in _radii(edges, facing, centre, largest)
+    ]
+    # Near-equal coverage does not tell an outline from a circle mirrored inside it: the size does.
+    scored.sort(key=lambda item: (round(item[0] / 0.25), item[2]), reverse=True)
+    scale = image.shape[1] / size[0]
+    return [
+        Ellipse(
+            ((centre[0] + 0.5) * scale - 0.5, (centre[1] + 0.5) * scale - 0.5),
+            (radius * scale, radius * scale),
+        )
+        for _, centre, radius in scored
+    ]
+
+
+def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
+    """Return edge pixels ``(M, 2)`` and their unit gradients ``(M, 2)``: maxima along these."""
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    strength = np.hypot(gx, gy)
+    y, x = np.nonzero(strength > max(3 * float(np.median(strength)), 1e-3))
+    facing = np.column_stack([gx[y, x], gy[y, x]]) / strength[y, x, None]
+    ahead, behind = (
+        map_coordinates(
+            strength, [y + sign * facing[:, 1], x + sign * facing[:, 0]], order=1, mode="nearest"
+        )
+        for sign in (1, -1)
+    )
+    ridge = (strength[y, x] >= ahead) & (strength[y, x] > behind)
+    # Enough edges for every circle, few enough for a vote: the strongest.
+    keep = np.flatnonzero(ridge)
+    if len(keep) > 20000:
+        keep = keep[np.argsort(strength[y[keep], x[keep]])[-20000:]]
+    return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
+
+
+def _centres(
+    edges: Array, facing: Array, shape: tuple[int, int], largest: float
+) -> list[tuple[float, float]]:
+    """Vote along the gradients, both ways, and return the peaks."""
+    height, width = shape
+    votes = np.zeros(height * width)
+    for radius in np.arange(_SMALLEST_RADIUS_PX, largest):
+        for sign in (1, -1):
+            x, y = np.rint(edges + sign * radius * facing).astype(int).T
+            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            votes += np.bincount(y[inside] * width + x[inside], minlength=len(votes))
+    # Gradient directions err in proportion to the radius: gather votes over a few pixels, and
+    # subtract the broad heap that clutter makes.
+    plane = cv2.GaussianBlur(votes.reshape(shape), (0, 0), 1.5)
+    plane = plane - cv2.GaussianBlur(plane, (0, 0), 12.0)
+    peaks = []
+    for _ in range(_CENTRES):
+        _, best, _, (x, y) = cv2.minMaxLoc(plane)
+        if best <= 0:
+            break
+        peaks.append((float(x), float(y)))
+        cv2.circle(plane, (x, y), 4, 0.0, -1)
+    return peaks
+
+
+def _radii(
+    edges: Array, facing: Array, centre: tuple[float, float], largest: float
+) -> list[tuple[float, float]]:
+    """Return (radius, coverage) of the circles round a centre: sectors with an edge facing it."""
+    offset = edges - centre
+    radius = np.linalg.norm(offset, axis=1)
+    cosine = np.abs(np.sum(offset * facing, axis=1)) / np.maximum(radius, 1e-9)
+    use = (radius > _SMALLEST_RADIUS_PX) & (radius < largest) & (cosine > 0.95)
+    sector = ((np.arctan2(offset[use, 1], offset[use, 0]) / (2 * np.pi) % 1) * _SECTORS).astype(int)
+    ring = radius[use].astype(int)
+    hit = np.zeros((int(largest) + 3, _SECTORS), bool)
+    hit[ring, sector % _SECTORS] = True
+    thick = hit[:-2] | hit[1:-1] | hit[2:]
+    coverage = thick.mean(axis=1)
+    circles = []
+    while coverage.max() > _LEAST_COVERAGE:
+        best = int(np.argmax(coverage))
+        circles.append((best + 1.5, float(coverage[best])))
+        coverage[max(best - 4, 0) : best + 5] = 0.0
+    return circles

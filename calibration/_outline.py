@@ -1,0 +1,180 @@
+"""Sub-pixel points on the outline of a sphere, from a mask or from the images."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from calibration._conic import Array, Ellipse, fit_circle, fit_ellipse
+from calibration._errors import EstimateError
+from calibration._limb import REACH_PX, STEP_PX, edge_offsets, profile_offsets
+
+_SMALLEST_AREA_PX = 60
+_BAND_ROWS = 64
+_ALONG_PX = 4.0
+_ELLIPSE_COVERAGE = 0.75
+
+
+def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
+    """Return the outline points of every connected region of a mask.
+
+    The points lie where the mask crosses one half between two neighbouring pixels, by linear
+    interpolation: an anti-aliased mask (values 0..1) is followed to a few hundredths of a pixel, a
+    binary one to half a pixel without bias. The image border is no outline, so a sphere that the
+    frame cuts keeps only its visible arc. Specks under 60 pixels are dropped.
+
+    Parameters
+    ----------
+    mask
+        ``(H, W)`` bool, or 0..1.
+
+    Returns
+    -------
+    list of Array
+        One ``(M, 2)`` array of points (x, y) per region.
+    """
+    level = np.asarray(mask, np.float64)
+    _, regions, stats, _ = cv2.connectedComponentsWithStats((level > 0.5).astype(np.uint8))
+    outlines = []
+    for index in range(1, len(stats)):
+        x, y, width, height, area = stats[index]
+        if area < _SMALLEST_AREA_PX:
+            continue
+        rows = slice(max(y - 1, 0), y + height + 1)
+        columns = slice(max(x - 1, 0), x + width + 1)
+        # Other regions may reach into the box: keep this one and what is outside every region.
+        own = np.isin(regions[rows, columns], (0, index))
+        crop = np.where(own, level[rows, columns], 0.0)
+        points = np.concatenate([_crossings(crop), _crossings(crop.T)[:, ::-1]])
+        outlines.append(points + np.array([columns.start, rows.start]))
+    return outlines
+
+
+def _crossings(level: Array) -> Array:
+    """Return where rows of the image cross 0.5, as (x, y)."""
+    left, right = level[:, :-1], level[:, 1:]
+    y, x = np.nonzero((left > 0.5) != (right > 0.5))
+    step = (0.5 - left[y, x]) / (right[y, x] - left[y, x])
+    return np.column_stack([x + step, y])
+
+
+def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the image whose steps show outlines: the upper mean over lights.
+
+    The upper mean, over the brighter lights of each pixel less the brightest tenth, is free of
+    shadows, which darken some lights, and of highlights, which brighten few. Its own
+    upper quartile is added: then the logarithm, whose steps are looked for, has no edges from noise
+    in the dark.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear; NaN counts as white (1).
+    """
+    count = len(values)
+    low, high = count // 2, max(count - max(count // 10, 1), count // 2 + 1)
+    mean = np.zeros(values.shape[1:], np.float32)
+    for start in range(0, values.shape[1], _BAND_ROWS):
+        rows = slice(start, start + _BAND_ROWS)
+        band = np.clip(np.nan_to_num(values[:, rows], nan=1.0), 0.0, 1.0)
+        # Lights last: sorting along the contiguous axis is several times faster.
+        ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
+        mean[rows] = ordered[..., low:high].mean(axis=-1)
+    offset = max(float(np.percentile(mean, 75)), 0.02 * float(mean.mean()), 1e-6)
+    return mean + np.float32(offset)
+
+
+def refine_outline(
+    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
+) -> tuple[Ellipse, Array, float]:
+    """Fit the outline to image edges near a guess, in narrowing rounds.
+
+    Parameters
+    ----------
+    image
+        ``(H, W)`` from `outline_image`.
+    guess
+        Where to start.
+    reach_px
+        How far the true outline may be from the guess.
+
+    Returns
+    -------
+    ellipse
+        The outline. A circle unless three quarters of the circumference are seen: an ellipse
+        is not determined by less.
+    points_px
+        ``(M, 2)`` edge points that belong to it.
+    coverage
+        Share 0..1 of the circumference those points cover.
+
+    Raises
+    ------
+    EstimateError
+        If no edge is there.
+    """
+    ellipse = guess
+    for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
+        angles, offsets, seen = _steepest(image, ellipse, reach)
+        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles))
+    points, coverage = np.zeros((0, 2)), 0.0
+    for _ in range(2):
+        angles, _, seen = _steepest(image, ellipse, REACH_PX)
+        profiles = _profiles(image, ellipse, angles, profile_offsets())
+        # Some pixels along the outline average out how it cuts the pixel grid.
+        profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
+        offsets = edge_offsets(profiles)
+        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles))
+    return ellipse, points, coverage
+
+
+def _fit(guess: Ellipse, angles: Array, offsets: Array, count: int) -> tuple[Ellipse, Array, float]:
+    """Fit a circle or, where enough is seen, an ellipse; return it, its points, its coverage."""
+    if len(angles) < 12:
+        x, y = guess.centre_px
+        raise EstimateError(f"no outline at ({x:.0f}, {y:.0f}) px: give a mask or a circle")
+    points = guess.point(angles, 1 + offsets / guess.radius_px)
+    ellipse, weights = fit_circle(points)
+    if len(points) > _ELLIPSE_COVERAGE * count:
+        ellipse, weights = fit_ellipse(points)
+    good = weights > 0
+    return ellipse, points[good], float(np.count_nonzero(good)) / count
+
+
+def _profiles(
+    image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
+) -> Array:
+    """Return the image along radii, ``(angles, offsets)``."""
+    scale = 1 + offsets / ellipse.radius_px
+    place = ellipse.point(angles[:, None], scale[None, :]).astype(np.float32)
+    sampled = cv2.remap(
+        image, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    profiles: Array = sampled.astype(np.float64)
+    return profiles
+
+
+def _steepest(
+    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Find the step of the largest contrast on each radius.
+
+    Returns the angles (about one a pixel), its offset from the guess at each, and where one stands
+    out.
+    """
+    count = int(np.clip(2 * np.pi * guess.radius_px, 90, 2000))
+    angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
+    wide = max(reach_px, 6.0)  # what is no edge is learnt beyond the reach
+    offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)
+    profiles = _profiles(image, guess, angles, offsets)
+    contrast = gaussian_filter1d(np.log(profiles), 0.8 / STEP_PX, axis=1, order=1, mode="nearest")
+    contrast = np.abs(contrast)
+    best = np.argmax(np.where(np.abs(offsets) <= reach_px, contrast, 0.0), axis=1)
+    peak = contrast[np.arange(count), best]
+    place = guess.point(angles, 1 + offsets[best] / guess.radius_px)
+    height, width = image.shape
+    margin = REACH_PX
+    within = np.all((place > margin) & (place < np.array([width, height]) - 1 - margin), axis=1)
+    return angles, offsets[best], within & (peak > 4 * np.median(contrast) + 1e-4 * STEP_PX)

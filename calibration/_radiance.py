@@ -1,0 +1,235 @@
+"""Raw frames turned into linear radiance, one image per light."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+from calibration._demosaic import demosaic
+from calibration._errors import EstimateError
+
+if TYPE_CHECKING:
+    from acquisition import Frame, Source
+
+FloatImage = npt.NDArray[np.float32]
+
+# ITU-R BT.601 luma, as the published results on DiLiGenT use it.
+_LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
+_SAME_EXPOSURE = 1e-3
+_THREADS = 4
+_LEAST_GREY_VALUES = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Linear images of one object under N lights of strength 1.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` or ``(N, H, W, 3)`` float32 radiance divided by the light's intensity and the
+        relative exposure: 1 is the white level at the longest exposure under intensity 1. NaN where
+        every exposure is saturated.
+    ids
+        N names of the lights.
+    lights
+        The N lights in this order, with their original intensities. None where not known.
+    warnings
+        What deserves a look, one line each.
+    """
+
+    values: FloatImage
+    ids: tuple[str, ...]
+    lights: Lights | None
+    warnings: tuple[str, ...] = ()
+
+
+def linear_stack(
+    source: Source,
+    *,
+    channel: Literal["gray", "rgb"] = "gray",
+    gamma: float | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Stack:
+    """Read a source and return its linear stack.
+
+    Every frame becomes ``(dn - offset) / (white - black) / relative exposure``. The offset is the
+    mean of the ambient frames of the same exposure, else of its dark frames, else the black
+    level. Samples at the white level are saturated and left out; of several exposures each sample
+    comes from the longest in which it is not saturated; repeats are averaged. Bayer frames are
+    demosaiced bilinearly. Each channel is divided by the light's intensity, an image of one
+    channel by the mean of the three; gray is ``.2989 R + .587 G + .114 B`` after that. Flat frames
+    are not used.
+
+    Parameters
+    ----------
+    source
+        What `acquisition.read_source` returns.
+    channel
+        ``gray`` for one value per pixel, ``rgb`` for three.
+    gamma
+        Exponent that linearises the images (2.2 for display-ready ones). Default: linear already.
+    on_progress
+        Called with (lights done, lights) after each light.
+
+    Returns
+    -------
+    Stack
+        Images in the order of `Source.light_ids`.
+
+    Raises
+    ------
+    DataError
+        If a frame holds values that are not finite, lacks its exposure time among frames that have
+        one, or has a colour filter that is not Bayer's. The message names the file.
+    EstimateError
+        If all samples of all images are saturated, or black.
+    """
+    lit = [frame for frame in source.frames if frame.role == "light"]
+    if not lit:
+        raise DataError(f"{source.path}: no images under a light")
+    if not (np.isfinite(source.white_level) and source.white_level > source.black_level >= 0):
+        raise DataError(
+            f"{source.path}: a white level of {source.white_level} does not lie above the black "
+            f"level of {source.black_level}"
+        )
+    if gamma is not None and not (np.isfinite(gamma) and gamma > 0):
+        raise DataError(f"a gamma of {gamma} is not a positive number")
+    ids, lights = source.light_ids, source.lights
+    develop = _Developer(source, lit, channel, gamma)
+    tasks = [
+        (
+            [frame for frame in lit if frame.light_id == name],
+            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
+        )
+        for i, name in enumerate(ids)
+    ]
+    first = develop(*tasks[0])
+    values = np.zeros((len(ids), *first.shape), np.float32)
+    values[0] = first
+    if on_progress is not None:
+        on_progress(1, len(ids))
+    with ThreadPoolExecutor(_THREADS) as pool:
+        rest = pool.map(lambda task: develop(*task), tasks[1:])
+        for i, image in enumerate(rest, start=1):
+            values[i] = image
+            if on_progress is not None:
+                on_progress(i + 1, len(ids))
+    _check_usable(values, ids, source)
+    return Stack(values, ids, lights, tuple(develop.warnings))
+
+
+class _Developer:
+    """Turns the frames of one light into its linear image."""
+
+    def __init__(
+        self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"], gamma: float | None
+    ) -> None:
+        self._source = source
+        self._channel = channel
+        self._gamma = gamma
+        exposures = [frame.exposure_us for frame in lit]
+        known = [exposure for exposure in exposures if exposure is not None]
+        if known and (len(known) < len(lit) or min(known) <= 0):
+            path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
+            raise DataError(f"{path}: its exposure time is missing; the other images have theirs")
+        self._longest = max(known, default=1.0)
+        self.warnings: list[str] = []
+        self._offsets: dict[float, FloatImage | np.float32] = {}
+        for exposure in sorted(set(known)):
+            offset = self._measured_offset(exposure)
+            if offset is not None:
+                self._offsets[exposure] = offset
+            elif any(frame.role in ("dark", "ambient") for frame in source.frames):
+                self.warnings.append(
+                    f"no dark frame of {exposure:g} us: the black level was subtracted there"
+                )
+
+    def _measured_offset(self, exposure_us: float) -> FloatImage | None:
+        """Average the frames without LED of this exposure: room light and dark signal."""
+        for role in ("ambient", "dark"):
+            frames = [
+                frame
+                for frame in self._source.frames
+                if frame.role == role
+                and frame.exposure_us is not None
+                and abs(frame.exposure_us / exposure_us - 1) < _SAME_EXPOSURE
+            ]
+            if frames:
+                total = self._read(frames[0]).astype(np.float64)
+                for frame in frames[1:]:
+                    total += self._read(frame)
+                return (total / len(frames)).astype(np.float32)
+        return None
+
+    def _read(self, frame: Frame) -> FloatImage:
+        pixels = frame.read()
+        if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
+            raise DataError(f"{frame.path}: holds values that are not finite")
+        image: FloatImage = pixels.astype(np.float32)
+        return image
+
+    def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
+        """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""
+        exposures = sorted({frame.exposure_us or 0.0 for frame in frames}, reverse=True)
+        merged = self._mean(frames, exposures[0])
+        for shorter in exposures[1:]:
+            if not np.isnan(merged).any():
+                break
+            merged = np.where(np.isnan(merged), self._mean(frames, shorter), merged)
+        return self._colour(merged, intensity, frames[0])
+
+    def _mean(self, frames: list[Frame], exposure_us: float) -> FloatImage:
+        """Average the repeats of one exposure."""
+        alike = [frame for frame in frames if (frame.exposure_us or 0.0) == exposure_us]
+        image = self._linear(alike[0])
+        for frame in alike[1:]:
+            image += self._linear(frame)
+        image /= np.float32(len(alike))
+        return image
+
+    def _linear(self, frame: Frame) -> FloatImage:
+        dn = self._read(frame)
+        source = self._source
+        exposure_us = frame.exposure_us or self._longest
+        base = self._offsets.get(exposure_us, np.float32(source.black_level))
+        linear: FloatImage = (dn - base) / np.float32(source.white_level - source.black_level)
+        if self._gamma is not None:
+            np.clip(linear, 0, None, out=linear)
+            np.power(linear, self._gamma, out=linear)
+        linear /= np.float32(exposure_us / self._longest)
+        linear[dn >= source.white_level] = np.nan
+        return linear
+
+    def _colour(
+        self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
+    ) -> FloatImage:
+        if image.ndim == 2 and self._source.cfa is not None:
+            image = demosaic(image, self._source.cfa)
+        if image.ndim == 2:
+            if self._channel == "rgb":
+                raise DataError(f"{frame.path}: has one channel, so there is no rgb; use gray")
+            return image / np.float32(intensity.mean())
+        image = image / intensity.astype(np.float32)
+        return image @ _LUMA if self._channel == "gray" else image
+
+
+def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:
+    brightest = max(float(np.fmax.reduce(image, axis=None)) for image in values)
+    if np.isnan(brightest):
+        raise EstimateError(
+            f"{source.path}: every sample of all {len(ids)} images is saturated: "
+            "record with a shorter exposure"
+        )
+    # In grey values, two are what rounding and a rough black level leave in the dark.
+    span = source.white_level - source.black_level
+    if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
+        raise EstimateError(
+            f"{source.path}: all {len(ids)} images are black: check the lights and the exposure"
+        )

@@ -1,0 +1,121 @@
+"""Mirror geometry of a sphere: from highlights to rays, and from a light to its highlight."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration._conic import Array, Ellipse
+
+
+def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
+    """Return the light directions seen at highlights by a distant camera without perspective.
+
+    With the sphere's normal n at the highlight and the view direction z, the mirror law gives
+    ``2 (n . z) n - z``. The outline may be an ellipse: then pixels are not square.
+
+    Parameters
+    ----------
+    outline
+        The sphere's outline.
+    pixels
+        ``(..., 2)`` highlights. NaN, or outside of the outline, gives NaN.
+
+    Returns
+    -------
+    Array
+        ``(..., 3)`` unit vectors in the house frame.
+    """
+    unit = outline.unit(pixels)
+    x, y = unit[..., 0], -unit[..., 1]
+    inside = 1 - x**2 - y**2
+    z = np.sqrt(np.where(inside >= 0, inside, np.nan))
+    directions: Array = np.stack([2 * z * x, 2 * z * y, 2 * z * z - 1], axis=-1)
+    return directions
+
+
+def reflected_rays(rays: Array, centre: Array, radius: float) -> tuple[Array, Array]:
+    """Reflect camera rays on a sphere.
+
+    Parameters
+    ----------
+    rays
+        ``(..., 3)`` rays from the centre of projection, of any length.
+    centre
+        ``(3,)`` the sphere's centre as seen from the centre of projection.
+    radius
+        Its radius, in the unit of ``centre``.
+
+    Returns
+    -------
+    points
+        ``(..., 3)`` where the rays meet the sphere, from the centre of projection; NaN where a ray
+        misses.
+    directions
+        ``(..., 3)`` unit vectors of the reflected rays.
+    """
+    unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    along = unit @ centre
+    inside = along**2 - (centre @ centre - radius**2)
+    root = np.sqrt(np.where(inside >= 0, inside, np.nan))
+    points: Array = unit * (along - root)[..., None]
+    normals = (points - centre) / radius
+    directions: Array = unit - 2 * np.sum(unit * normals, axis=-1, keepdims=True) * normals
+    return points, directions
+
+
+def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Array:
+    """Return the point of a sphere in which an eye sees a light (Alhazen's problem).
+
+    In the plane of eye, centre and light the normal turns from the eye (angle 0) to the light
+    (angle psi); the difference of the two angles of incidence grows with it and crosses zero once.
+    A bracketed Newton iteration finds the crossing to rounding.
+
+    Parameters
+    ----------
+    eye, light, centre
+        ``(..., 3)``, broadcast against each other; eye and light outside of the sphere.
+    radius
+        ``(...)``.
+
+    Returns
+    -------
+    Array
+        ``(..., 3)`` points.
+    """
+    eye, light, centre = np.broadcast_arrays(eye, light, centre)
+    to_eye, to_light = eye - centre, light - centre
+    a = np.linalg.norm(to_eye, axis=-1)
+    b = np.linalg.norm(to_light, axis=-1)
+    first = to_eye / a[..., None]
+    across = to_light - np.sum(to_light * first, axis=-1, keepdims=True) * first
+    height = np.linalg.norm(across, axis=-1)
+    psi = np.arctan2(height, np.sum(to_light * first, axis=-1))
+    second = across / np.maximum(height, 1e-300)[..., None]
+    low, high = np.zeros_like(psi), psi.copy()
+    phi = psi * b / (a + b)
+    for _ in range(60):
+        f = _incidence(a, phi, radius) - _incidence(b, psi - phi, radius)
+        low, high = np.where(f < 0, phi, low), np.where(f < 0, high, phi)
+        slope = _incidence_slope(a, phi, radius) + _incidence_slope(b, psi - phi, radius)
+        newton = phi - f / slope
+        step = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        if np.all(np.abs(step - phi) < 1e-15):
+            break
+        phi = step
+    normal = np.cos(phi)[..., None] * first + np.sin(phi)[..., None] * second
+    points: Array = centre + np.asarray(radius)[..., None] * normal
+    return points
+
+
+def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
+    """Angle between the normal and the direction to a point this far away at this angle."""
+    incidence: Array = np.arctan2(distance * np.sin(angle), distance * np.cos(angle) - radius)
+    return incidence
+
+
+def _incidence_slope(distance: Array, angle: Array, radius: Array) -> Array:
+    cosine = np.cos(angle)
+    square = distance**2 + radius**2 - 2 * distance * radius * cosine
+    slope: Array = (distance**2 - distance * radius * cosine) / square
+    return slope

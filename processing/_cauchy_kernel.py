@@ -1,0 +1,88 @@
+"""Robust refinement of one pixel: Cauchy weights, scale from the median residual, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._normal_equations import weighted
+
+Float = npt.NDArray[np.float32]
+
+_ITERATIONS = 10
+# 1 / (0.75 quantile of the normal distribution): turns the median of |r| into a deviation.
+_MAD_TO_SIGMA = 1.4826
+# Halvings that find the median; it is then known to 1 part in 250, a tenth of its own noise.
+_HALVINGS = 8
+# Steps of 1e-5 of the vector's length (0.0006 degree) end the iteration.
+_STEP2 = 1e-10
+# The smallest scale of the weights, relative to the vector's length: exact data has no spread.
+_SCALE_FLOOR = 1e-6
+
+
+@numba.njit(cache=True)
+def _count_up_to(values: Float, count: int, limit: np.float32) -> int:
+    found = np.int32(0)
+    for k in range(count):
+        found += np.int32(values[k] <= limit)
+    return int(found)
+
+
+@numba.njit(cache=True)
+def _median(values: Float, count: int, guess: np.float32) -> np.float32:
+    """Return the upper median of positive values, by halving from a guess above 0.
+
+    A branch per halving and none per sample: four times the speed of a selection.
+    """
+    low, high = np.float32(0), guess
+    while _count_up_to(values, count, high) <= count // 2:
+        low, high = high, 2 * high
+    for _ in range(_HALVINGS):
+        middle = np.float32(0.5) * (low + high)
+        if _count_up_to(values, count, middle) > count // 2:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+@numba.njit(cache=True)
+def cauchy(
+    count: int, v: Float, lx: Float, ly: Float, lz: Float, shading: Float, deviation: Float,
+    m0: float, m1: float, m2: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Refine the least-squares solution (m0, m1, m2) of ``v = max(l . m, 0)``.
+
+    Iteratively reweighted least squares with the Cauchy weight ``1 / (1 + (r / s)^2)``, s the
+    scaled median of |r| (Holland, Welsch, 1977). Lights that the surface faces away from predict
+    black and carry no slope: they count for the scale and have no weight. ``shading`` and
+    ``deviation`` are scratch of at least ``count``.
+    """
+    zero, one = np.float32(0), np.float32(1)
+    guess = np.float32(0.01 * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2))
+    for _ in range(_ITERATIONS):
+        length2 = m0 * m0 + m1 * m1 + m2 * m2
+        floor = np.float32(_SCALE_FLOOR * math.sqrt(length2))
+        if not floor > 0:
+            break
+        x, y, z = np.float32(m0), np.float32(m1), np.float32(m2)
+        for k in range(count):
+            shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
+            deviation[k] = abs(v[k] - max(shading[k], zero))
+        guess = _median(deviation, count, max(guess, floor))
+        per_scale = one / (np.float32(_MAD_TO_SIGMA) * guess + floor)
+        weight = shading
+        for k in range(count):
+            ratio = deviation[k] * per_scale
+            weight[k] = one / (one + ratio * ratio) if shading[k] > zero else zero
+        solved, n0, n1, n2 = weighted(count, v, lx, ly, lz, weight)
+        if not solved:
+            break
+        step2 = (n0 - m0) ** 2 + (n1 - m1) ** 2 + (n2 - m2) ** 2
+        m0, m1, m2 = n0, n1, n2
+        if step2 <= _STEP2 * length2:
+            break
+    return m0, m1, m2

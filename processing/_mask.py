@@ -1,0 +1,129 @@
+"""The object of a stack, told from its background by brightness over all lights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from acquisition import DataError
+from calibration import EstimateError
+
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Below this part of the object's brightness all is equally dark: without a floor the logarithm
+# would split the background's own noise.
+_FLOOR = 0.05
+# Otsu's separability is 0.64 for one Gaussian and 0.75 for an even spread: two groups have more.
+_MIN_SEPARABILITY = 0.75
+# A background is darker than this many times; shading and texture alone stay below.
+_MIN_CONTRAST = 3.0
+# Parts smaller than this share of the largest are dust.
+_MIN_PART = 0.05
+_BINS = 256
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectMask:
+    """An object mask and the evidence for it.
+
+    Parameters
+    ----------
+    mask
+        ``(H, W)`` bool, True on the object, without holes.
+    contrast
+        Median brightness of the object over that of the background, at least 3.
+    separability
+        Otsu's criterion, the variance between the two groups over the whole, 0.75..1.
+    """
+
+    mask: Mask
+    contrast: float
+    separability: float
+
+
+def object_mask(values: npt.ArrayLike) -> ObjectMask:
+    """Find the object: what at least one light makes much brighter than the background.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear radiance under N lights, divided by their intensities. Samples that
+        are not finite count as the brightest: they are saturated, and single dead pixels are
+        filtered out.
+
+    Returns
+    -------
+    ObjectMask
+        Otsu's threshold (1979) on the logarithm of the brightest sample of each pixel; parts
+        smaller than 5 % of the largest dropped, holes filled. An object should cover 1 % of the
+        frame or more.
+
+    Raises
+    ------
+    DataError
+        If the stack is not ``(N, H, W)``.
+    EstimateError
+        If nothing stands out: an object that fills the frame, a bright background, black images.
+    """
+    stack = np.asarray(values, np.float32)
+    if stack.ndim != 3 or 0 in stack.shape:
+        raise DataError(f"an object mask needs a stack (N, H, W), not {stack.shape}")
+    brightness = _brightest(stack)
+    reference = float(np.quantile(brightness, 0.99))
+    if not reference > 0:
+        raise EstimateError("all images are black: no object stands out, check the exposure")
+    level, separability = _otsu(np.log(np.maximum(brightness, _FLOOR * reference)))
+    found = brightness > np.exp(level)
+    # An even image is all on one side.
+    inside, outside = (brightness[side] if side.any() else brightness for side in (found, ~found))
+    contrast = float(np.median(inside) / max(np.median(outside), 1e-6 * reference))
+    if separability < _MIN_SEPARABILITY or contrast < _MIN_CONTRAST:
+        raise EstimateError(
+            f"no object stands out from the background (contrast {contrast:.2g}, at least "
+            f"{_MIN_CONTRAST:g} is needed; separability {separability:.2f}, at least "
+            f"{_MIN_SEPARABILITY:g}): give a mask"
+        )
+    return ObjectMask(mask=_whole(found), contrast=contrast, separability=separability)
+
+
+def _brightest(stack: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the largest sample per pixel, single pixels filtered out."""
+    brightness = np.zeros(stack.shape[1:], np.float32)
+    white = np.zeros(stack.shape[1:], np.bool_)
+    for image in stack:
+        finite = np.isfinite(image)
+        np.maximum(brightness, np.where(finite, image, 0), out=brightness)
+        white |= ~finite
+    brightness[white] = brightness.max()
+    return np.asarray(cv2.medianBlur(brightness, 3), np.float32)
+
+
+def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
+    """Return the threshold that best splits the values in two, and how well it does, 0..1."""
+    total = float(np.var(image, dtype=np.float64))
+    if not total > 0:
+        return float(image.flat[0]), 0.0
+    counts, edges = np.histogram(image, _BINS)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    share = counts / counts.sum()
+    below = np.cumsum(share)[:-1]
+    moment = np.cumsum(share * centres)
+    # Never 0 / 0: the first and the last bin hold the extremes.
+    between: Double = (moment[-1] * below - moment[:-1]) ** 2 / (below * (1.0 - below))
+    best = int(np.argmax(between))
+    return float(edges[best + 1]), min(float(between[best]) / total, 1.0)
+
+
+def _whole(found: Mask) -> Mask:
+    parts, count = ndimage.label(found)
+    area = np.bincount(parts.ravel(), minlength=count + 1)
+    area[0] = 0
+    kept = area >= _MIN_PART * area.max()
+    kept[0] = False
+    filled: Mask = ndimage.binary_fill_holes(kept[parts])
+    return filled

@@ -1,0 +1,113 @@
+"""A normal map: unit vectors, and the mask that says where they are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Half-float EXR is off unit length by up to 8e-4.
+_UNIT_TOLERANCE = 1e-3
+# The squares of what is shorter lose their digits in float64, and with them the direction.
+_MIN_LENGTH = 1e-140
+
+
+@dataclass(frozen=True, eq=False)
+class NormalMap:
+    """Surface normals of an image, in the house frame (X right, Y up, Z toward the camera).
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32, unit vectors inside the mask and 0 outside.
+    mask
+        ``(H, W)`` bool, True where the normal is known.
+
+    Raises
+    ------
+    DataError
+        If the shapes disagree, the mask is empty, a normal inside the mask is not finite or not of
+        unit length (to 0.001), or a vector outside is not 0. The message names the first pixel.
+
+    See Also
+    --------
+    NormalMap.from_vectors : makes a map out of vectors of any length.
+    """
+
+    normals: Float
+    mask: Mask
+
+    def __post_init__(self) -> None:
+        normals = np.ascontiguousarray(self.normals, np.float32)
+        mask = np.ascontiguousarray(self.mask)
+        _check_shapes(normals, mask)
+        length2 = np.einsum("ijk,ijk->ij", normals, normals)
+        # NaN fails every comparison, so it is asked for what is right, not for what is wrong.
+        sound = np.where(mask, np.abs(length2 - 1.0) <= 2 * _UNIT_TOLERANCE, length2 == 0)
+        if not sound.all():
+            row, column = np.unravel_index(int(np.argmin(sound)), mask.shape)
+            where = "inside" if mask[row, column] else "outside"
+            raise DataError(
+                f"the vector {normals[row, column].tolist()} at row {row}, column {column} {where} "
+                "the mask: a normal map holds unit vectors inside and 0 outside"
+            )
+        if not mask.any():
+            raise DataError("a normal map with an empty mask holds no normal: check the mask")
+        object.__setattr__(self, "normals", normals)
+        object.__setattr__(self, "mask", mask)
+
+    @classmethod
+    def from_vectors(cls, vectors: npt.ArrayLike, mask: Mask | None = None) -> NormalMap:
+        """Make a normal map out of vectors of any length.
+
+        Parameters
+        ----------
+        vectors
+            ``(H, W, 3)`` numbers. A vector of length 0 or with a number that is not finite means
+            that the normal is unknown there: it is left out of the mask.
+        mask
+            ``(H, W)`` bool. Default: everywhere.
+
+        Returns
+        -------
+        NormalMap
+            Unit vectors, computed in float64.
+
+        Raises
+        ------
+        DataError
+            If shapes disagree or no vector is left.
+        """
+        raw = np.asarray(vectors)
+        inside = np.ones(raw.shape[:2], np.bool_) if mask is None else np.asarray(mask)
+        _check_shapes(raw, inside)
+        known = inside & np.isfinite(raw).all(axis=2)
+        picked = raw[known].astype(np.float64)
+        length = np.linalg.norm(picked, axis=1)
+        directed = length > _MIN_LENGTH
+        known[known] = directed
+        normals = np.zeros(raw.shape, np.float32)
+        normals[known] = picked[directed] / length[directed, None]
+        return cls(normals, known)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) in pixels."""
+        height, width = self.mask.shape
+        return height, width
+
+
+def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic]) -> None:
+    if vectors.ndim != 3 or vectors.shape[2] != 3:
+        raise DataError(f"normals must be of shape (H, W, 3), not {vectors.shape}")
+    if mask.dtype != np.bool_ or mask.shape != vectors.shape[:2]:
+        raise DataError(
+            f"normals of shape {vectors.shape} need a bool mask of shape {vectors.shape[:2]}, "
+            f"not {mask.dtype} of shape {mask.shape}"
+        )

@@ -1,0 +1,146 @@
+"""Which part of a source lands where on a target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._normal_map import NormalMap
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where the pixels of a source go on a target, without resampling.
+
+    Parameters
+    ----------
+    source_window
+        (column, row, width, height) of the part of the source that is used.
+    at
+        (column, row) of the target where the window's first pixel goes.
+    tiles
+        How many copies of the window it takes (across, down).
+    """
+
+    source_window: tuple[int, int, int, int]
+    at: tuple[int, int]
+    tiles: tuple[int, int]
+
+    def place(self, detail: NormalMap, target: NormalMap) -> NormalMap:
+        """Lay a source's detail over a target; known where the target and the detail are."""
+        x, y, width, height = self.source_window
+        rows, inside_rows = _indices(target.size[0], self.at[1], height, self.tiles[1])
+        columns, inside_columns = _indices(target.size[1], self.at[0], width, self.tiles[0])
+        pick = np.ix_(y + rows, x + columns)
+        mask = detail.mask[pick] & target.mask & np.outer(inside_rows, inside_columns)
+        normals = detail.normals[pick]
+        normals[~mask] = 0
+        return NormalMap(normals, mask)
+
+
+def _indices(length: int, start: int, period: int, tiles: int) -> tuple[npt.NDArray[np.intp], Mask]:
+    """Return for each of `length` pixels its index in the window, and whether it is covered."""
+    offset = np.arange(length) - start
+    return offset % period, (offset >= 0) & (offset < period * tiles)
+
+
+def fill(source_mask: Mask, target_mask: Mask) -> Placement:
+    """Cover a target's mask with the largest rectangle inside a source's mask.
+
+    Parameters
+    ----------
+    source_mask, target_mask
+        ``(H, W)`` bool, neither empty; sizes may differ.
+
+    Returns
+    -------
+    Placement
+        Along each axis the middle of the rectangle where it is longer than the target's bounding
+        box, else repeated from the box's first pixel on.
+    """
+    x, y, width, height = largest_rectangle(source_mask)
+    rows, columns = np.flatnonzero(target_mask.any(axis=1)), np.flatnonzero(target_mask.any(axis=0))
+    first_row, first_column = int(rows[0]), int(columns[0])
+    need_height, need_width = int(rows[-1]) + 1 - first_row, int(columns[-1]) + 1 - first_column
+    x, width, across = _cut(x, width, need_width)
+    y, height, down = _cut(y, height, need_height)
+    return Placement((x, y, width, height), (first_column, first_row), (across, down))
+
+
+def _cut(start: int, length: int, need: int) -> tuple[int, int, int]:
+    if length >= need:
+        return start + (length - need) // 2, need, 1
+    return start, length, -(-need // length)
+
+
+def place_at(source: NormalMap, target: NormalMap, at: tuple[int, int]) -> Placement:
+    """Put a source's first pixel onto a pixel (column, row) of the target.
+
+    Raises
+    ------
+    DataError
+        If no pixel of the source's mask lands inside the target's mask.
+    """
+    height, width = source.size
+    placement = Placement((0, 0, width, height), (int(at[0]), int(at[1])), (1, 1))
+    x, y = placement.at
+    top, left = max(y, 0), max(x, 0)
+    bottom, right = min(y + height, target.size[0]), min(x + width, target.size[1])
+    overlap = (
+        bottom > top
+        and right > left
+        and np.any(
+            target.mask[top:bottom, left:right]
+            & source.mask[top - y : bottom - y, left - x : right - x]
+        )
+    )
+    if not overlap:
+        raise DataError(
+            f"a source of {width} x {height} pixels put at {x},{y} does not reach the mask of the "
+            f"target of {target.size[1]} x {target.size[0]}: choose another place"
+        )
+    return placement
+
+
+def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
+    """Return (column, row, width, height) of the largest rectangle inside a mask.
+
+    Of several the first in reading order of their lower right corner. Width and height are 0
+    where the mask is empty.
+    """
+    x, y, width, height = _largest_rectangle(mask)
+    return int(x), int(y), int(width), int(height)
+
+
+@numba.njit(cache=True)
+def _largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
+    # The largest rectangle under each row's histogram of runs of pixels above, by a stack of rising
+    # bars: each bar is pushed and popped once.
+    rows, columns = mask.shape
+    above = np.zeros(columns + 1, np.int64)
+    left = np.zeros(columns + 1, np.int64)
+    tall = np.zeros(columns + 1, np.int64)
+    best, x, y, width, height = 0, 0, 0, 0, 0
+    for r in range(rows):
+        depth = 0
+        for c in range(columns + 1):
+            if c < columns:
+                above[c] = above[c] + 1 if mask[r, c] else 0
+            start = c
+            while depth and tall[depth - 1] >= above[c]:
+                depth -= 1
+                start = left[depth]
+                area = tall[depth] * (c - start)
+                if area > best:
+                    best = area
+                    x, y = start, r + 1 - tall[depth]
+                    width, height = c - start, tall[depth]
+            left[depth], tall[depth] = start, above[c]
+            depth += 1
+    return x, y, width, height

@@ -1,0 +1,61 @@
+"""Rigs by name or by rig file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from rig._config import RigConfig, read_rig_config
+from rig._errors import RigConfigError
+from rig._rig import Rig
+
+DRIVERS = "sgp.rigs"
+
+
+def rig_names() -> tuple[str, ...]:
+    """Return the names of the rigs that are installed."""
+    return tuple(sorted(entry_points(group=DRIVERS).names))
+
+
+def open_rig(name_or_path: str = "simulated") -> Rig:
+    """Open a rig.
+
+    Parameters
+    ----------
+    name_or_path
+        A name of the entry-point group ``sgp.rigs``, or else the path of a rig file.
+
+    Raises
+    ------
+    RigConfigError
+        If there is no such name or file, or the file is not understood.
+    RigError
+        If the rig does not open.
+    """
+    if name_or_path in rig_names():
+        config = RigConfig(name=name_or_path, driver=name_or_path)
+    elif Path(name_or_path).is_file():
+        config = read_rig_config(Path(name_or_path))
+    else:
+        raise RigConfigError(
+            f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
+            "and no rig file of that name exists"
+        )
+    return _driver(config)(config)
+
+
+def _driver(config: RigConfig) -> Callable[[RigConfig], Rig]:
+    found = [point for point in entry_points(group=DRIVERS) if point.name == config.driver]
+    if not found:
+        raise RigConfigError(
+            f"rig {config.name}: no driver is called {config.driver!r} "
+            f"(known: {', '.join(rig_names()) or 'none'})"
+        )
+    try:
+        driver: Callable[[RigConfig], Rig] = found[0].load()
+    except (ImportError, AttributeError) as error:
+        raise RigConfigError(
+            f"rig {config.name}: the driver {config.driver!r} cannot be loaded ({error})"
+        ) from error
+    return driver

@@ -1,0 +1,158 @@
+"""The serial protocol's lines, as bytes and as values. docs/serial-protocol.md is the contract.
+
+Pure functions: the client and the virtual board both stand on them.
+"""
+
+from __future__ import annotations
+
+import binascii
+import re
+from dataclasses import dataclass
+from enum import IntEnum
+
+PROTOCOL_VERSION = 1
+BAUD_RATE = 115200
+# Longest lines in bytes, without the line end. A refusal repeats its command and is 3 bytes longer.
+MAX_COMMAND = 64
+MAX_REPLY = 80
+SEQUENCE_NUMBERS = 0x10000
+NO_LED = "-"
+
+_FRAME = re.compile(
+    rb"(?P<body>(?P<mark>[<>])(?P<seq>[0-9A-F]{4})(?P<words>(?: [!-)+-~]+)+))\*(?P<crc>[0-9A-F]{4})"
+)
+
+
+class LineError(Exception):
+    """A line is not a whole, undamaged frame of this protocol."""
+
+
+class ErrorCode(IntEnum):
+    """Why a board refuses a command."""
+
+    UNKNOWN_COMMAND = 1
+    BAD_ARGUMENTS = 2
+    NO_SUCH_LED = 3
+    BAD_HOLD = 4
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the host asks.
+
+    Parameters
+    ----------
+    seq
+        Sequence number, 0 to 65535.
+    verb
+        ID, ON, OFF or STATUS.
+    args
+        Words without spaces or ``*``.
+    """
+
+    seq: int
+    verb: str
+    args: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What the board answers: the command's sequence number and verb, and the outcome.
+
+    Parameters
+    ----------
+    seq
+        Sequence number of the command.
+    verb
+        Verb of the command.
+    args
+        The outcome; of a refused command, the arguments it came with.
+    error
+        None, or the number of the refusal (see `ErrorCode`; later boards may know more).
+    """
+
+    seq: int
+    verb: str
+    args: tuple[str, ...] = ()
+    error: int | None = None
+
+
+def crc16(data: bytes) -> int:
+    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected."""
+    return binascii.crc_hqx(data, 0xFFFF)
+
+
+def encode_command(command: Command) -> bytes:
+    """Return the command as a line with its line end."""
+    return _encode(b">", MAX_COMMAND, command.seq, (command.verb, *command.args))
+
+
+def encode_reply(reply: Reply) -> bytes:
+    """Return the reply as a line with its line end."""
+    status = "OK" if reply.error is None else f"E{reply.error}"
+    return _encode(b"<", MAX_REPLY, reply.seq, (status, reply.verb, *reply.args))
+
+
+def decode_command(line: bytes) -> Command:
+    """Read a line (without its line end) as a command.
+
+    Raises
+    ------
+    LineError
+        If the line is damaged or is no command.
+    """
+    seq, words = _decode(b">", MAX_COMMAND, line)
+    return Command(seq, words[0], tuple(words[1:]))
+
+
+def decode_reply(line: bytes) -> Reply:
+    """Read a line (without its line end) as a reply.
+
+    Raises
+    ------
+    LineError
+        If the line is damaged or is no reply.
+    """
+    seq, words = _decode(b"<", MAX_REPLY, line)
+    status, verb, args = words[0], words[1:2], tuple(words[2:])
+    refused = re.fullmatch("E([1-9][0-9]{0,3})", status)
+    if not verb or (status != "OK" and refused is None):
+        raise LineError(f"not a reply: {line!r}")
+    return Reply(seq, verb[0], args, int(refused[1]) if refused else None)
+
+
+class LineBuffer:
+    """Puts lines together from the pieces in which a serial line delivers them."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the lines that ``data`` completes, without line ends and without overlong ones."""
+        *lines, rest = (self._rest + data).split(b"\n")
+        # A piece this long is still too long when its line end comes, so noise cannot pile up.
+        self._rest = rest[: MAX_REPLY + 2]
+        stripped = [line.removesuffix(b"\r") for line in lines]
+        return [line for line in stripped if 0 < len(line) <= MAX_REPLY]
+
+    def clear(self) -> None:
+        """Forget a line that is only half here."""
+        self._rest = b""
+
+
+def _encode(mark: bytes, limit: int, seq: int, words: tuple[str, ...]) -> bytes:
+    body = mark + f"{seq:04X} {' '.join(words)}".encode("ascii")
+    line = body + f"*{crc16(body):04X}".encode("ascii")
+    whole = _FRAME.fullmatch(line) is not None and len(line.split(b" ")) == len(words) + 1
+    if not whole or len(line) > limit:
+        raise LineError(f"cannot be sent as one line of {limit} characters: {line!r}")
+    return line + b"\n"
+
+
+def _decode(mark: bytes, limit: int, line: bytes) -> tuple[int, list[str]]:
+    match = _FRAME.fullmatch(line)
+    if match is None or match["mark"] != mark or len(line) > limit:
+        raise LineError(f"not a line of the protocol: {line!r}")
+    if int(match["crc"], 16) != crc16(match["body"]):
+        raise LineError(f"wrong checksum: {line!r}")
+    return int(match["seq"], 16), match["words"].decode("ascii").split()

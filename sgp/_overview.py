@@ -1,0 +1,161 @@
+"""The overview picture: inputs, lights, normals, shape, detail, height and surface on one sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse as EllipsePatch
+
+from acquisition import Lights
+from calibration import SphereCalibration
+from processing import NormalMap
+
+Image = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One picture of the sheet: its title and what draws it."""
+
+    title: str
+    draw: Callable[[Axes], None]
+
+
+def write_overview(path: Path, title: str, panels: Sequence[Panel], columns: int = 4) -> None:
+    """Lay panels out on a sheet, row by row, and write it as a PNG."""
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(4.0 * columns, 3.7 * rows + 0.5), layout="constrained", dpi=100)
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=14)
+    for index, panel in enumerate(panels):
+        axes = figure.add_subplot(rows, columns, index + 1)
+        axes.set_title(panel.title, fontsize=11)
+        panel.draw(axes)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def image_panel(title: str, image: Image) -> Panel:
+    """Show a linear image, its 99.5 % quantile at white, gamma 2.2 for the eye."""
+
+    def draw(axes: Axes) -> None:
+        values = np.nan_to_num(image.astype(np.float32), nan=float(np.nanmax(image)))
+        white = float(np.quantile(values, 0.995)) or 1.0
+        axes.imshow(np.clip(values / white, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
+        axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def normals_panel(title: str, normal_map: NormalMap) -> Panel:
+    """Show normals as colours: right is red, up is green, toward the camera is blue."""
+
+    def draw(axes: Axes) -> None:
+        colours = np.where(normal_map.mask[..., None], normal_map.normals / 2 + 0.5, 1.0)
+        axes.imshow(np.clip(colours, 0, 1)[_box(normal_map.mask)])
+        axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def map_panel(title: str, values: Image, unit: str, *, error: bool = False) -> Panel:
+    """Show a scalar map with its scale; NaN is left white; errors start at 0."""
+
+    def draw(axes: Axes) -> None:
+        finite = values[np.isfinite(values)]
+        low, high = (0.0, float(np.quantile(finite, 0.99))) if error else _range(finite)
+        box = _box(np.isfinite(values))
+        shown = axes.imshow(values[box], cmap="magma" if error else "viridis", vmin=low, vmax=high)
+        axes.axis("off")
+        axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.8)
+
+    return Panel(title, draw)
+
+
+def shaded_panel(title: str, height: Image) -> Panel:
+    """Show a height map lit from the upper left, so that raised relief looks raised.
+
+    ``height`` is in units of one pixel, NaN outside the object.
+    """
+
+    def draw(axes: Axes) -> None:
+        down, right = np.gradient(height)
+        normals = np.stack([-right, down, np.ones_like(height)], axis=-1)
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+        light = np.array([-0.5, 0.5, 0.7071])
+        shade = np.clip(normals @ light, 0, 1)
+        shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
+        axes.imshow(shown[_box(np.isfinite(height))], cmap="gray", vmin=0, vmax=1)
+        axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
+    """Show the outlines and highlights that were found over the brightest value of each pixel."""
+
+    def draw(axes: Axes) -> None:
+        # Saturated samples are NaN, short exposures may exceed 1: both are white here.
+        brightest = np.zeros(values.shape[1:], np.float32)
+        for image in values:
+            np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
+        axes.imshow(np.clip(brightest, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
+        for sphere in found.spheres:
+            outline = sphere.outline
+            a, b = outline.semi_axes_px
+            axes.add_patch(
+                EllipsePatch(
+                    outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
+                )
+            )
+        spots = found.highlights_px.reshape(-1, 2)
+        axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
+        axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Panel:
+    """Show light directions as the camera sees them: overhead in the centre, horizon at the rim."""
+
+    def draw(axes: Axes) -> None:
+        angle = np.linspace(0, 2 * np.pi, 181)
+        for ring in (30, 60, 90):
+            radius = np.sin(np.radians(ring))
+            axes.plot(radius * np.cos(angle), radius * np.sin(angle), color="0.85", lw=1)
+        if truth is not None:
+            where = truth.unit_directions
+            axes.scatter(where[:, 0], where[:, 1], s=90, edgecolors="tab:red", facecolors="none")
+        where = lights.unit_directions
+        axes.scatter(where[:, 0], where[:, 1], s=18, color="tab:blue")
+        for name, (x, y, _) in zip(lights.ids, where, strict=True):
+            if len(lights) <= 40:
+                short = name.rsplit(".", 1)[-1].removeprefix("L")
+                axes.annotate(short, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
+        axes.set_aspect("equal")
+        axes.set_xlim(-1.05, 1.05)
+        axes.set_ylim(-1.05, 1.05)
+        axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def _range(finite: Image) -> tuple[float, float]:
+    low, high = np.quantile(finite, [0.005, 0.995])
+    return float(low), float(max(high, low + 1e-9))
+
+
+def _box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the part of a picture that holds the mask, with a little air around it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    air = 2 + max(len(rows), len(columns)) // 50
+    return (
+        slice(max(rows[0] - air, 0), rows[-1] + 1 + air),
+        slice(max(columns[0] - air, 0), columns[-1] + 1 + air),
+    )

@@ -1,0 +1,139 @@
+"""The first stages of `sgp run`, shared with the commands that run one of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights, Source, read_camera, read_lights, read_source
+from calibration import linear_stack
+from processing import (
+    AngularError,
+    PhotometricStereoResult,
+    angular_error,
+    object_mask,
+    photometric_stereo,
+)
+from sgp._console import progress
+
+Method = Literal["ls", "cauchy"]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalsStage:
+    """What photometric stereo made of a source, with what it was made from.
+
+    Parameters
+    ----------
+    source, lights, mask
+        What went in; the mask may have been made from the images.
+    solved
+        Normals, albedo, residual.
+    error
+        Against the source's ground truth, where it has one.
+    previews
+        Three of the linear images, ``(H, W)``.
+    warnings
+        One line each.
+    """
+
+    source: Source
+    lights: Lights
+    mask: npt.NDArray[np.bool_]
+    solved: PhotometricStereoResult
+    error: AngularError | None
+    previews: tuple[npt.NDArray[np.float32], ...]
+    warnings: tuple[str, ...]
+
+
+def open_source(
+    path: Path, *, lights: Path | None, camera: Path | None, mask: Path | None
+) -> tuple[Source, list[Path]]:
+    """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
+
+    Raises
+    ------
+    MissingPathError, DataError
+        If a file is missing, not understood, or does not fit the images.
+    """
+    source = read_source(
+        path, lights=None if lights is None else read_lights(lights), mask_path=mask
+    )
+    if camera is not None:
+        source = replace(source, camera=read_camera(camera, source.size))
+    options = [option for option in (lights, camera, mask) if option is not None]
+    return source, [*(frame.path for frame in source.frames), *filter(Path.is_file, options)]
+
+
+def compute_normals(
+    source: Source,
+    *,
+    method: Method = "cauchy",
+    distant: bool = False,
+    gamma: float | None = None,
+) -> NormalsStage:
+    """Run photometric stereo on a source: linear stack, mask, normals, error where truth is known.
+
+    Raises
+    ------
+    DataError
+        If the source has no lights, or lights with positions and no camera.
+    EstimateError
+        If the images or lights do not determine normals.
+    """
+    if source.lights is None:
+        raise DataError(f"{source.path}: no lights are known for these images: give --lights")
+    with progress("reading") as advance:
+        stack = linear_stack(source, gamma=gamma, on_progress=advance)
+    if stack.lights is None:
+        raise DataError(f"{source.path}: no lights are known for these images: give --lights")
+    lights = stack.lights.distant() if distant else stack.lights
+    points = None
+    if lights.near:
+        if source.camera is None or source.camera.working_distance_mm is None:
+            raise DataError(
+                f"{source.path}: lights with positions need a camera with a working distance: "
+                "give --camera, or --distant to use their directions alone"
+            )
+        points = source.camera.points_on_plane()
+    warnings: list[str] = [*source.warnings, *stack.warnings]
+    mask = source.mask
+    if mask is None:
+        mask = object_mask(stack.values).mask
+    with progress("normals") as advance:
+        solved = photometric_stereo(
+            stack.values, lights, mask, method=method, points_mm=points, on_progress=advance
+        )
+    truth = source.normals_truth
+    error = None if truth is None else angular_error(solved.normal_map, truth, mask)
+    shown = np.linspace(0, len(stack.values) - 1, 3).round().astype(int)
+    return NormalsStage(
+        source=source,
+        lights=lights,
+        mask=mask,
+        solved=solved,
+        error=error,
+        previews=tuple(stack.values[i].copy() for i in shown),
+        warnings=(*warnings, *solved.warnings),
+    )
+
+
+class Stopwatch:
+    """Seconds by stage, in the order in which the stages ran."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure one stage."""
+        begin = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - begin, 3)

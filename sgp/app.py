@@ -1,0 +1,152 @@
+"""The commands ``sgp`` and ``capture``: one parser, one place where errors become exit codes."""
+
+from __future__ import annotations
+
+import ast
+import os
+import sys
+from importlib.resources import files
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from sgp import __version__
+
+# Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
+_TOP = ("demo", "run", "normals", "surface", "compare")
+_GROUPS = {
+    "capture": (
+        "Record sessions, check them and bring in others.",
+        ("plan", "run", "verify", "info", "import_"),
+    ),
+    "rig": ("Talk to a rig: board and camera.", ("list_", "check", "light", "off", "snap")),
+    "calibrate": ("Estimate lights.", ("spheres",)),
+    "detail": (
+        "Split normal maps into shape and detail, and combine them.",
+        ("separate", "combine", "transfer"),
+    ),
+}
+_DEFAULTS = Parameter(negative=())
+
+
+def _app(name: str, text: str) -> App:
+    return App(
+        name=name,
+        help=text,
+        version=__version__,
+        help_format="plaintext",
+        default_parameter=_DEFAULTS,
+    )
+
+
+def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
+    """Name commands with the help of their docstrings, read without running the module."""
+    source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
+    texts = {
+        node.name: (ast.get_docstring(node) or "").partition("Parameters\n---")[0]
+        for node in ast.parse(source).body
+        if isinstance(node, ast.FunctionDef)
+    }
+    for function in functions:
+        path = f"sgp.commands.{module}:{function}"
+        app.command(path, name=function.rstrip("_"), help=texts[function])
+
+
+def _group(name: str) -> App:
+    text, functions = _GROUPS[name]
+    app = _app(name, text)
+    _add(app, name, functions)
+    return app
+
+
+def build() -> App:
+    """Return the whole command tree of ``sgp``."""
+    app = _app(
+        "sgp",
+        "Photometric stereo from a rig or from photographs, and the surface detail in its normals.",
+    )
+    for name in _TOP:
+        _add(app, name, (name,))
+    for name in _GROUPS:
+        app.command(_group(name))
+    return app
+
+
+def run(app: App, tokens: list[str]) -> int:
+    """Run one command line and return its exit code."""
+
+    @app.meta.default
+    def launch(
+        *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+        json: bool = False,
+        debug: bool = False,
+    ) -> tuple[Any, bool]:
+        """Run a command.
+
+        Parameters
+        ----------
+        json
+            Print one JSON object on stdout: outputs, metrics, warnings.
+        debug
+            Show the stack trace of an error.
+        """
+        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
+        return result, json
+
+    debug = "--debug" in tokens
+    try:
+        outcome = app.meta(
+            tokens, exit_on_error=False, print_error=False, result_action="return_value"
+        )
+        return _show(*outcome) if isinstance(outcome, tuple) else 0
+    except CycloptsError as error:
+        return _fail(" ".join(str(error).split()), 2, debug, hint=f"see `{app.name[0]} --help`")
+    except KeyboardInterrupt:
+        return _fail("stopped by Ctrl-C", 130, debug)
+    except BrokenPipeError:
+        # The reader of our output has gone; what it wanted it has.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:  # noqa: BLE001 - the front door turns every error into one line
+        from sgp._exit import FAULT, exit_code
+
+        code = exit_code(error)
+        text = " ".join(str(error).split())
+        if code == FAULT:
+            text = f"{type(error).__name__}: {text} (a fault of this program: see --debug)"
+        return _fail(text, code, debug)
+
+
+def _show(result: Any, as_json: bool) -> int:
+    from sgp._console import note
+    from sgp._result import Result
+
+    if not isinstance(result, Result):
+        return 0
+    if as_json:
+        print(result.to_json())
+    else:
+        for line in result.summary:
+            print(line)
+        for warning in result.warnings:
+            note(f"note: {warning}")
+    return 0 if result.ok else 4
+
+
+def _fail(text: str, code: int, debug: bool, hint: str = "") -> int:
+    if debug:
+        import traceback
+
+        traceback.print_exc()
+    print(f"error: {text}" + (f" ({hint})" if hint else ""), file=sys.stderr)
+    return code
+
+
+def main() -> None:
+    """Entry point of ``sgp``."""
+    raise SystemExit(run(build(), sys.argv[1:]))
+
+
+def capture() -> None:
+    """Entry point of ``capture``, the same as ``sgp capture``."""
+    raise SystemExit(run(_group("capture"), sys.argv[1:]))

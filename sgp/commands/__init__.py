@@ -1,0 +1,1 @@
+"""One module per command; each function takes options and returns a `Result`."""

@@ -1,0 +1,137 @@
+"""``sgp calibrate``: lights from chrome spheres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from acquisition import write_lights
+from calibration import SphereCalibration, calibrate_spheres, linear_stack
+from sgp._console import progress
+from sgp._inputs import read_mask_shares
+from sgp._output import check_file, provenance
+from sgp._result import Result, plain
+from sgp._stages import open_source
+
+
+def spheres(
+    source: Path,
+    *,
+    out: Path,
+    radius_mm: tuple[float, ...] = (),
+    camera: Path | None = None,
+    mask: tuple[Path, ...] = (),
+    sphere: tuple[str, ...] = (),
+    force: bool = False,
+) -> Result:
+    """Estimate lights from their highlights on chrome spheres.
+
+    Directions from one sphere; positions with a camera, a radius and two or more spheres.
+
+    For example:
+
+        sgp calibrate spheres chrome/ --out lights.json
+        sgp calibrate spheres session/ --radius-mm 20 --camera camera.json --out lights.json
+
+    Parameters
+    ----------
+    source
+        A session or a folder of images, one for each light; short brackets sharpen the highlights.
+    out
+        lights.json to write; lights.lp and lights.png (what was found) go beside it.
+    radius_mm
+        Radius of the spheres; give it once for each sphere where they differ.
+    camera
+        Camera of the images; default: that of the session.
+    mask
+        Image of a sphere's disc; may be given more than once. Default: the source's own mask, else
+        the spheres are found.
+    sphere
+        Rough outline x,y,radius in pixels; may be given more than once.
+    force
+        Replace files that exist.
+    """
+    check_file(out, force=force)
+    given = [_circle(text) for text in sphere]
+    opened, files = open_source(source, lights=None, camera=camera, mask=None)
+    with progress("reading") as advance:
+        stack = linear_stack(opened, on_progress=advance)
+    masks = [read_mask_shares(path, stack.values.shape[1:]) for path in mask]
+    if not masks and not given and opened.mask is not None:
+        masks = [opened.mask.astype(np.float64)]
+    radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
+    found = calibrate_spheres(
+        stack,
+        masks=masks or None,
+        circles=given or None,
+        camera=opened.camera,
+        radius_mm=radii,
+    )
+    parameters = {
+        "source": source,
+        "radius_mm": radius_mm,
+        "camera": camera,
+        "mask": mask,
+        "sphere": sphere,
+    }
+    result = _describe(found)
+    result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
+    made_by = provenance("sgp calibrate spheres", parameters, [*files, *mask])
+    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
+    result.outputs = {
+        "lights": out,
+        "lp": out.with_suffix(".lp"),
+        "picture": out.with_suffix(".png"),
+    }
+    write_lights(out, found.lights, provenance=made_by)
+    write_lights(result.outputs["lp"], found.lights)
+
+    from sgp._overview import lights_panel, spheres_panel, write_overview
+
+    panels = [
+        spheres_panel("spheres and highlights", stack.values, found),
+        lights_panel("lights as the camera sees them", found.lights),
+    ]
+    write_overview(result.outputs["picture"], str(source), panels, columns=2)
+    return result
+
+
+def _circle(text: str) -> tuple[float, float, float]:
+    from sgp._exit import UsageError
+
+    try:
+        x, y, radius = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise UsageError(f"--sphere {text}: give x,y,radius in pixels, like 320,240,55") from error
+    return x, y, radius
+
+
+def _describe(found: SphereCalibration) -> Result:
+    residual = found.residuals_deg[np.isfinite(found.residuals_deg)]
+    result = Result(
+        metrics={
+            "lights": len(found.lights),
+            "near": found.lights.near,
+            "spheres": [
+                {
+                    "centre_px": sphere.outline.centre_px,
+                    "semi_axes_px": sphere.outline.semi_axes_px,
+                    "centre_mm": sphere.centre_mm,
+                    "radius_mm": sphere.radius_mm,
+                    "coverage": sphere.coverage,
+                    "rms_px": sphere.rms_px,
+                }
+                for sphere in found.spheres
+            ],
+            "residual_deg": float(np.mean(residual)) if len(residual) else None,
+        }
+    )
+    kind = "positions" if found.lights.near else "directions"
+    result.summary = [f"{len(found.lights)} light {kind} from {len(found.spheres)} spheres"]
+    for sphere in found.spheres:
+        (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
+        result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
+    if len(residual):
+        result.summary.append(f"spheres agree to {np.mean(residual):.2f} deg on average")
+    return result

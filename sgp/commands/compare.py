@@ -1,0 +1,79 @@
+"""``sgp compare``: how far two normal maps are apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from acquisition import read_mask, write_exr
+from processing import angular_error, read_normals, ssim
+from sgp._inputs import normal_files
+from sgp._output import writes_folder
+from sgp._result import Result
+
+
+@writes_folder("compare.json")
+def compare(
+    a: Path,
+    b: Path,
+    *,
+    mask: Path | None = None,
+    green: Literal["up", "down"] = "up",
+    out: Path | None = None,
+    force: bool = False,
+) -> Result:
+    """Compare two normal maps: angular error, SSIM, error map.
+
+    Every pixel of the mask counts; a pixel that A does not know counts 90 degrees.
+
+    For example:
+
+        sgp compare out/normals truth.exr --mask mask.png --out comparison
+
+    Parameters
+    ----------
+    a
+        The map to be judged: an image of normals, or a folder with normals.* and mask.png.
+    b
+        The map it is held against.
+    mask
+        Pixels that count. Default: where B is known.
+    green
+        Which way the green channel of image files points.
+    out
+        Folder for error.exr, error.png and compare.json.
+    force
+        Write into a folder that holds files already.
+    """
+    first, second = read_normals(a, green=green), read_normals(b, green=green)
+    counted = None if mask is None else read_mask(mask, second.normal_map.size)
+    error = angular_error(first.normal_map, second.normal_map, counted)
+    maps = first.normal_map, second.normal_map
+    result = Result(
+        metrics={
+            "mae_deg": error.mae_deg,
+            "median_deg": error.median_deg,
+            "coverage": error.coverage,
+            "ssim": ssim(*maps, counted),
+            "ssim_paper": ssim(*maps, counted, protocol="paper"),
+        },
+        warnings=[*first.warnings, *second.warnings],
+        inputs=[*normal_files(a), *normal_files(b), *([] if mask is None else [mask])],
+    )
+    result.summary = [
+        f"angular error  mean {error.mae_deg:.3f} deg, median {error.median_deg:.3f} deg",
+        f"coverage       {error.coverage:.2%} of {np.isfinite(error.map_deg).sum()} pixels",
+        f"SSIM           {result.metrics['ssim']:.4f} over the mask, "
+        f"{result.metrics['ssim_paper']:.4f} in the paper's protocol",
+    ]
+    if out is not None:
+        from sgp._overview import map_panel, write_overview
+
+        out.mkdir(parents=True, exist_ok=True)
+        result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}
+        write_exr(result.outputs["error"], error.map_deg)
+        panel = map_panel(f"mean {error.mae_deg:.2f} deg", error.map_deg, "deg", error=True)
+        write_overview(result.outputs["picture"], f"{a.name} against {b.name}", [panel], columns=1)
+    return result

@@ -1,0 +1,209 @@
+"""``sgp demo``: the simulated rig from capture to surface, judged by the simulator's truth."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import (
+    CapturePlan,
+    Lights,
+    Session,
+    read_source,
+    record,
+    write_camera,
+    write_lights,
+)
+from calibration import SphereCalibration, calibrate_spheres, linear_stack
+from processing import angle_deg, angular_error
+from sgp._console import note, progress
+from sgp._exit import UsageError
+from sgp._output import check_folder, write_record
+from sgp._overview import lights_panel, map_panel, spheres_panel, write_overview
+from sgp._pipeline import Outcome, overview_panels, process
+from sgp._result import Result
+from sgp._stages import Stopwatch
+from simulator import Rendering, Scene, render, rig_for, scene_named
+
+# What a demo makes; a later demo replaces this and nothing else.
+_MARK = ".made-by-sgp-demo"
+_MADE = (
+    "calibration",
+    "recording",
+    "normals",
+    "detail",
+    "surface",
+    "camera.json",
+    "lights.json",
+    "overview.png",
+    "summary.json",
+)
+_LONG_US, _SHORT_US = 20_000.0, 40.0
+
+
+def demo(*, out: Path = Path("demo"), seed: int = 0, force: bool = False) -> Result:
+    """Record and process a simulated object, and compare every result with the truth.
+
+    Two recordings on the simulated rig, through real serial bytes: chrome spheres, which give the
+    lights, and a coin, which gives normals, detail and a surface.
+
+    For example:
+
+        sgp demo --out demo --seed 1
+
+    Parameters
+    ----------
+    out
+        Folder for everything; an earlier demo's files there are replaced.
+    seed
+        Of the coin, the lights' spread and the noise.
+    force
+        Write into a folder that holds other files already.
+    """
+    _make_room(out, force=force)
+    watch = Stopwatch()
+    with watch.stage("render"):
+        note("rendering the scenes")
+        scenes = {name: scene_named(name, seed=seed) for name in ("spheres", "coin")}
+        truth = {name: render(scene) for name, scene in scenes.items()}
+    with watch.stage("capture"):
+        spheres = _capture(
+            out / "calibration", scenes["spheres"], truth["spheres"], seed, (_LONG_US, _SHORT_US)
+        )
+        coin = _capture(out / "recording", scenes["coin"], truth["coin"], seed + 1, (_LONG_US,))
+    write_camera(out / "camera.json", scenes["coin"].camera)
+    with watch.stage("calibrate"):
+        found, stack = _calibrate(spheres, scenes["spheres"])
+        write_lights(out / "lights.json", found.lights)
+    source = read_source(coin.folder, lights=found.lights)
+    outcome = process(source, out, watch)
+    result = outcome.result
+    result.warnings[:0] = found.warnings
+    errors = _Errors(found.lights, outcome, truth["coin"])
+    with watch.stage("overview"):
+        panels = overview_panels(outcome)
+        panels[2] = lights_panel("lights (red: truth)", found.lights, scenes["coin"].lights)
+        panels += [
+            map_panel(
+                f"normal error, mean {errors.normals_mae_deg:.2f} deg",
+                errors.normal_map_deg,
+                "deg",
+                error=True,
+            ),
+            map_panel("height error", errors.height_map_mm, "mm"),
+            spheres_panel("chrome spheres and highlights", stack, found),
+        ]
+        write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
+    result.metrics |= errors.metrics() | {"seconds": watch.seconds}
+    result.outputs |= {
+        "calibration": spheres.folder,
+        "recording": coin.folder,
+        "lights": out / "lights.json",
+        "camera": out / "camera.json",
+        "overview": out / "overview.png",
+        "summary": out / "summary.json",
+    }
+    result.summary += [*errors.table(), f"look at {out / 'overview.png'}"]
+    result.inputs = [out / "calibration" / "COMPLETE", out / "recording" / "COMPLETE"]
+    write_record(out / "summary.json", "sgp demo", {"out": out, "seed": seed}, result)
+    return result
+
+
+def _make_room(out: Path, *, force: bool) -> None:
+    """Clear an earlier demo out of the way; refuse a folder that holds anything else."""
+    if (out / _MARK).is_file():
+        for name in _MADE:
+            path = out / name
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+    else:
+        check_folder(out, force=force)
+        taken = [name for name in _MADE if (out / name).exists()]
+        if taken:
+            raise UsageError(f"{out / taken[0]} was not made by a demo: choose another --out")
+    out.mkdir(parents=True, exist_ok=True)
+    (out / _MARK).touch()
+
+
+def _capture(
+    folder: Path, scene: Scene, rendering: Rendering, seed: int, exposures_us: tuple[float, ...]
+) -> Session:
+    plan = CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
+    with rig_for(rendering, seed=seed) as rig, progress(folder.name) as advance:
+        return record(
+            rig,
+            plan,
+            folder,
+            operator="sgp demo",
+            object_name=folder.name,
+            camera_model=scene.camera,
+            sensor=scene.noise,
+            on_frame=lambda line, done, total: advance(done, total),
+        )
+
+
+def _calibrate(session: Session, scene: Scene) -> tuple[SphereCalibration, npt.NDArray[np.float32]]:
+    with progress("calibration") as advance:
+        stack = linear_stack(read_source(session.folder), on_progress=advance)
+    radii = [sphere.radius_mm for sphere in scene.spheres]
+    found = calibrate_spheres(stack, camera=scene.camera, radius_mm=radii)
+    return found, stack.values
+
+
+class _Errors:
+    """What the demo's results are off by."""
+
+    def __init__(self, lights: Lights, outcome: Outcome, rendering: Rendering) -> None:
+        truth = rendering.truth
+        found = np.asarray(lights.positions_mm)
+        true = np.asarray(truth.lights.positions_mm)
+        self.light_deg = angle_deg(found, true)
+        self.light_mm = np.linalg.norm(found - true, axis=1)
+        error = angular_error(outcome.normals.solved.normal_map, truth.normals, truth.mask)
+        self.normals_mae_deg = error.mae_deg
+        self.coverage = error.coverage
+        self.normal_map_deg = error.map_deg
+        both = truth.mask & outcome.surface.mask
+        self.height_map_mm = np.full(truth.mask.shape, np.nan, np.float32)
+        difference = outcome.surface.height[both] - truth.height_mm[both]
+        self.height_map_mm[both] = difference - difference.mean()
+        self.height_range_mm = float(np.ptp(truth.height_mm[truth.mask]))
+        self.height_mae_mm = float(np.abs(self.height_map_mm[both]).mean())
+
+    def metrics(self) -> dict[str, float]:
+        return {
+            "light_error_deg": float(self.light_deg.mean()),
+            "light_error_mm": float(self.light_mm.mean()),
+            "normals_mae_deg": self.normals_mae_deg,
+            "normals_coverage": self.coverage,
+            "height_mae_mm": self.height_mae_mm,
+            "height_relative_error": self.height_mae_mm / self.height_range_mm,
+        }
+
+    def table(self) -> list[str]:
+        relative = self.height_mae_mm / self.height_range_mm
+        rows = (
+            ("light direction", self.light_deg, "deg", ""),
+            ("light position", self.light_mm, "mm", ""),
+            ("normals", self.normal_map_deg, "deg", f"{self.coverage:.2%} of the object covered"),
+            (
+                "height, mean removed",
+                np.abs(self.height_map_mm),
+                "mm",
+                f"{relative:.2%} of {self.height_range_mm:.2f} mm",
+            ),
+        )
+        return [
+            "",
+            f"{'error against the truth':<26}{'mean':>8}{'worst':>9}",
+            *(
+                f"  {name:<24}{np.nanmean(values):8.3f}{np.nanmax(values):9.3f} {unit:<4} {remark}"
+                for name, values, unit, remark in rows
+            ),
+            "",
+        ]

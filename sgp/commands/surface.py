@@ -1,0 +1,73 @@
+"""``sgp surface``: surface from normals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from acquisition import read_camera, read_mask
+from processing import NormalMap, integrate, read_normals
+from sgp._inputs import normal_files
+from sgp._output import writes_folder
+from sgp._result import Result
+from sgp._write import write_surface
+
+
+@writes_folder("surface.json")
+def surface(
+    normals: Path,
+    *,
+    out: Path,
+    mask: Path | None = None,
+    camera: Path | None = None,
+    pixel_mm: float | None = None,
+    green: Literal["up", "down"] = "up",
+    glb: bool = False,
+    stl: bool = False,
+    obj: bool = False,
+    force: bool = False,
+) -> Result:
+    """Integrate a normal map to height, depth and a mesh.
+
+    For example:
+
+        sgp surface out/normals --camera camera.json --out surface
+
+    Parameters
+    ----------
+    normals
+        An image of normals, or a folder with normals.* and mask.png.
+    out
+        Folder for height.exr, depth.exr (with a camera), mask.png, surface.ply and surface.json.
+    mask
+        Pixels to integrate; default: where the map is known.
+    camera
+        Perspective camera; default: orthographic.
+    pixel_mm
+        Size of a pixel on the object; without it or a working distance the unit is one pixel.
+    green
+        Which way the green channel of an image file points.
+    glb
+        Write surface.glb too, in metres as glTF wants.
+    stl
+        Write surface.stl too.
+    obj
+        Write surface.obj too.
+    force
+        Write into a folder that holds files already.
+    """
+    read = read_normals(normals, green=green)
+    normal_map = read.normal_map
+    if mask is not None:
+        inside = read_mask(mask, normal_map.size) & normal_map.mask
+        normal_map = NormalMap.from_vectors(normal_map.normals, inside)
+    model = None if camera is None else read_camera(camera, normal_map.size)
+    height_map = integrate(normal_map, camera=model, pixel_mm=pixel_mm)
+    out.mkdir(parents=True, exist_ok=True)
+    wanted = {"glb": glb, "stl": stl, "obj": obj}
+    formats = ("ply", *(name for name, asked in wanted.items() if asked))
+    result = write_surface(out, height_map, normal_map, formats=formats)
+    result.warnings = [*read.warnings, *result.warnings]
+    options = [path for path in (mask, camera) if path is not None]
+    result.inputs = [*normal_files(normals), *options]
+    return result

@@ -1,0 +1,127 @@
+"""Images from elsewhere become sessions, sample for sample."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition._camera_model import CameraModel
+from acquisition._errors import DataError, StorageError
+from acquisition._images import write_exr, write_png, write_tiff
+from acquisition._import import import_frames
+from acquisition._lights import Lights
+from acquisition._raw import read_raw
+from acquisition._session import Session
+from acquisition._source_reader import read_source
+from acquisition._verify import verify_session
+
+DATA = os.environ.get("SGP_DATA")
+needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+
+PIXELS = np.random.default_rng(8).integers(0, 65535, (12, 4, 6, 3)).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("dtype", "bit_depth", "white"), [(np.uint8, 8, 255), (np.uint16, 16, 65535)]
+)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_samples_lights_and_camera_arrive(
+    tmp_path: Path, dtype: type, bit_depth: int, white: float, channels: int
+) -> None:
+    values = PIXELS if dtype is np.uint16 else PIXELS >> 8
+    values = (values[..., 0] if channels == 1 else values).astype(dtype)
+    (tmp_path / "in").mkdir()
+    for index, pixels in enumerate(values):
+        write_tiff(tmp_path / "in" / f"owl.{index}.tif", pixels)
+    directions = np.stack([np.arange(12), np.zeros(12), np.full(12, 10)], axis=1)
+    camera = CameraModel(np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]]), 6, 4, 300.0)
+    source = read_source(tmp_path / "in", lights=Lights(directions=directions), camera=camera)
+    done = []
+    session = import_frames(
+        source,
+        tmp_path / "out",
+        operator="op",
+        object_name="owl",
+        notes="from elsewhere",
+        on_frame=lambda line, n, total: done.append((line.origin, n, total)),
+    )
+    assert session.complete
+    assert verify_session(tmp_path / "out").ok
+    assert done[10] == ("owl.10.tif", 11, 12)
+    assert [frame.path.name for frame in session.frames][10:] == ["L10_E0.tif", "L11_E0.tif"]
+    for frame, pixels in zip(session.frames, values, strict=True):
+        stored = frame.read()
+        assert stored.dtype == np.uint16
+        np.testing.assert_array_equal(stored, pixels)
+    manifest = session.manifest
+    assert (manifest.camera.bit_depth, manifest.camera.white_dn) == (bit_depth, white)
+    assert (manifest.operator, manifest.object, manifest.plan) == ("op", "owl", None)
+    again = read_source(tmp_path / "out")
+    assert again.lights is not None
+    assert again.lights.ids == tuple(f"L{i:02d}" for i in range(12))
+    np.testing.assert_array_equal(again.lights.directions, source.lights.directions)
+    assert again.camera is not None
+    assert again.camera.working_distance_mm == 300
+    assert again.white_level == white
+    assert again.warnings == ()
+
+
+def test_what_cannot_be_imported(tmp_path: Path) -> None:
+    write_exr(tmp_path / "a.0.exr", np.ones((4, 6), np.float32))
+    with pytest.raises(DataError, match=r"a\.0\.exr: a session holds whole numbers"):
+        import_frames(read_source(tmp_path), tmp_path / "out", operator="", object_name="")
+    assert not (tmp_path / "out").exists()
+    write_png(tmp_path / "b.png", PIXELS[0])
+    one = read_source(tmp_path / "b.png")
+    import_frames(one, tmp_path / "out", operator="", object_name="")
+    with pytest.raises(DataError, match="a session already"):
+        import_frames(read_source(tmp_path / "out"), tmp_path / "2", operator="", object_name="")
+    before = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
+    with pytest.raises(StorageError, match="not empty"):
+        import_frames(one, tmp_path / "out", operator="", object_name="")
+    after = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
+    assert after == before
+
+
+def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for index in range(3):
+        write_png(tmp_path / "in" / f"a.{index}.png", PIXELS[index])
+    data = (tmp_path / "in" / "a.2.png").read_bytes()
+    (tmp_path / "in" / "a.2.png").write_bytes(data[:-40])
+    source = read_source(tmp_path / "in")
+    with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short"):
+        import_frames(source, tmp_path / "out", operator="", object_name="")
+    session = Session.open(tmp_path / "out")
+    assert not session.complete
+    assert len(session.frames) == 2
+
+
+@needs_data
+def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> None:
+    path = Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
+    session = import_frames(
+        read_source(path), tmp_path / "out", operator="op", object_name="street"
+    )
+    (frame,) = session.frames
+    np.testing.assert_array_equal(frame.read(), read_raw(path).pixels)
+    camera = session.manifest.camera
+    assert (camera.cfa, camera.bit_depth, camera.channels) == ("GRBG", 14, 1)
+    assert (camera.black_level_dn, camera.white_dn) == (0, 16383)
+    assert frame.line.origin == "RAW_KODAK_DC50.KDC"
+    assert 'cfa = "GRBG"' in (tmp_path / "out" / "session.toml").read_text()
+    assert verify_session(tmp_path / "out").ok
+    assert read_source(tmp_path / "out").cfa == "GRBG"
+
+
+@needs_data
+def test_real_captures_become_a_session(tmp_path: Path) -> None:
+    source = read_source(Path(DATA or "") / "uw" / "buddha")
+    session = import_frames(source, tmp_path / "out", operator="op", object_name="buddha")
+    assert verify_session(tmp_path / "out").ok
+    assert len(session.frames) == 12
+    np.testing.assert_array_equal(session.frames[10].read(), source.frames[10].read())
+    assert session.frames[10].line.origin == "buddha.10.tga"

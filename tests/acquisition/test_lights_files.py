@@ -1,0 +1,311 @@
+"""Files of lights: a golden file, what the world's .lp files look like, and refusals by line."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._lights import Lights
+from acquisition._lights_files import read_lights, write_lights
+
+DATA = os.environ.get("SGP_DATA")
+needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+
+GOLDEN_NEAR = """\
+{
+ "format": "sgp-lights",
+ "version": 1,
+ "lights": [
+  {"id": "L00", "position_mm": [0.0, 30.0, 40.0], "intensity": [1.0, 2.0, 3.0], \
+"axis": [0.0, 0.0, -1.0], "mu": 0.5},
+  {"id": "L07", "position_mm": [-100.0, 0.25, 300.0], "intensity": [1.0, 1.0, 1.0], \
+"axis": [0.0, 0.6, -0.8], "mu": 1.0}
+ ],
+ "provenance": {"method": "two spheres", "residual_deg": 0.1}
+}
+"""
+GOLDEN_DISTANT = """\
+{
+ "format": "sgp-lights",
+ "version": 1,
+ "lights": [
+  {"id": "chrome.0", "direction": [0.6, 0.0, 0.8], "intensity": [1.0, 1.0, 1.0]}
+ ],
+ "provenance": {}
+}
+"""
+
+
+def near_lights() -> Lights:
+    return Lights(
+        positions_mm=np.array([[0, 30, 40], [-100, 0.25, 300]]),
+        intensities=np.array([[1, 2, 3], [1, 1, 1]]),
+        axes=np.array([[0, 0, -2], [0, 3, -4]]),
+        mu=np.array([0.5, 1]),
+        ids=("L00", "L07"),
+    )
+
+
+def put(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def test_golden_lights_json(tmp_path: Path) -> None:
+    path = tmp_path / "lights.json"
+    write_lights(path, near_lights(), {"method": "two spheres", "residual_deg": 0.1})
+    assert path.read_text() == GOLDEN_NEAR
+    lights = read_lights(path)
+    assert lights.ids == ("L00", "L07")
+    np.testing.assert_array_equal(lights.positions_mm, [[0, 30, 40], [-100, 0.25, 300]])
+    np.testing.assert_array_equal(lights.intensities, [[1, 2, 3], [1, 1, 1]])
+    np.testing.assert_array_equal(lights.axes, [[0, 0, -1], [0, 0.6, -0.8]])
+    np.testing.assert_array_equal(lights.mu, [0.5, 1])
+    write_lights(path, Lights(directions=np.array([[3, 0, 4]]), ids=("chrome.0",)))
+    assert path.read_text() == GOLDEN_DISTANT
+    np.testing.assert_array_equal(read_lights(path).directions, [[0.6, 0, 0.8]])
+
+
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data(), near=st.booleans())
+def test_lights_json_keeps_every_digit(tmp_path: Path, data: st.DataObject, near: bool) -> None:
+    count = data.draw(st.integers(1, 5))
+    vector = st.tuples(st.floats(-900, 900), st.floats(-900, 900), st.floats(1, 900))
+    vectors = np.array(data.draw(st.lists(vector, min_size=count, max_size=count)))
+    strengths = data.draw(st.lists(st.floats(1e-3, 1e3), min_size=count, max_size=count))
+    lights = Lights(
+        positions_mm=vectors if near else None,
+        directions=None if near else vectors,
+        intensities=np.array(strengths),
+        mu=np.arange(count) / 3 if near else None,
+    )
+    path = tmp_path / "lights.json"
+    write_lights(path, lights)
+    back = read_lights(path)
+    np.testing.assert_array_equal(back.intensities, lights.intensities)
+    if near:
+        np.testing.assert_array_equal(back.positions_mm, vectors)
+        np.testing.assert_array_equal(back.mu, lights.mu)
+    # Unit vectors are made unit again on reading, which may move the last bit.
+    np.testing.assert_allclose(back.unit_directions, lights.unit_directions, rtol=0, atol=3e-16)
+
+
+def changed(**changes: object) -> str:
+    light = json.loads(GOLDEN_NEAR)["lights"][0]
+    light.update(changes)
+    light = {key: value for key, value in light.items() if value is not None}
+    other = {"id": "L01", "position_mm": [1, 2, 3], "axis": [0, 0, -1]}
+    return json.dumps({"format": "sgp-lights", "version": 1, "lights": [other, light]})
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        pytest.param("", "JSON", id="empty"),
+        pytest.param("{", "JSON", id="cut short"),
+        pytest.param("[]", "valid dictionary|object", id="a list"),
+        pytest.param(changed().replace('"version": 1', '"version": 2'), "version", id="version"),
+        pytest.param(changed().replace("sgp-lights", "lights"), "format", id="format"),
+        pytest.param(
+            changed(colour="red"), "lights.1.colour: is not a known key", id="unknown key"
+        ),
+        pytest.param(changed(position_mm=[0, 0, 0]), "light L00 is a zero vector", id="zero"),
+        pytest.param(
+            changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1", id="NaN"
+        ),
+        pytest.param(changed(position_mm=[0, "x", 1]), "lights.1.position_mm.1", id="text"),
+        pytest.param(changed(position_mm=[0, 1]), "lights.1.position_mm", id="two numbers"),
+        pytest.param(changed(position_mm=None), "either direction or", id="no vector"),
+        pytest.param(changed(direction=[0, 0, 1]), "either direction or", id="both vectors"),
+        pytest.param(
+            changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind", id="mixed"
+        ),
+        pytest.param(changed(axis=None), "L00: give all lights an axis", id="one axis missing"),
+        pytest.param(changed(id="L01"), "L01 is there twice", id="same id"),
+        pytest.param(changed(intensity=[1, 0, 1]), "L00 has an intensity", id="no light"),
+        pytest.param(changed(mu=-1), "lights.1.mu", id="negative mu"),
+        pytest.param('{"format": "sgp-lights", "version": 1, "lights": []}', "lights", id="none"),
+    ],
+)
+def test_lights_json_refused(tmp_path: Path, text: str, match: str) -> None:
+    path = put(tmp_path / "lights.json", text)
+    with pytest.raises(DataError, match=match) as caught:
+        read_lights(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "vectors"),
+    [
+        pytest.param(
+            "2\na.jpg 0 0 1\nb.jpg 0.6 0 0.8\n",
+            ("a.jpg", "b.jpg"),
+            [[0, 0, 1], [0.6, 0, 0.8]],
+            id="plain",
+        ),
+        pytest.param(
+            b"\xef\xbb\xbf2\r\na.jpg\t0\t0\t1\r\n\r\nb.jpg 3 0 4\r\n\r\n",
+            ("a.jpg", "b.jpg"),
+            [[0, 0, 1], [0.6, 0, 0.8]],
+            id="BOM, CRLF, tabs, blank lines, not unit",
+        ),
+        pytest.param(
+            "1\nC:\\My Captures\\owl 2\\img 01.jpg 0,0 0,6 0,8",
+            ("img 01.jpg",),
+            [[0, 0.6, 0.8]],
+            id="Windows path, spaces, decimal commas, no final newline",
+        ),
+        pytest.param(
+            "1\n/home/x/a b/c.0.tga -1e-1 0 0\n",
+            ("c.0.tga",),
+            [[-1, 0, 0]],
+            id="posix path, exponent, negative",
+        ),
+        pytest.param(
+            b"1\nM\xfcller.jpg 0 0 1\n", ("M\xfcller.jpg",), [[0, 0, 1]], id="Latin-1 name"
+        ),
+    ],
+)
+def test_lp_as_found_in_the_wild(
+    tmp_path: Path, content: str | bytes, names: tuple[str, ...], vectors: list[list[float]]
+) -> None:
+    lights = read_lights(put(tmp_path / "dome.LP", content))
+    assert lights.ids == names
+    np.testing.assert_allclose(lights.directions, vectors, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        pytest.param("", "empty", id="empty"),
+        pytest.param("0\n", "line 1: 0 lights are announced and 0 follow", id="no lights"),
+        pytest.param("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is no count", id="count missing"),
+        pytest.param("3\na.jpg 0 0 1\n", "line 1: 3 lights .* 1 follow", id="count too big"),
+        pytest.param("1\na 0 0 1\nb 0 0 1\n", "line 1: 1 lights .* 2 follow", id="count too small"),
+        pytest.param("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector", id="zero"),
+        pytest.param("1\na 0 nan 1\n", "line 2: not finite", id="NaN"),
+        pytest.param("1\na 0 inf 1\n", "line 2: not finite", id="infinity"),
+        pytest.param("1\na 0 up 1\n", "line 2: '0 up 1' is not three", id="text"),
+        pytest.param("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'", id="no name"),
+        pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is there twice", id="same name"),
+    ],
+)
+def test_lp_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
+    path = put(tmp_path / "a.lp", text)
+    with pytest.raises(DataError, match=match) as caught:
+        read_lights(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_lp_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.lp"
+    write_lights(path, near_lights())
+    # (-100, 0.25, 300) is sqrt(100000) sqrt(1 + 6.25e-7) long.
+    assert path.read_text() == (
+        "2\nL00 0.000000000 0.600000000 0.800000000\nL07 -0.316227667 0.000790569 0.948683002\n"
+    )
+    np.testing.assert_allclose(
+        read_lights(path).directions, near_lights().unit_directions, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param("0 0 1\n0.6 0 0.8\n", id="rows"),
+        pytest.param("2\n0 0 1\n3 0 4", id="count first"),
+        pytest.param("0.0, 0.0, 1.0\r\n0.6,0.0,0.8\r\n", id="commas between"),
+        pytest.param("0 0 1\n0,6 0 0,8\n", id="decimal commas"),
+    ],
+)
+def test_tables_of_directions(tmp_path: Path, text: str) -> None:
+    lights = read_lights(put(tmp_path / "lights.txt", text))
+    assert lights.ids == ("L00", "L01")
+    np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        pytest.param("\n", "empty", id="blank"),
+        pytest.param("0 0 1\n\n0 0 0\n", "line 3: a zero vector", id="zero"),
+        pytest.param("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers", id="two numbers"),
+        pytest.param("3\n0 0 1\n", "line 1: '3' is not three numbers", id="wrong count"),
+        pytest.param("x y z\n0 0 1\n", "line 1: 'x y z' is not", id="heading"),
+        pytest.param("0 0 1\nnan 0 1\n", "line 2: not finite", id="NaN"),
+    ],
+)
+def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
+    path = put(tmp_path / "lights.txt", text)
+    with pytest.raises(DataError, match=match) as caught:
+        read_lights(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def diligent(folder: Path, *, names: int = 2, strengths: str = "1 2 3\n4 5 6\n") -> Path:
+    put(folder / "light_directions.txt", "0 0 1\n0.6 0 0.8\n")
+    put(folder / "light_intensities.txt", strengths)
+    put(folder / "filenames.txt", "".join(f"{i + 1:03d}.png\r\n" for i in range(names)))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["", "light_directions.txt"])
+def test_diligent_by_folder_or_file(tmp_path: Path, name: str) -> None:
+    lights = read_lights(diligent(tmp_path) / name)
+    assert lights.ids == ("001.png", "002.png")
+    np.testing.assert_array_equal(lights.intensities, [[1, 2, 3], [4, 5, 6]])
+    np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
+
+
+def test_diligent_counts_must_agree(tmp_path: Path) -> None:
+    diligent(tmp_path, names=3)
+    with pytest.raises(DataError, match=r"2 lights, but filenames\.txt beside it has 3"):
+        read_lights(tmp_path)
+    diligent(tmp_path, strengths="1 2 3\n")
+    with pytest.raises(DataError, match=r"2 lights, but light_intensities\.txt beside it has 1"):
+        read_lights(tmp_path)
+    diligent(tmp_path, strengths="1 2 3\n4 0 6\n")
+    with pytest.raises(DataError, match=r"light_intensities\.txt line 2: an intensity that is"):
+        read_lights(tmp_path)
+
+
+def test_no_lights_there(tmp_path: Path) -> None:
+    with pytest.raises(MissingPathError, match="no such file"):
+        read_lights(tmp_path / "lights.json")
+    with pytest.raises(DataError, match=r"holds no light_directions\.txt"):
+        read_lights(tmp_path)
+    (tmp_path / "folder.lp").mkdir()
+    with pytest.raises(DataError, match=r"holds no light_directions\.txt"):
+        read_lights(tmp_path / "folder.lp")
+    with pytest.raises(DataError, match="not a text file"):
+        read_lights(put(tmp_path / "lights.txt", b"\x89PNG\0\0"))
+
+
+def test_nowhere_to_write(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"written as \.json or \.lp"):
+        write_lights(tmp_path / "lights.txt", near_lights())
+    with pytest.raises(StorageError, match="No such file"):
+        write_lights(tmp_path / "none" / "lights.json", near_lights())
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_data
+def test_real_files_of_lights() -> None:
+    shipped = read_lights(Path(DATA or "") / "uw" / "lights_shipped_unreliable.txt")
+    assert len(shipped) == 12
+    first = np.array([0.403259, 0.480808, 0.778592])
+    np.testing.assert_allclose(shipped.unit_directions[0], first / np.linalg.norm(first))
+    bear = read_lights(Path(DATA or "") / "diligent" / "bearPNG")
+    assert len(bear) == 96
+    assert bear.ids[0] == "001.png"
+    np.testing.assert_allclose(np.asarray(bear.intensities)[0], [1.253, 1.6642, 2.2018])

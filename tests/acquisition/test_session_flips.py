@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition._errors import DataError
+from acquisition._manifest import CameraRecord, Manifest
+from acquisition._plan import CapturePlan
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._verify import verify_session
+
+FLIPS = 250
+
+
+def picture(index: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
+    return np.random.default_rng(index).integers(0, 4096, (12, 16)).astype(np.uint16)
+
+
+@pytest.fixture(params=["complete", "incomplete"])
+def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    told = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        notes="rim scratched at two o'clock",
+        plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
+        camera=CameraRecord(width=16, height=12, bit_depth=12),
+    )
+    with SessionWriter.create(tmp_path / "s", told) as writer:
+        for index, shot in enumerate(writer.missing):
+            if request.param == "incomplete" and shot.led == 2:
+                break
+            writer.write_frame(shot, picture(index))
+        else:
+            writer.complete()
+    return tmp_path / "s"
+
+
+def flip(path: Path, bit: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(data)
+
+
+def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: Path) -> None:
+    """Random bits over all files, each file as likely as the other; no damaged pixel is read."""
+    rng = np.random.default_rng(20260101)
+    copy = tmp_path / "copy"
+    files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    assert verify_session(folder).ok
+    for _ in range(FLIPS):
+        name = files[int(rng.integers(len(files)))]
+        bit = int(rng.integers(8 * (folder / name).stat().st_size))
+        shutil.copytree(folder, copy)
+        flip(copy / name, bit)
+        found = verify_session(copy)
+        assert any(str(copy / name) in problem for problem in found.problems), (name, bit)
+        try:
+            frames = Session.open(copy).frames
+        except DataError:
+            # A frame's own damage must not close the other frames.
+            assert name.parts[0] != "frames", (name, bit)
+        else:
+            assert name.parts[0] == "frames", (name, bit)
+            for index, frame in enumerate(frames):
+                try:
+                    np.testing.assert_array_equal(frame.read(), picture(index))
+                except DataError as error:
+                    assert name.name in str(error)
+        shutil.rmtree(copy)
+
+
+@pytest.mark.parametrize("folder", ["complete"], indirect=True)
+def test_every_bit_of_the_smallest_file_is_found(folder: Path) -> None:
+    path = folder / "COMPLETE"
+    for bit in range(8 * path.stat().st_size):
+        flip(path, bit)
+        assert any("COMPLETE" in problem for problem in verify_session(folder).problems)
+        flip(path, bit)
+    assert verify_session(folder).ok
+
+
+def test_every_bit_of_the_last_byte_of_the_journal_is_found(folder: Path) -> None:
+    path = folder / "journal.jsonl"
+    for back in range(8 * 3):
+        bit = 8 * path.stat().st_size - 1 - back
+        flip(path, bit)
+        assert any("journal.jsonl" in problem for problem in verify_session(folder).problems)
+        flip(path, bit)

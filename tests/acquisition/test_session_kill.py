@@ -1,0 +1,235 @@
+"""Processes that die while they record. They are forked from one that has imported everything."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition._plan import CapturePlan, PlannedShot
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._verify import verify_session
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
+
+KILLS = 20
+PLAN = CapturePlan(leds=tuple(range(6)), exposures_us=(100.0,))
+SHORT = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+
+# Told a folder, forks a process that records into it and appends the name of each frame to `acks`
+# once the frame is said to be safe. `dies_at` ends it at that call to the disk, a write half done;
+# `limit` is the size beyond which the disk takes no file.
+SERVER = """
+import json, os, resource, sys
+from datetime import UTC, datetime
+import numpy as np
+from acquisition._errors import StorageError
+from acquisition._manifest import CameraRecord, Manifest
+from acquisition._plan import CapturePlan
+from acquisition._session_writer import SessionWriter
+
+def record(folder, acks, plan, dies_at, limit):
+    plan = CapturePlan(**plan)
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC), operator="Ada", object="coin", plan=plan,
+        camera=CameraRecord(width=16, height=16, bit_depth=12),
+    )
+    log = os.open(acks, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    calls = [0]
+    def deadly(name):
+        real = getattr(os, name)
+        def call(*arguments):
+            calls[0] += 1
+            if calls[0] == dies_at:
+                if name == "write":
+                    real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+                os._exit(9)
+            return real(*arguments)
+        setattr(os, name, call)
+    write = os.write
+    if dies_at is not None:
+        for name in ("write", "fsync", "replace", "mkdir"):
+            deadly(name)
+    if limit is not None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+    try:
+        with SessionWriter.create(folder, manifest) as writer:
+            for index, shot in enumerate(writer.missing):
+                pixels = np.random.default_rng(index).integers(0, 4096, (16, 16))
+                writer.write_frame(shot, pixels.astype(np.uint16))
+                write(log, (shot.file + "\\n").encode())
+            writer.complete()
+    except StorageError as error:
+        write(log, ("refused: " + str(error) + "\\n").encode())
+
+print("ready", flush=True)
+for line in sys.stdin:
+    pid = os.fork()
+    if pid == 0:
+        try:
+            record(**json.loads(line))
+        finally:
+            os._exit(0)
+    print(pid, flush=True)
+    print(os.waitpid(pid, 0)[1], flush=True)
+"""
+
+
+class Server:
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", SERVER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._line() == "ready"
+
+    def _line(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def record(
+        self,
+        folder: Path,
+        plan: CapturePlan = PLAN,
+        *,
+        kill_after: tuple[int, float] | None = None,
+        dies_at: int | None = None,
+        limit: int | None = None,
+    ) -> tuple[list[str], int]:
+        """Return what was acknowledged, and how the process ended.
+
+        ``kill_after`` so many frames were acknowledged, and a delay.
+        """
+        acks = folder.with_suffix(".acks")
+        request: dict[str, Any] = {"folder": str(folder), "acks": str(acks)}
+        request |= {"plan": plan.model_dump(), "dies_at": dies_at, "limit": limit}
+        assert self.process.stdin is not None
+        self.process.stdin.write(json.dumps(request) + "\n")
+        self.process.stdin.flush()
+        pid = int(self._line())
+        if kill_after is not None:
+            frames, delay_s = kill_after
+            while frames and (not acks.exists() or acks.read_text().count("\n") < frames):
+                time.sleep(0.0005)
+            time.sleep(delay_s)
+            os.kill(pid, signal.SIGKILL)
+        status = int(self._line())
+        return acks.read_text().splitlines() if acks.exists() else [], status
+
+    def close(self) -> None:
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.close()
+        self.process.stdout.close()
+        self.process.wait(10)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    server = Server()
+    yield server
+    server.close()
+
+
+def pixels_of(frame: PlannedShot, shots: tuple[PlannedShot, ...]) -> npt.NDArray[np.uint16]:
+    rng = np.random.default_rng(shots.index(frame))
+    return rng.integers(0, 4096, (16, 16)).astype(np.uint16)
+
+
+def check(folder: Path) -> int:
+    """Check that every frame that counts is right, and return how many there are."""
+    found = verify_session(folder)
+    assert found.problems == ()
+    session = Session.open(folder)
+    assert session.manifest.plan is not None
+    shots = {shot.key: shot for shot in session.manifest.plan.shots()}
+    for frame in session.frames:
+        wanted = pixels_of(shots[frame.line.key], tuple(shots.values()))
+        np.testing.assert_array_equal(frame.read(), wanted)
+    return len(session.frames)
+
+
+def finish(folder: Path) -> None:
+    """Take up the session and bring it to its end."""
+    with SessionWriter.reopen(folder) as writer:
+        assert writer.manifest.plan is not None
+        shots = writer.manifest.plan.shots()
+        for shot in writer.missing:
+            writer.write_frame(shot, pixels_of(shot, shots))
+        writer.complete()
+    assert check(folder) == len(shots)
+    assert verify_session(folder).complete
+    assert verify_session(folder).warnings == ()
+
+
+def survived(folder: Path, acknowledged: list[str]) -> None:
+    """Check a session whose writer died: nothing acknowledged lost, nothing wrong accepted."""
+    count = check(folder)
+    session = Session.open(folder)
+    assert [frame.path.name for frame in session.frames][: len(acknowledged)] == acknowledged
+    assert count - len(acknowledged) in (0, 1)
+    if session.complete:
+        assert session.missing == ()
+    else:
+        finish(folder)
+
+
+def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
+    whole = tmp_path / "whole"
+    began = time.monotonic()
+    acknowledged, status = server.record(whole)
+    frame_s = (time.monotonic() - began) / len(acknowledged)
+    assert (len(acknowledged), status) == (7, 0)
+    assert verify_session(whole).complete
+    rng = random.Random(7)
+    killed = 0
+    for number in range(KILLS):
+        folder = tmp_path / f"s{number}"
+        moment = rng.randrange(6), rng.uniform(0, 1.5 * frame_s)
+        acknowledged, status = server.record(folder, kill_after=moment)
+        killed += status == signal.SIGKILL
+        if (folder / "session.toml").exists():
+            survived(folder, acknowledged)
+    # Otherwise the kills missed what they are for.
+    assert killed >= KILLS // 2
+
+
+def test_death_at_every_call_to_the_disk(server: Server, tmp_path: Path) -> None:
+    """From the creation to COMPLETE, one process for each call; a write dies half done."""
+    status, dies_at = -1, 0
+    while status != 0:
+        dies_at += 1
+        folder = tmp_path / f"s{dies_at}"
+        acknowledged, status = server.record(folder, SHORT, dies_at=dies_at)
+        if not (folder / "session.toml").exists():
+            # Nothing but the rest of a creation: the folder counts as empty.
+            assert acknowledged == []
+            acknowledged, _ = server.record(folder, SHORT)
+            assert len(acknowledged) == 3
+        survived(folder, acknowledged)
+    # Five or more calls for each of three frames, and the last process outlived its number.
+    assert dies_at > 5 * 3
+
+
+@pytest.mark.parametrize("limit", [600, 1000, 2048])
+def test_a_disk_that_takes_no_more(server: Server, tmp_path: Path, limit: int) -> None:
+    """Real refusals of the system, in frames or in the journal, whichever grows beyond first."""
+    folder = tmp_path / "s"
+    acknowledged, status = server.record(folder, limit=limit)
+    assert status == 0
+    assert acknowledged[-1].startswith(f"refused: {folder}")
+    survived(folder, acknowledged[:-1])

@@ -1,0 +1,310 @@
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._images import write_tiff
+from acquisition._journal import GENESIS, encode_line
+from acquisition._manifest import CameraRecord, Manifest
+from acquisition._plan import CapturePlan
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._verify import verify_session
+
+PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A complete session of three frames whose pixels are 100, 101, 102."""
+    told = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=PLAN,
+        camera=CameraRecord(width=8, height=6, bit_depth=12),
+    )
+    with SessionWriter.create(tmp_path / "s", told) as writer:
+        for index, shot in enumerate(writer.missing):
+            writer.write_frame(shot, np.full((6, 8), 100 + index, np.uint16))
+        writer.complete()
+    return tmp_path / "s"
+
+
+def records(folder: Path) -> list[dict[str, Any]]:
+    lines = (folder / "journal.jsonl").read_text().splitlines()
+    return [{k: v for k, v in json.loads(line).items() if k != "line_sha256"} for line in lines]
+
+
+def forge(folder: Path, rows: list[dict[str, Any]], *, complete: bool = True) -> None:
+    """Write a journal whose hashes all hold, as someone with the format in hand could."""
+    toml = (folder / "session.toml").read_bytes()
+    rows[0]["session_toml_sha256"] = hashlib.sha256(toml).hexdigest()
+    data, previous = b"", GENESIS
+    for row in rows:
+        line, previous = encode_line(row, previous)
+        data += line
+    (folder / "journal.jsonl").write_bytes(data)
+    (folder / "COMPLETE").unlink()
+    if complete:
+        mark = f"{hashlib.sha256(data).hexdigest()}  journal.jsonl\n"
+        (folder / "COMPLETE").write_text(mark)
+
+
+def toml_with(old: str, new: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        path = folder / "session.toml"
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new))
+        forge(folder, records(folder))
+
+    return change
+
+
+def frame_with(**changed: Any) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        rows = records(folder)
+        rows[2].update(changed)
+        forge(folder, rows)
+
+    return change
+
+
+def linked(name: str) -> Callable[[Path], None]:
+    """Move a file or folder out of the session and leave a link."""
+
+    def change(folder: Path) -> None:
+        outside = folder.parent / "outside"
+        (folder / name).rename(outside)
+        (folder / name).symlink_to(outside)
+
+    return change
+
+
+def dropped(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).unlink()
+
+
+def broken_middle(folder: Path) -> None:
+    path = folder / "journal.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(lines[0] + lines[1][:50] + b"\n" + b"".join(lines[2:]))
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "said"),
+    [
+        pytest.param(
+            toml_with("format_version = 1", "format_version = 2"),
+            "session.toml",
+            "format version 2 is not understood, this program reads 1",
+            id="newer-version",
+        ),
+        pytest.param(
+            toml_with("format_version = 1\n", ""), "session.toml", "version None", id="no-version"
+        ),
+        pytest.param(
+            toml_with("[camera]", 'colour = "red"\n[camera]'),
+            "session.toml",
+            "colour: is not a known key",
+            id="unknown-key",
+        ),
+        pytest.param(
+            toml_with("bit_depth = 12", "bit_depth = 99"), "session.toml", "bit_depth", id="bits"
+        ),
+        pytest.param(
+            toml_with("bit_depth = 12", "bit_depth = 12\nblack_level_dn = 5000"),
+            "session.toml",
+            "",
+            id="key-twice",
+        ),
+        pytest.param(
+            toml_with("black_level_dn = 0.0", "black_level_dn = 5000.0"),
+            "session.toml",
+            "black level is not below",
+            id="levels",
+        ),
+        pytest.param(
+            toml_with(
+                "[camera]",
+                "[lights]\nids = ['L00']\ndirections = [[0, 0, 0]]\nintensities = [[1, 1, 1]]\n"
+                "axes = [[0, 0, -1]]\nmu = [0]\n[camera]",
+            ),
+            "session.toml",
+            "zero vector",
+            id="lights-that-are-none",
+        ),
+        pytest.param(
+            frame_with(file="../outside.tif"), "journal.jsonl", "line 3", id="path-with-dots"
+        ),
+        pytest.param(frame_with(file="/etc/hosts"), "journal.jsonl", "line 3", id="path-absolute"),
+        pytest.param(frame_with(led=5), "L00_E0.tif", "not in the plan", id="not-planned"),
+        pytest.param(linked("frames"), "D_100us.tif", "leaves the session", id="folder-linked"),
+        pytest.param(
+            linked("frames/L00_E0.tif"), "L00_E0.tif", "leaves the session", id="frame-linked"
+        ),
+        pytest.param(broken_middle, "journal.jsonl", "line 2 is damaged", id="broken-middle"),
+        pytest.param(
+            lambda folder: (folder / "COMPLETE").write_text("yes\n"),
+            "COMPLETE",
+            "does not name the journal",
+            id="other-mark",
+        ),
+        pytest.param(
+            lambda folder: forge(folder, records(folder)[:-1]),
+            "COMPLETE",
+            "first L01_E0.tif",
+            id="complete-without-frames",
+        ),
+        pytest.param(dropped("session.toml"), "session.toml", "missing", id="no-manifest"),
+        pytest.param(dropped("journal.jsonl"), "journal.jsonl", "missing", id="no-journal"),
+        pytest.param(
+            lambda folder: (folder / "session.toml").write_bytes(b"\xff\xfe"),
+            "session.toml",
+            "not TOML",
+            id="manifest-not-text",
+        ),
+        pytest.param(
+            toml_with('operator = "Ada"', 'operator = "Eve"'), "", None, id="forged-but-consistent"
+        ),
+    ],
+)
+def test_what_is_refused(
+    folder: Path, change: Callable[[Path], None], name: str, said: str | None
+) -> None:
+    change(folder)
+    if said is None:
+        # Hashes tell changes, they do not prove who wrote a session.
+        assert Session.open(folder).manifest.operator == "Eve"
+        return
+    with pytest.raises(DataError) as caught:
+        Session.open(folder)
+    assert said in str(caught.value)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+    found = verify_session(folder)
+    assert not found.ok
+    assert any(name in problem and said in problem for problem in found.problems)
+
+
+def test_what_is_no_session(tmp_path: Path) -> None:
+    for reader in (Session.open, verify_session):
+        with pytest.raises(MissingPathError):
+            reader(tmp_path / "none")
+        with pytest.raises(DataError, match="is not a session"):
+            reader(tmp_path)
+        with pytest.raises(DataError, match="is not a session"):
+            reader(Path(__file__))
+
+
+def test_an_altered_manifest_is_told_although_it_makes_sense(folder: Path) -> None:
+    path = folder / "session.toml"
+    path.write_text(path.read_text().replace("Ada", "Eve"))
+    with pytest.raises(DataError, match=r"session\.toml: is not the one the journal began with"):
+        Session.open(folder)
+    assert verify_session(folder).frames == 3
+
+
+def test_a_frame_that_is_gone(folder: Path) -> None:
+    (folder / "frames/L01_E0.tif").unlink()
+    found = verify_session(folder)
+    assert len(found.problems) == 1
+    assert "L01_E0.tif" in found.problems[0]
+    with pytest.raises(DataError, match=r"L01_E0\.tif: is in the journal but not there"):
+        Session.open(folder).frames[2].read()
+
+
+def test_a_frame_replaced_by_another_picture(folder: Path) -> None:
+    write_tiff(folder / "frames/L01_E0.tif", np.full((6, 8), 7, np.uint16))
+    with pytest.raises(DataError, match=r"L01_E0\.tif: its pixels differ"):
+        Session.open(folder).frames[2].read()
+    assert "L01_E0.tif" in verify_session(folder).problems[0]
+
+
+def test_a_frame_of_another_size(folder: Path) -> None:
+    write_tiff(folder / "frames/L01_E0.tif", np.full((6, 9), 7, np.uint16))
+    with pytest.raises(DataError, match=r"L01_E0\.tif: holds uint16 pixels of shape \(6, 9\)"):
+        Session.open(folder).frames[2].read()
+
+
+def test_the_pixel_hash_is_checked_of_its_own(folder: Path) -> None:
+    frame_with(pixels_sha256="0" * 64)(folder)
+    assert "its pixels differ" in verify_session(folder).problems[0]
+
+
+def test_the_pixel_hash_is_that_of_the_samples(folder: Path) -> None:
+    row = records(folder)[2]
+    samples = np.full((6, 8), 101, "<u2").tobytes()
+    assert row["pixels_sha256"] == hashlib.sha256(samples).hexdigest()
+    data = (folder / row["file"]).read_bytes()
+    assert (row["bytes"], row["file_sha256"]) == (len(data), hashlib.sha256(data).hexdigest())
+
+
+def test_a_file_too_many(folder: Path) -> None:
+    (folder / "frames/L99_E0.tif").write_bytes(b"who put this here")
+    (folder / "frames/.part-x.tif").write_bytes(b"")
+    found = verify_session(folder)
+    assert [("L99" in text) for text in found.problems] == [True]
+    assert [(".part-x" in text) for text in found.warnings] == [True]
+    assert len(Session.open(folder).frames) == 3
+
+
+def test_derived_files_do_not_matter(folder: Path) -> None:
+    (folder / "derived").mkdir()
+    (folder / "derived" / "normals.exr").write_bytes(b"any")
+    assert verify_session(folder).ok
+
+
+def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
+    rows = records(folder)
+    old, new = folder / "frames/L00_E0.tif", folder / "frames/L00_E0_C.tif"
+    # Other bytes, same pixels: what a lossless compressor leaves.
+    data = old.read_bytes() + b"\0"
+    new.write_bytes(data)
+    old.unlink()
+    details = {
+        "frame_seq": 2,
+        "file": "frames/L00_E0_C.tif",
+        "bytes": len(data),
+        "file_sha256": hashlib.sha256(data).hexdigest(),
+    }
+    event = {"kind": "event", "seq": 4, "time_utc": "t", "event": "compacted", "details": details}
+    forge(folder, [*rows, event])
+    assert verify_session(folder).problems == ()
+    assert int(Session.open(folder).frames[1].read()[0, 0]) == 101
+    data = new.read_bytes()
+    new.write_bytes(data[:-1] + b"\1")
+    assert "L00_E0_C.tif" in verify_session(folder).problems[0]
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        pytest.param({"frame_seq": 9}, id="no-such-frame"),
+        pytest.param({"file": "frames/../../x"}, id="leaves"),
+        pytest.param({"bytes": 0}, id="no-bytes"),
+    ],
+)
+def test_a_compaction_that_makes_no_sense(folder: Path, changed: dict[str, Any]) -> None:
+    rows = records(folder)
+    details = {"frame_seq": 2, "file": "frames/L00_E0.tif", "bytes": 5, "file_sha256": "a" * 64}
+    details.update(changed)
+    event = {"kind": "event", "seq": 4, "time_utc": "t", "event": "compacted", "details": details}
+    forge(folder, [*rows, event])
+    with pytest.raises(DataError, match="line 5 compacts no frame"):
+        Session.open(folder)
+
+
+def test_counts(folder: Path) -> None:
+    found = verify_session(folder)
+    assert (found.ok, found.complete, found.frames, found.events) == (True, True, 3, 0)
+    assert found.bytes == sum(path.stat().st_size for path in (folder / "frames").iterdir())

@@ -1,0 +1,326 @@
+"""Plain folders, .lp folders and single files: what counts as a frame, a mask, a light."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition._camera_model import CameraModel
+from acquisition._errors import DataError, MissingPathError
+from acquisition._images import write_exr, write_png, write_tiff
+from acquisition._lights import Lights
+from acquisition._lights_files import read_lights
+from acquisition._source_images import numbered_series
+from acquisition._source_reader import read_source
+
+DATA = os.environ.get("SGP_DATA")
+needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+
+
+def image(value: int, size: tuple[int, int] = (4, 6)) -> np.ndarray:
+    return np.full((*size, 3), value, np.uint8)
+
+
+def fill(folder: Path, *names: str) -> Path:
+    """Write one image per name, of which pixel values tell the order of writing."""
+    folder.mkdir(exist_ok=True)
+    for value, name in enumerate(names):
+        write_png(folder / name, image(value))
+    return folder
+
+
+def cone(count: int, ids: tuple[str, ...] = ()) -> Lights:
+    """Lights whose x component tells their index."""
+    directions = np.stack([np.arange(count), np.zeros(count), np.full(count, 10.0)], axis=1)
+    return Lights(directions=directions, ids=ids)
+
+
+def indices(lights: Lights | None) -> list[int]:
+    assert lights is not None
+    directions = lights.unit_directions
+    return np.rint(10 * directions[:, 0] / directions[:, 2]).astype(int).tolist()
+
+
+def test_natural_order_mask_and_ignored(tmp_path: Path) -> None:
+    folder = fill(tmp_path, *[f"chrome.{i}.png" for i in (10, 2, 0, 1, 11)], "chrome.albedo.png")
+    (folder / "notes.txt").write_text("hello")
+    (folder / ".hidden").write_text("")
+    (folder / "results").mkdir()
+    mask = np.zeros((4, 6), np.uint8)
+    mask[1:3, 2] = [127, 128]
+    write_png(folder / "chrome.mask.png", mask)
+    source = read_source(folder)
+    assert source.kind == "images"
+    assert source.light_ids == ("chrome.0", "chrome.1", "chrome.2", "chrome.10", "chrome.11")
+    assert [int(frame.read()[0, 0, 0]) for frame in source.frames] == [2, 3, 1, 0, 4]
+    assert source.ignored == ("chrome.albedo.png", "notes.txt", "results")
+    assert source.mask is not None
+    assert np.argwhere(source.mask).tolist() == [[2, 2]]
+    assert source.size == (4, 6)
+    assert (source.black_level, source.white_level, source.cfa) == (0, 255, None)
+    assert source.lights is None
+    assert source.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        pytest.param(["a.2.png", "a.10.png"], ["a.2.png", "a.10.png"], id="by number"),
+        pytest.param(["a08.png", "a7.png"], ["a7.png", "a08.png"], id="leading zeros"),
+        pytest.param(["2.png", "1.png"], ["1.png", "2.png"], id="numbers alone"),
+        pytest.param(
+            ["L00_E0.png", "L02_E0.png", "L01_E0.png", "D_E0.png"],
+            ["L00_E0.png", "L01_E0.png", "L02_E0.png"],
+            id="the number that varies",
+        ),
+        pytest.param(["x2_1.png", "x2_2.png"], ["x2_1.png", "x2_2.png"], id="a fixed number too"),
+        pytest.param(
+            ["a.1.png", "a.2.png", "b.1.png"], ["a.1.png", "a.2.png"], id="most numerous stem"
+        ),
+        pytest.param(
+            ["a.1.png", "a.2.tif", "a.3.png"], ["a.1.png", "a.3.png"], id="most numerous suffix"
+        ),
+        pytest.param(["A.1.PNG", "a.2.png"], ["A.1.PNG", "a.2.png"], id="any case"),
+        pytest.param(["cat.png"], [], id="no number"),
+        pytest.param(["cat.1.txt"], [], id="no image"),
+    ],
+)
+def test_series(tmp_path: Path, names: list[str], expected: list[str]) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    assert [path.name for path in numbered_series(sorted(tmp_path.iterdir()))] == expected
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param(["a.1.png", "a.2.png", "b.1.png", "b.2.png"], id="two stems"),
+        pytest.param([f"L{i}_E{e}.png" for i in range(3) for e in range(3)], id="brackets"),
+    ],
+)
+def test_two_series_of_one_length_are_not_guessed(tmp_path: Path, names: list[str]) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(DataError, match="a folder of its own"):
+        numbered_series(sorted(tmp_path.iterdir()))
+
+
+def test_images_of_different_sizes_name_both(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "a.0.png", "a.1.png")
+    write_png(folder / "a.2.png", image(0, (4, 7)))
+    with pytest.raises(DataError, match=r"a\.2\.png: 7 x 4 RGB uint8, but a\.0\.png is 6 x 4"):
+        read_source(folder)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        pytest.param(np.zeros((4, 6), np.uint8), id="grey among RGB"),
+        pytest.param(np.zeros((4, 6, 3), np.uint16), id="16 bit among 8"),
+    ],
+)
+def test_images_of_different_kinds_are_refused(tmp_path: Path, other: np.ndarray) -> None:
+    folder = fill(tmp_path, "a.0.png", "a.1.png")
+    write_png(folder / "a.2.png", other)
+    with pytest.raises(DataError, match=r"a\.2\.png.*a\.0\.png"):
+        read_source(folder)
+
+
+def test_a_frame_that_changes_later_is_named(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "a.0.png", "a.1.png")
+    first, second = read_source(folder).frames
+    write_png(folder / "a.0.png", image(0, (5, 5)))
+    (folder / "a.1.png").unlink()
+    with pytest.raises(DataError, match=r"a\.0\.png: shape \(5, 5, 3\)"):
+        first.read()
+    with pytest.raises(DataError, match=r"a\.1\.png: is gone"):
+        second.read()
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "pixels", "white"),
+    [
+        (write_png, "png", np.zeros((4, 6), np.uint8), 255),
+        (write_tiff, "tif", np.zeros((4, 6), np.uint16), 65535),
+        (write_exr, "exr", np.zeros((4, 6), np.float32), 1),
+    ],
+)
+def test_white_level_by_type(
+    tmp_path: Path, write: object, suffix: str, pixels: np.ndarray, white: float
+) -> None:
+    write(tmp_path / f"a.0.{suffix}", pixels)  # type: ignore[operator]
+    assert read_source(tmp_path).white_level == white
+
+
+def test_lights_by_name_whatever_their_order(tmp_path: Path) -> None:
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in range(12)])
+    # As a file browser sorts them: 0, 1, 10, 11, 2 ...
+    names = sorted(f"a.{i}.png" for i in range(12))
+    source = read_source(folder, lights=cone(12, tuple(names)))
+    assert source.lights is not None
+    assert source.lights.ids == tuple(f"a.{i}" for i in range(12))
+    assert [names[index] for index in indices(source.lights)] == [f"a.{i}.png" for i in range(12)]
+    assert source.warnings == ()
+
+
+def test_lights_by_order_with_a_warning(tmp_path: Path) -> None:
+    source = read_source(fill(tmp_path, "a.2.png", "a.10.png"), lights=cone(2))
+    assert indices(source.lights) == [0, 1]
+    assert source.lights is not None
+    assert source.lights.ids == ("a.2", "a.10")
+    (warning,) = source.warnings
+    assert "by order" in warning
+    assert "L00" in warning
+
+
+def test_lights_and_images_in_other_numbers(tmp_path: Path) -> None:
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in range(35)])
+    with pytest.raises(DataError, match="35 images for 36 lights") as caught:
+        read_source(folder, lights=cone(36))
+    assert str(folder) in str(caught.value)
+
+
+@pytest.mark.parametrize("inside", [np.uint8(0), np.uint8(1), np.uint8(127)])
+def test_a_mask_with_nothing_inside(tmp_path: Path, inside: np.uint8) -> None:
+    folder = fill(tmp_path, "a.0.png")
+    write_png(folder / "mask.png", np.full((4, 6), inside))
+    with pytest.raises(DataError, match=r"mask\.png: a mask with nothing inside"):
+        read_source(folder)
+
+
+def test_a_mask_of_another_size(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "a.0.png")
+    write_png(folder / "mask.png", np.full((6, 4), 255, np.uint8))
+    with pytest.raises(DataError, match=r"mask\.png: a mask of 4 x 6 .* images have 6 x 4"):
+        read_source(folder)
+
+
+def test_a_given_mask_wins(tmp_path: Path) -> None:
+    folder = fill(tmp_path / "images", "a.0.png")
+    write_png(folder / "mask.png", np.zeros((4, 6), np.uint8))
+    write_png(folder / "other.mask.png", np.zeros((4, 6), np.uint8))
+    given = np.zeros((4, 6, 3), np.uint16)
+    given[0, 0, 2] = 40000
+    write_png(tmp_path / "given.png", given)
+    source = read_source(folder, mask_path=tmp_path / "given.png")
+    assert source.mask is not None
+    assert np.argwhere(source.mask).tolist() == [[0, 0]]
+    assert source.ignored == ("mask.png", "other.mask.png")
+    with pytest.raises(DataError, match=r"mask\.png and other\.mask\.png are both masks"):
+        read_source(folder)
+    with pytest.raises(MissingPathError, match=r"none\.png"):
+        read_source(folder, mask_path=tmp_path / "none.png")
+
+
+def test_camera_of_another_size(tmp_path: Path) -> None:
+    folder = fill(tmp_path, "a.0.png")
+    camera = CameraModel(np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]]), 6, 4)
+    assert read_source(folder, camera=camera).camera is camera
+    wrong = CameraModel(camera.K, 4, 6)
+    with pytest.raises(DataError, match="images of 6 x 4 pixels, but a camera of 4 x 6"):
+        read_source(folder, camera=wrong)
+
+
+def test_nothing_to_read(tmp_path: Path) -> None:
+    with pytest.raises(MissingPathError, match="none"):
+        read_source(tmp_path / "none")
+    with pytest.raises(DataError, match="no numbered images"):
+        read_source(tmp_path)
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(DataError, match=r"a\.txt"):
+        read_source(tmp_path / "a.txt")
+    (tmp_path / "a.0.png").write_bytes(b"not an image")
+    with pytest.raises(DataError, match=r"a\.0\.png"):
+        read_source(tmp_path)
+
+
+def test_one_image_file(tmp_path: Path) -> None:
+    fill(tmp_path, "owl.png")
+    source = read_source(tmp_path / "owl.png")
+    assert source.light_ids == ("owl",)
+    assert source.frames[0].read().shape == (4, 6, 3)
+
+
+def lp_folder(tmp_path: Path, rows: list[str]) -> Path:
+    folder = fill(tmp_path / "rti", "img 1.png", "img 2.png", "img 10.png")
+    text = f"{len(rows)}\r\n" + "".join(f"{row} {i} 0 10\r\n" for i, row in enumerate(rows))
+    (folder / "dome.lp").write_bytes(text.encode())
+    return folder
+
+
+@pytest.mark.parametrize("named", ["folder", "file"])
+def test_an_lp_chooses_the_images_by_name(tmp_path: Path, named: str) -> None:
+    folder = lp_folder(tmp_path, ["C:\\x y\\IMG 10.PNG", "C:\\x y\\img 1.png"])
+    source = read_source(folder if named == "folder" else folder / "dome.lp")
+    assert source.kind == "lp"
+    assert [frame.path.name for frame in source.frames] == ["img 10.png", "img 1.png"]
+    assert indices(source.lights) == [0, 1]
+    assert source.ignored == ("img 2.png",)
+    assert source.warnings == ()
+
+
+def test_an_lp_of_another_suffix(tmp_path: Path) -> None:
+    source = read_source(lp_folder(tmp_path, ["img 2.jpg", "img 1.jpg", "img 10.jpg"]))
+    assert [frame.light_id for frame in source.frames] == ["img 2", "img 1", "img 10"]
+    assert indices(source.lights) == [0, 1, 2]
+
+
+def test_an_lp_that_knows_no_name_goes_by_order(tmp_path: Path) -> None:
+    source = read_source(lp_folder(tmp_path, ["a.jpg", "b.jpg", "c.jpg"]))
+    assert [frame.light_id for frame in source.frames] == ["img 1", "img 2", "img 10"]
+    assert indices(source.lights) == [0, 1, 2]
+    assert "by order" in source.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "match"),
+    [
+        pytest.param(["img 1.png", "x.png"], r"1 of them are there, x\.png is not", id="in part"),
+        pytest.param(["a.png", "b.png"], "3 images for 2 lights", id="no name, other count"),
+        pytest.param(["img 1.png", "img 1.jpg"], "1 of them are there", id="one image twice"),
+    ],
+)
+def test_an_lp_that_does_not_fit(tmp_path: Path, rows: list[str], match: str) -> None:
+    with pytest.raises(DataError, match=match):
+        read_source(lp_folder(tmp_path, rows))
+
+
+def test_several_lps_are_not_guessed(tmp_path: Path) -> None:
+    folder = lp_folder(tmp_path, ["img 1.png"])
+    (folder / "other.lp").write_text("1\nimg 1.png 0 0 1\n")
+    with pytest.raises(DataError, match=r"dome\.lp and other\.lp"):
+        read_source(folder)
+    assert len(read_source(folder / "other.lp").frames) == 1
+
+
+def test_given_lights_override_an_lp(tmp_path: Path) -> None:
+    folder = lp_folder(tmp_path, ["img 1.png", "img 2.png"])
+    source = read_source(folder, lights=cone(3, ("img 3.tif", "img 2.tif", "img 1.tif")))
+    assert indices(source.lights) == [2, 1]
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["chrome", "gray", "buddha", "cat"])
+def test_real_captures(name: str) -> None:
+    folder = Path(DATA or "") / "uw" / name
+    lights = read_lights(folder.parent / "lights_shipped_unreliable.txt")
+    source = read_source(folder, lights=lights)
+    assert source.light_ids == tuple(f"{name}.{i}" for i in range(12))
+    assert source.ignored == (("buddha.albedo.tga",) if name == "buddha" else ())
+    assert source.mask is not None
+    assert 0.1 < source.mask.mean() < 0.3
+    assert "by order" in source.warnings[0]
+    # The object is lit inside the mask (of a mirror only a spot) and the background is dark.
+    brightest = np.max([frame.read().max(axis=2) for frame in source.frames], axis=0)
+    assert np.percentile(brightest[source.mask], 99.5) > 100
+    assert np.median(brightest[~source.mask]) < 10
+
+
+@needs_data
+def test_a_real_raw_file() -> None:
+    source = read_source(Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC")
+    assert (source.cfa, source.white_level, source.size) == ("GRBG", 16383, (512, 768))
+    assert source.frames[0].read().dtype == np.uint16

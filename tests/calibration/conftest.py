@@ -1,0 +1,113 @@
+"""Mirror spheres drawn from first principles: nothing here comes from the package under test."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from acquisition import CameraModel
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A pinhole at (0, 0, distance) that looks down, written out by hand."""
+
+    focal_px: float = 5000.0
+    distance_mm: float = 600.0
+    width: int = 2448
+    height: int = 2048
+
+    @property
+    def eye(self):
+        return np.array([0.0, 0.0, self.distance_mm])
+
+    @property
+    def camera(self):
+        cx, cy = (self.width - 1) / 2, (self.height - 1) / 2
+        K = np.array([[self.focal_px, 0, cx], [0, self.focal_px, cy], [0, 0, 1]])
+        return CameraModel(K, self.width, self.height, self.distance_mm)
+
+    def project(self, point):
+        x, y, z = point
+        depth = self.distance_mm - z
+        return np.array(
+            [
+                (self.width - 1) / 2 + self.focal_px * x / depth,
+                (self.height - 1) / 2 - self.focal_px * y / depth,
+            ]
+        )
+
+    def outline(self, centre, radius, count=400):
+        """Pixels of the points in which rays of the eye touch the sphere."""
+        axis = np.asarray(centre, float) - self.eye
+        distance = np.linalg.norm(axis)
+        axis = axis / distance
+        first = np.cross(axis, [0.0, 1.0, 0.0])
+        first /= np.linalg.norm(first)
+        second = np.cross(axis, first)
+        # The circle of contact: pole plane at distance - radius^2 / distance from the eye.
+        along = distance - radius**2 / distance
+        ring = radius * np.sqrt(1 - (radius / distance) ** 2)
+        angles = np.arange(count) * 2 * np.pi / count
+        return np.array(
+            [
+                self.project(
+                    self.eye + along * axis + ring * (np.cos(t) * first + np.sin(t) * second)
+                )
+                for t in angles
+            ]
+        )
+
+    def highlight(self, centre, radius, light):
+        """Pixel in which the sphere mirrors the light: the root of Alhazen's problem."""
+        centre, light = np.asarray(centre, float), np.asarray(light, float)
+        e = (self.eye - centre) / np.linalg.norm(self.eye - centre)
+        w = light - centre
+        w = w - (w @ e) * e
+        w /= np.linalg.norm(w)
+
+        def imbalance(angle):
+            normal = np.cos(angle) * e + np.sin(angle) * w
+            point = centre + radius * normal
+            to_eye = (self.eye - point) / np.linalg.norm(self.eye - point)
+            to_light = (light - point) / np.linalg.norm(light - point)
+            tangent = -np.sin(angle) * e + np.cos(angle) * w
+            return to_eye @ tangent + to_light @ tangent
+
+        top = np.arctan2((light - centre) @ w, (light - centre) @ e)
+        angle = brentq(imbalance, 0.0, top, xtol=1e-15)
+        return self.project(centre + radius * (np.cos(angle) * e + np.sin(angle) * w))
+
+
+@pytest.fixture(scope="session")
+def bench() -> Bench:
+    return Bench()
+
+
+def dome(count: int = 36, radius: float = 450.0):
+    """Lights on rings at 15, 35, 55 and 75 degrees of elevation."""
+    rings = np.array([15, 35, 55, 75])
+    share = np.cos(np.radians(rings))
+    counts = np.diff(np.round(count * np.cumsum(share) / share.sum()).astype(int), prepend=0)
+    lights = []
+    for elevation, n in zip(np.radians(rings), counts, strict=True):
+        for azimuth in np.arange(n) * 2 * np.pi / n + 0.3:
+            lights.append(
+                radius
+                * np.array(
+                    [
+                        np.cos(elevation) * np.cos(azimuth),
+                        np.cos(elevation) * np.sin(azimuth),
+                        np.sin(elevation),
+                    ]
+                )
+            )
+    return np.array(lights)
+
+
+@pytest.fixture(scope="session")
+def dome_mm():
+    return dome()

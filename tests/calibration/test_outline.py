@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibration import EstimateError
+from calibration._conic import Ellipse, fit_circle, fit_cone, fit_ellipse
+from calibration._limb import edge_offsets, profile_offsets
+from calibration._outline import mask_outlines, refine_outline
+
+
+def on_ellipse(cx, cy, a, b, degrees, t):
+    """Parametric ellipse, from its definition."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    x, y = a * np.cos(t), b * np.sin(t)
+    return np.column_stack([cx + c * x - s * y, cy + s * x + c * y])
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.floats(-50, 2000),
+    st.floats(-50, 2000),
+    st.floats(20, 400),
+    st.floats(0.6, 1.6),
+    st.floats(-80, 80),
+)
+def test_ellipse_is_recovered_exactly(cx, cy, a, ratio, degrees):
+    points = on_ellipse(cx, cy, a, a * ratio, degrees, np.linspace(0, 2 * np.pi, 90)[:-1])
+    ellipse, weights = fit_ellipse(points)
+    again = on_ellipse(cx, cy, a, a * ratio, degrees, np.linspace(0.1, 6.3, 37))
+    assert np.abs(ellipse.distance_px(again)).max() < 1e-6 * a
+    assert ellipse.centre_px == pytest.approx((cx, cy), abs=1e-6 * a)
+    assert sorted(ellipse.semi_axes_px) == pytest.approx(sorted((a, a * ratio)), rel=1e-6)
+    assert weights.min() > 0.99
+
+
+def test_ellipse_withstands_a_fifth_of_outliers():
+    rng = np.random.default_rng(11)
+    t = np.linspace(0, 2 * np.pi, 401)[:-1]
+    points = on_ellipse(100, 80, 60, 57, 20, t) + rng.normal(0, 0.1, (400, 2))
+    points[40:120] = on_ellipse(100, 80, 66, 63, 20, t[40:120])
+    ellipse, weights = fit_ellipse(points)
+    assert ellipse.centre_px == pytest.approx((100, 80), abs=0.05)
+    assert sorted(ellipse.semi_axes_px) == pytest.approx([57, 60], abs=0.05)
+    assert np.all(weights[40:120] == 0)
+
+
+def test_circle_from_an_arc():
+    points = on_ellipse(253, 147, 119, 119, 0, np.linspace(2.6, 6.6, 300))
+    circle, _ = fit_circle(points)
+    assert circle.centre_px == pytest.approx((253, 147), abs=1e-6)
+    assert circle.radius_px == pytest.approx(119, abs=1e-6)
+
+
+@pytest.mark.parametrize("centre", [(0, 0, 20), (90, -70, 15), (-120, 95, 10)])
+def test_cone_from_exact_outline(bench, centre):
+    radius = 18.0
+    rays = bench.camera.rays(bench.outline(centre, radius))
+    cone, _ = fit_cone(rays, 1 / bench.focal_px)
+    found = bench.eye + radius / cone.sine * cone.axis
+    assert np.linalg.norm(found - centre) < 1e-6
+
+
+def test_points_on_a_line_are_no_ellipse():
+    points = np.column_stack([np.arange(40.0), np.arange(40.0)])
+    with pytest.raises(EstimateError):
+        fit_ellipse(points)
+
+
+def disc(height, width, cx, cy, radius, fine=16):
+    """Coverage of every pixel by a disc, by supersampling."""
+    sub = (np.arange(fine) + 0.5) / fine - 0.5
+    y = (np.arange(height)[:, None] + sub).ravel()[:, None]
+    x = (np.arange(width)[:, None] + sub).ravel()[None]
+    inside = (x - cx) ** 2 + (y - cy) ** 2 < radius**2
+    return inside.reshape(height, fine, width, fine).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize(
+    ("binary", "tolerance"),
+    [pytest.param(False, 0.01, id="anti-aliased"), pytest.param(True, 0.06, id="binary")],
+)
+def test_mask_outline(binary, tolerance):
+    mask = disc(90, 110, 52.3, 41.7, 30.4)
+    (points,) = mask_outlines(mask > 0.5 if binary else mask)
+    ellipse, _ = fit_ellipse(points)
+    assert ellipse.centre_px == pytest.approx((52.3, 41.7), abs=tolerance)
+    assert ellipse.radius_px == pytest.approx(30.4, abs=tolerance)
+
+
+def test_mask_regions_are_separate_and_specks_dropped():
+    mask = np.maximum(disc(80, 160, 40, 40, 25), disc(80, 160, 110, 35, 20))
+    mask[2:5, 2:5] = 1
+    outlines = mask_outlines(mask)
+    radii = sorted(fit_ellipse(points)[0].radius_px for points in outlines)
+    assert radii == pytest.approx([20, 25], abs=0.02)
+
+
+def test_sphere_cut_by_the_frame_keeps_its_circle():
+    mask = disc(80, 100, 10.0, 40.0, 25.0)
+    (points,) = mask_outlines(mask)
+    circle, _ = fit_circle(points)
+    assert circle.centre_px == pytest.approx((10, 40), abs=0.02)
+    assert circle.radius_px == pytest.approx(25, abs=0.02)
+
+
+@pytest.mark.parametrize("true_offset", [-0.63, -0.2, 0.0, 0.31, 0.7])
+@pytest.mark.parametrize("limb", [-0.3, 0.0, 0.25])
+def test_limb_position(true_offset, limb):
+    """Limb profiles, integrated over pixels and interpolated, give back where the edge is."""
+    offsets = profile_offsets()
+    rng = np.random.default_rng(7)
+    # A pixel integrates over a box; reading between pixels linearly is a triangle.
+    sub = rng.uniform(-0.5, 0.5, (3, 20000)).sum(axis=0)
+    depth = true_offset - (offsets[:, None] + sub[None])
+    inside = 0.3 + limb * np.sqrt(np.clip(depth, 0, None))
+    values = np.where(depth > 0, inside, 1.0 - 0.02 * depth).mean(axis=1)
+    assert edge_offsets(values[None])[0] == pytest.approx(true_offset, abs=0.04)
+
+
+@pytest.mark.parametrize(("inside", "outside"), [(0.1, 0.6), (0.7, 0.2)], ids=["dark", "bright"])
+def test_refined_outline_of_a_disc(inside, outside):
+    rng = np.random.default_rng(5)
+    cover = disc(160, 180, 88.37, 79.61, 47.2)
+    image = (outside + (inside - outside) * cover + rng.normal(0, 0.004, cover.shape)) + 0.2
+    ellipse, _, coverage = refine_outline(
+        image.astype(np.float32), Ellipse((90.0, 78.0), (45.0, 45.0)), 6.0
+    )
+    assert coverage > 0.95
+    assert ellipse.centre_px == pytest.approx((88.37, 79.61), abs=0.03)
+    assert ellipse.radius_px == pytest.approx(47.2, abs=0.03)
+
+
+def test_no_outline_is_an_estimate_error():
+    image = np.random.default_rng(2).normal(1, 1e-6, (80, 80)).astype(np.float32)
+    image[:] = 1.0
+    with pytest.raises(EstimateError, match=r"no outline at \(40, 40\) px"):
+        refine_outline(image, Ellipse((40.0, 40.0), (20.0, 20.0)), 4.0)

@@ -1,0 +1,239 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import DataError, Frame, Lights, Source
+from calibration import EstimateError, linear_stack
+
+BLACK, WHITE = 64.0, 4095.0
+
+
+def frame(name, pixels, role="light", exposure_us=None, bracket=0, light_id=None):
+    pixels = np.asarray(pixels)
+    return Frame(
+        Path(f"/nowhere/{name}.tif").with_suffix(".tif"),
+        light_id or name,
+        pixels.shape,
+        role,
+        bracket,
+        exposure_us,
+        _Held(pixels, name),
+    )
+
+
+class _Held:
+    """Pixels that need no file: Frame.read wants an existing path, so stand in for read."""
+
+    def __init__(self, pixels, name):
+        self.pixels, self.name = pixels, name
+
+    def __call__(self):
+        return self.pixels
+
+
+@pytest.fixture(autouse=True)
+def paths_exist(monkeypatch):
+    monkeypatch.setattr(Path, "exists", lambda self: True)
+
+
+def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None):
+    return Source(
+        Path("/nowhere"),
+        "images",
+        tuple(frames),
+        lights,
+        black_level=black,
+        white_level=white,
+        cfa=cfa,
+    )
+
+
+def dn(radiance, exposure_us, offset=BLACK, rate=0.1):
+    """A noiseless 12-bit sensor: grey values of a radiance, clipped."""
+    grey = offset + rate * np.asarray(radiance, float) * exposure_us
+    return np.minimum(np.round(grey), WHITE).astype(np.uint16)
+
+
+def test_brackets_merge_from_the_longest_that_is_not_saturated():
+    radiance = np.array([[0.5, 1.0], [10.0, 400.0]])
+    frames = [
+        frame(f"L00_E{b}", dn(radiance, t), exposure_us=t, bracket=b, light_id="L00")
+        for b, t in enumerate((20000.0, 40.0))
+    ]
+    stack = linear_stack(source(frames))
+    # 1 is the white level at 20 ms: radiance * .1 * 20000 / (4095 - 64).
+    scale = 0.1 * 20000 / (WHITE - BLACK)
+    rounding = [0.5 / (WHITE - BLACK), 0.5 * 500 / (WHITE - BLACK)]
+    assert stack.ids == ("L00",)
+    assert np.abs(stack.values[0, 0] - radiance[0] * scale).max() <= rounding[0] * 1.01
+    assert np.abs(stack.values[0, 1] - radiance[1] * scale).max() <= rounding[1] * 1.01
+
+
+def test_sample_saturated_in_every_bracket_is_nan():
+    radiance = np.array([[1.0, 1e6]])
+    frames = [
+        frame(f"a{t}", dn(radiance, t), exposure_us=t, light_id="L00") for t in (20000.0, 40.0)
+    ]
+    values = linear_stack(source(frames)).values
+    assert np.isfinite(values[0, 0, 0])
+    assert np.isnan(values[0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("roles", "expected_offset"),
+    [
+        pytest.param((), BLACK, id="black-level"),
+        pytest.param(("dark",), 90.0, id="dark"),
+        pytest.param(("dark", "ambient"), 120.0, id="ambient-before-dark"),
+    ],
+)
+def test_offset(roles, expected_offset):
+    light = np.full((2, 3), 1000, np.uint16)
+    level = {"dark": 90, "ambient": 120}
+    extra = [
+        frame(f"{role}{i}", np.full((2, 3), level[role] + d, np.uint16), role, 100.0)
+        for role in roles
+        for i, d in enumerate((-2, 2))
+    ]
+    values = linear_stack(source([frame("L00", light, exposure_us=100.0), *extra])).values
+    assert values == pytest.approx((1000 - expected_offset) / (WHITE - BLACK), rel=1e-6)
+
+
+def test_dark_of_another_exposure_is_not_used_and_said():
+    frames = [
+        frame("L00", np.full((2, 2), 1000, np.uint16), exposure_us=100.0),
+        frame("D", np.full((2, 2), 500, np.uint16), "dark", 200.0),
+    ]
+    stack = linear_stack(source(frames))
+    assert stack.values == pytest.approx((1000 - BLACK) / (WHITE - BLACK), rel=1e-6)
+    assert "100 us" in stack.warnings[0]
+
+
+def test_intensities_divide_each_channel_before_gray():
+    image = np.array([[[0.2, 0.4, 0.8]]], np.float32)
+    lights = Lights(directions=[[0, 0, 1]], intensities=[[0.5, 2.0, 4.0]], ids=("a",))
+    one = source([frame("a", image)], lights, 0.0, 1.0)
+    assert linear_stack(one).values.item() == pytest.approx(
+        0.2989 * 0.4 + 0.587 * 0.2 + 0.114 * 0.2, rel=1e-6
+    )
+    assert linear_stack(one, channel="rgb").values.ravel() == pytest.approx([0.4, 0.2, 0.2])
+
+
+def test_single_channel_divides_by_the_mean_intensity():
+    lights = Lights(directions=[[0, 0, 1]], intensities=[[1.0, 2.0, 6.0]], ids=("a",))
+    image = np.full((1, 2), 0.6, np.float32)
+    values = linear_stack(source([frame("a", image)], lights, 0.0, 1.0)).values
+    assert values == pytest.approx(0.2, rel=1e-6)
+
+
+def test_any_saturated_channel_makes_gray_nan():
+    image = np.array([[[10, 255, 10], [10, 20, 30]]], np.uint8)
+    values = linear_stack(source([frame("a", image)], None, 0.0, 255.0)).values
+    assert np.isnan(values[0, 0, 0])
+    assert np.isfinite(values[0, 0, 1])
+
+
+def test_gamma_only_where_given():
+    image = np.full((1, 2), 0.5, np.float32)
+    one = source([frame("a", image)], None, 0.0, 1.0)
+    assert linear_stack(one).values == pytest.approx(0.5)
+    assert linear_stack(one, gamma=2.2).values == pytest.approx(0.5**2.2, rel=1e-6)
+
+
+def test_repeats_are_averaged():
+    frames = [
+        frame(f"r{v}", np.full((1, 1), v, np.uint16), exposure_us=10.0, light_id="L00")
+        for v in (1000, 1100)
+    ]
+    values = linear_stack(source(frames)).values
+    assert values.item() == pytest.approx((1050 - BLACK) / (WHITE - BLACK), rel=1e-6)
+
+
+@pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
+def test_bayer_mosaic_of_a_linear_ramp_is_exact_inside(pattern):
+    y, x = np.mgrid[:12, :14].astype(np.float32)
+    truth = np.stack([0.1 + 0.01 * x, 0.2 + 0.02 * y, 0.5 - 0.01 * x + 0.005 * y], axis=-1)
+    mosaic = np.zeros((12, 14), np.float32)
+    for site, colour in enumerate(pattern):
+        rows, columns = slice(site // 2, None, 2), slice(site % 2, None, 2)
+        mosaic[rows, columns] = truth[rows, columns, "RGB".index(colour)]
+    one = source([frame("a", mosaic)], None, 0.0, 1.0, cfa=pattern)
+    values = linear_stack(one, channel="rgb").values[0]
+    assert values[1:-1, 1:-1] == pytest.approx(truth[1:-1, 1:-1], abs=1e-6)
+
+
+def test_saturated_bayer_sample_does_not_bleed():
+    mosaic = np.full((8, 8), 0.25, np.float32)
+    mosaic[4, 4] = 1.0  # a red site of RGGB
+    values = linear_stack(
+        source([frame("a", mosaic)], None, 0.0, 1.0, cfa="RGGB"), channel="rgb"
+    ).values[0]
+    assert np.argwhere(np.isnan(values)).tolist() == [[4, 4, 0]]
+    assert np.nanmax(np.abs(values - 0.25)) < 1e-6
+
+
+def test_order_and_progress():
+    frames = [frame(f"L{i:02d}", np.full((2, 2), 100 + i, np.uint16)) for i in range(9)]
+    calls = []
+    stack = linear_stack(source(frames), on_progress=lambda done, n: calls.append((done, n)))
+    assert stack.ids == tuple(f"L{i:02d}" for i in range(9))
+    assert stack.values[:, 0, 0] == pytest.approx(
+        (np.arange(9) + 100 - BLACK) / (WHITE - BLACK), rel=1e-6
+    )
+    assert calls == [(i + 1, 9) for i in range(9)]
+
+
+@pytest.mark.parametrize(
+    ("frames", "options", "error", "says"),
+    [
+        pytest.param(
+            [("a", np.array([[0.1, np.nan]], np.float32), 1.0)],
+            {"black": 0.0, "white": 1.0},
+            DataError,
+            "a.tif: holds values that are not finite",
+            id="nan-in-float-image",
+        ),
+        pytest.param(
+            [("a", np.full((2, 2), 9, np.uint16), 1.0), ("b", np.full((2, 2), 9, np.uint16), None)],
+            {},
+            DataError,
+            "b.tif: its exposure time",
+            id="exposure-missing",
+        ),
+        pytest.param(
+            [("a", np.full((2, 2), 99, np.uint16), 1.0)],
+            {"cfa": "RGBG"},
+            DataError,
+            "RGBG",
+            id="not-bayer",
+        ),
+        pytest.param(
+            [("a", np.full((2, 2), 64, np.uint16), 1.0)], {}, EstimateError, "black", id="all-black"
+        ),
+        pytest.param(
+            [("a", np.full((2, 2), 4095, np.uint16), 1.0)],
+            {},
+            EstimateError,
+            "saturated",
+            id="all-saturated",
+        ),
+        pytest.param(
+            [("a", np.full((2, 2), 9, np.uint16), 1.0)],
+            {"white": 10.0},
+            DataError,
+            "white level",
+            id="white-below-black",
+        ),
+    ],
+)
+def test_bad_input(frames, options, error, says):
+    built = [frame(name, pixels, exposure_us=t) for name, pixels, t in frames]
+    with pytest.raises(error, match=says) as caught:
+        linear_stack(source(built, **options))
+    assert "\n" not in str(caught.value)
+
+
+def test_rgb_of_a_mono_image_is_refused():
+    with pytest.raises(DataError, match="one channel"):
+        linear_stack(source([frame("a", np.full((2, 2), 99, np.uint16))]), channel="rgb")

@@ -1,0 +1,130 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from acquisition import DataError, read_image
+from calibration import EstimateError
+from processing import object_mask
+
+
+def _directions(count=12):
+    rng = np.random.default_rng(1)
+    directions = rng.normal(size=(count, 3))
+    directions[:, 2] = np.abs(directions[:, 2] + 2)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _ball(size=160, radius=50.0, centre=(80, 70)):
+    x, y = np.meshgrid(np.arange(size) - centre[0], np.arange(size) - centre[1])
+    z = np.sqrt(np.clip(radius**2 - x * x - y * y, 0, None)) / radius
+    return np.stack([x / radius, -y / radius, z], axis=2), z > 0
+
+
+def _recorded(normals, mask, *, background=0.01, noise=0.002, seed=0):
+    shading = np.clip(np.einsum("ni,hwi->nhw", _directions(), normals), 0, None)
+    values = np.where(mask, 0.6 * shading, background)
+    return values + np.random.default_rng(seed).normal(0, noise, values.shape)
+
+
+def _iou(a, b):
+    return np.count_nonzero(a & b) / np.count_nonzero(a | b)
+
+
+def test_a_ball_before_a_dark_background():
+    normals, truth = _ball()
+    found = object_mask(_recorded(normals, truth))
+    assert _iou(found.mask, truth) > 0.98
+    assert found.contrast > 10
+
+
+def test_saturation_counts_as_bright_and_dead_pixels_do_not():
+    normals, truth = _ball()
+    values = _recorded(normals, truth)
+    values[3, 60:75, 75:90] = np.nan
+    values[:, 65:68, 60:70] = np.inf
+    values[:, 5, 7] = np.nan
+    values[4, 150, 20] = 5.0
+    found = object_mask(values)
+    assert _iou(found.mask, truth) > 0.98
+    assert not found.mask[5, 7]
+    assert not found.mask[150, 20]
+    assert found.mask[60:75, 75:90].all()
+
+
+def test_holes_are_filled_and_dust_is_dropped_but_parts_are_kept():
+    normals, truth = _ball(radius=40.0)
+    values = _recorded(normals, truth)
+    values[:, 60:64, 78:84] = 0.01
+    values[:, 2:6, 150:155] = 0.5
+    values[:, 140:155, 20:60] = 0.5
+    found = object_mask(values).mask
+    expected = truth.copy()
+    expected[140:155, 20:60] = True
+    assert _iou(found, expected) > 0.97
+    assert not found[2:6, 150:155].any()
+
+
+def _relief(texture):
+    rng = np.random.default_rng(8)
+    z = ndimage.gaussian_filter(rng.normal(size=(120, 120)), 3)
+    gy, gx = np.gradient(z / z.std())
+    normals = np.stack([-gx, gy, np.ones_like(z)], axis=2)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    paint = np.exp(texture * ndimage.gaussian_filter(rng.normal(size=(120, 120)), 2))
+    return _recorded(normals, np.ones((120, 120), bool)) * paint
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        pytest.param(_relief(0.0), "no object stands out", id="relief-fills-frame"),
+        pytest.param(_relief(4.0), "no object stands out", id="textured-relief-fills-frame"),
+        pytest.param(
+            np.random.default_rng(0).normal(0.01, 0.003, (9, 80, 80)), "stands out", id="noise"
+        ),
+        pytest.param(np.full((4, 30, 30), 0.5), "no object stands out", id="even"),
+        pytest.param(np.zeros((4, 30, 30)), "all images are black", id="black"),
+        pytest.param(np.full((4, 30, 30), -0.1), "all images are black", id="negative"),
+        pytest.param(np.full((4, 30, 30), np.nan), "all images are black", id="saturated"),
+        pytest.param(
+            _recorded(*_ball(), background=0.4), "no object stands out", id="bright-background"
+        ),
+    ],
+)
+def test_nothing_that_stands_out_is_refused(values, message):
+    with pytest.raises(EstimateError, match=message):
+        object_mask(values)
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (3, 4, 5, 3), (0, 4, 5)], ids=str)
+def test_what_is_no_stack_is_refused(shape):
+    with pytest.raises(DataError, match="stack"):
+        object_mask(np.ones(shape))
+
+
+@pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs the real captures in SGP_DATA")
+@pytest.mark.parametrize(
+    ("folder", "images", "mask"),
+    [
+        pytest.param("diligent/bearPNG", "[0-9]*.png", "mask.png", id="bear"),
+        pytest.param("diligent/catPNG", "[0-9]*.png", "mask.png", id="cat"),
+        pytest.param("uw/buddha", "buddha.[0-9]*.tga", "buddha.mask.tga", id="uw-buddha"),
+        pytest.param("uw/cat", "cat.[0-9]*.tga", "cat.mask.tga", id="uw-cat"),
+        pytest.param("uw/gray", "gray.[0-9]*.tga", "gray.mask.tga", id="uw-gray"),
+    ],
+)
+def test_real_objects_are_found(folder, images, mask):
+    folder = Path(os.environ["SGP_DATA"]) / folder
+    files = sorted(folder.glob(images))
+    strength = np.ones((len(files), 3))
+    if (folder / "light_intensities.txt").exists():
+        strength = np.loadtxt(folder / "light_intensities.txt")
+    # Twelve lights from everywhere: in order, DiLiGenT's would all come from one side.
+    picked = np.random.default_rng(7).permutation(len(files))[:12]
+    values = [(read_image(files[i]) / strength[i]).mean(axis=2).astype(np.float32) for i in picked]
+    truth = read_image(folder / mask)
+    truth = (truth if truth.ndim == 2 else truth[..., 0]) > 127
+    assert _iou(object_mask(np.stack(values)).mask, truth) >= 0.975

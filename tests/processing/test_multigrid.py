@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from processing._grid_graph import apply_laplacian, divergence, label_parts
+from processing._multigrid import solve
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+Graph = tuple[Float, Float]
+
+
+def graph(mask: Mask, seed: int | None = None, low: float = 0.0) -> Graph:
+    """Edges between the pixels of a mask, of weight 1 or random in 10^low .. 1."""
+    rows, columns = mask.shape
+    right, down = np.zeros((2, rows + 2, columns + 2), np.float32)
+    right[1:-1, 1:-2] = mask[:, :-1] & mask[:, 1:]
+    down[1:-2, 1:-1] = mask[:-1] & mask[1:]
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        right *= 10 ** rng.uniform(low, 0, right.shape).astype(np.float32)
+        down *= 10 ** rng.uniform(low, 0, down.shape).astype(np.float32)
+    return right, down
+
+
+def steps(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
+    step_right, step_down = np.zeros((2, *u.shape))
+    step_right[:, :-1] = np.diff(u, axis=1)
+    step_down[:-1] = np.diff(u, axis=0)
+    return step_right, step_down
+
+
+def matrix(right: Float, down: Float) -> sparse.csr_array:
+    node = np.arange(right.size).reshape(right.shape)
+    i = np.concatenate([node[:, :-1].ravel(), node[:-1].ravel()])
+    j = np.concatenate([node[:, 1:].ravel(), node[1:].ravel()])
+    w = np.concatenate([right[:, :-1].ravel(), down[:-1].ravel()]).astype(np.float64)
+    i, j, w = i[w > 0], j[w > 0], w[w > 0]
+    adjacency = sparse.coo_array((w, (i, j)), (right.size, right.size))
+    return sparse.csr_array(adjacency + adjacency.T)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 25),
+    st.integers(1, 25),
+    st.floats(0.3, 1.0),
+    st.floats(-3, 0),
+)
+def test_solves_any_weighted_graph(
+    seed: int, rows: int, columns: int, full: float, low: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    mask = rng.random((rows, columns)) < full
+    right, down = graph(mask, seed, low)
+    truth = np.cumsum(rng.normal(size=right.shape), axis=1) * 10 ** rng.uniform(-6, 6)
+    labels, count = label_parts(right, down)
+    adjacency = matrix(right, down)
+    expected, parts = connected_components(adjacency, directed=False)
+    alone = np.bincount(parts, minlength=expected) == 1
+    assert count == expected - alone.sum()
+    solution = solve(right, down, divergence(right, down, *steps(truth)), tolerance=1e-9)
+    assert solution.converged
+    for part in range(count):
+        inside = labels == part
+        assert len(np.unique(parts.reshape(labels.shape)[inside])) == 1
+        off = (solution.u - truth)[inside]
+        assert np.abs(off - off.mean()).max() <= 1e-5 * np.ptp(truth[inside])
+    assert not solution.u[labels < 0].any()
+
+
+def test_inconsistent_steps_are_met_in_the_least_squares_sense() -> None:
+    rng = np.random.default_rng(1)
+    right, down = graph(rng.random((23, 31)) < 0.8, 1, -2)
+    step_right, step_down = rng.normal(size=(2, *right.shape))
+    b = divergence(right, down, step_right, step_down)
+    laplacian = matrix(right, down)
+    laplacian = sparse.diags_array(laplacian.sum(axis=1)) - laplacian
+    expected = np.linalg.lstsq(laplacian.toarray(), b.ravel(), rcond=1e-12)[0].reshape(b.shape)
+    solution = solve(right, down, b, tolerance=1e-10)
+    labels, count = label_parts(right, down)
+    for part in range(count):
+        off = (solution.u - expected)[labels == part]
+        assert np.ptp(off) < 1e-6
+    # And the operator is the matrix.
+    u, out = rng.normal(size=right.shape), np.zeros(right.shape)
+    inner = np.zeros(right.shape, bool)
+    inner[1:-1, 1:-1] = True
+    u[~inner] = 0
+    energy = apply_laplacian(right, down, u, out).sum()
+    np.testing.assert_allclose(
+        out[inner], (laplacian @ u.ravel()).reshape(u.shape)[inner], atol=1e-12
+    )
+    assert energy == pytest.approx(float((u * out).sum()))
+
+
+def waves(size: tuple[int, int]) -> npt.NDArray[np.float64]:
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n + 2) for n in size), indexing="ij")
+    return 100 * (np.sin(3 * x) * np.cos(2 * y) + x)
+
+
+def disc(n: int) -> Mask:
+    y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
+    return (x**2 + y**2 < 0.9) & ((x - 0.2) ** 2 + (y - 0.3) ** 2 > 0.02)
+
+
+def serpentine(n: int) -> Mask:
+    mask = np.ones((n, n), bool)
+    mask[3::8, 3:] = False
+    mask[7::8, :-3] = False
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("mask", "seed", "iterations"),
+    [
+        pytest.param(np.ones((257, 400), bool), None, 10, id="full frame"),
+        pytest.param(disc(400), None, 10, id="disc with a hole"),
+        pytest.param(disc(400), 3, 30, id="uneven weights"),
+        pytest.param(np.ones((1, 3000), bool), None, 10, id="one row"),
+        pytest.param(np.ones((3000, 2), bool), None, 20, id="two columns"),
+        pytest.param(serpentine(200), None, 200, id="serpentine"),
+    ],
+)
+def test_few_iterations_suffice(mask: Mask, seed: int | None, iterations: int) -> None:
+    right, down = graph(mask, seed, -2)
+    truth = waves(mask.shape)
+    solution = solve(right, down, divergence(right, down, *steps(truth)))
+    assert solution.converged
+    assert solution.relative_residual <= 1e-6
+    assert solution.iterations <= iterations
+    off = (solution.u[1:-1, 1:-1] - truth[1:-1, 1:-1])[mask]
+    assert np.ptp(off) < 1e-3 * np.ptp(truth)
+
+
+def test_the_iterations_do_not_grow_with_the_image() -> None:
+    counts = []
+    for n in (100, 200, 400):
+        right, down = graph(disc(n))
+        b = divergence(right, down, *steps(waves((n, n))))
+        counts.append(solve(right, down, b).iterations)
+    assert max(counts) <= min(counts) + 3
+
+
+def test_the_answer_does_not_depend_on_the_threads() -> None:
+    right, down = graph(disc(300), 2, -1)
+    b = divergence(right, down, *steps(waves((300, 300))))
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        alone = solve(right, down, b).u
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(solve(right, down, b).u, alone)
+
+
+def test_nothing_to_solve() -> None:
+    right, down = graph(np.ones((5, 5), bool))
+    solution = solve(right, down, np.zeros(right.shape))
+    assert solution.converged
+    assert solution.iterations == 0
+    assert not solution.u.any()
+
+
+def test_an_exhausted_solver_says_so() -> None:
+    right, down = graph(disc(100), 4, -3)
+    b = divergence(right, down, *steps(waves((100, 100))))
+    solution = solve(right, down, b, max_iterations=2)
+    assert not solution.converged
+    assert solution.iterations == 2
+    assert solution.relative_residual > 1e-6

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from acquisition import DataError
+from processing import NormalMap
+
+
+def _flat(height=4, width=5):
+    normals = np.zeros((height, width, 3), np.float32)
+    normals[..., 2] = 1
+    return normals, np.ones((height, width), bool)
+
+
+def _broken(change):
+    normals, mask = _flat()
+    return change(normals, mask)
+
+
+def _set(array, where, value):
+    array[where] = value
+    return array
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        pytest.param(
+            lambda n, m: (_set(n, (1, 2), (0, 0, 0.99)), m),
+            "row 1, column 2 inside",
+            id="short",
+        ),
+        pytest.param(
+            lambda n, m: (_set(n, (3, 0, 1), np.nan), m), "row 3, column 0 inside", id="nan"
+        ),
+        pytest.param(
+            lambda n, m: (_set(n, (0, 4), (0, 0, 0)), m), "row 0, column 4 inside", id="zero"
+        ),
+        pytest.param(
+            lambda n, m: (n, _set(m, (2, 2), False)), "row 2, column 2 outside", id="outside"
+        ),
+        pytest.param(lambda n, m: (n * 0, m & False), "empty mask", id="empty-mask"),
+        pytest.param(lambda n, m: (n[..., :2], m), r"\(H, W, 3\)", id="two-channels"),
+        pytest.param(lambda n, m: (n, m[:-1]), "bool mask of shape", id="other-size"),
+        pytest.param(lambda n, m: (n, m.astype(np.uint8)), "bool mask", id="mask-of-bytes"),
+    ],
+)
+def test_what_is_no_normal_map_is_refused(change, message):
+    normals, mask = _broken(change)
+    with pytest.raises(DataError, match=message):
+        NormalMap(normals, mask)
+
+
+def test_half_float_rounding_is_accepted():
+    normals = np.random.default_rng(3).normal(size=(50, 50, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    stored = normals.astype(np.float16).astype(np.float32)
+    assert NormalMap(stored, np.ones((50, 50), bool)).size == (50, 50)
+
+
+def test_from_vectors_leaves_out_what_has_no_direction():
+    vectors = np.full((2, 3, 3), 0.0)
+    vectors[0, 0] = (3, 0, 4)
+    vectors[0, 1] = (np.nan, 0, 1)
+    vectors[0, 2] = (np.inf, 0, 1)
+    vectors[1, 0] = (0, -1e-100, 0)
+    vectors[1, 1] = (0, 0, 7)
+    mask = np.array([[True, True, True], [True, False, True]])
+    made = NormalMap.from_vectors(vectors, mask)
+    assert made.mask.tolist() == [[True, False, False], [True, False, False]]
+    np.testing.assert_allclose(made.normals[0, 0], (0.6, 0, 0.8), atol=1e-7)
+    np.testing.assert_array_equal(made.normals[1, 0], (0, -1, 0))
+    assert not made.normals[~made.mask].any()
+
+
+@given(
+    hnp.arrays(
+        np.float64, (3, 4, 3), elements=st.floats(-1e6, 1e6, allow_subnormal=False, width=64)
+    )
+)
+@settings(max_examples=50, deadline=None)
+def test_from_vectors_keeps_directions(vectors):
+    vectors[np.abs(vectors) < 1e-100] = 0
+    if not vectors.any():
+        vectors[0, 0, 0] = 1
+    made = NormalMap.from_vectors(vectors)
+    length = np.linalg.norm(vectors, axis=2)
+    np.testing.assert_array_equal(made.mask, length > 0)
+    expected = np.divide(vectors, length[..., None], where=made.mask[..., None], out=vectors * 0)
+    np.testing.assert_allclose(made.normals, expected, atol=1e-6)
+
+
+def test_from_vectors_of_nothing_is_refused():
+    with pytest.raises(DataError, match="empty mask"):
+        NormalMap.from_vectors(np.zeros((3, 3, 3)))

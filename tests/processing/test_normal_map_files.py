@@ -1,0 +1,314 @@
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from acquisition import DataError, MissingPathError, write_exr, write_png, write_tiff
+from processing import NormalMap, angle_deg, read_normals, write_normals
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs real maps in SGP_DATA")
+
+
+def _cap(size=48, radius=0.9):
+    """A ball, 0 outside."""
+    x, y = np.meshgrid(*[(np.arange(size) - (size - 1) / 2) / (size / 2)] * 2)
+    z = np.sqrt(np.clip(radius**2 - x * x - y * y, 0, None))
+    return NormalMap.from_vectors(np.where(z[..., None] > 0, np.stack([x, -y, z], axis=2), 0))
+
+
+def _encoded(vectors, top):
+    return np.rint((np.asarray(vectors, float) / 2 + 0.5) * top)
+
+
+def _worst_deg(a, b):
+    assert np.array_equal(a.mask, b.mask)
+    return angle_deg(a.normals[a.mask], b.normals[b.mask]).max()
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    cap = _cap()
+    outputs = write_normals(tmp_path, cap)
+    assert outputs == {
+        "normals": tmp_path / "normals.exr",
+        "normals_png": tmp_path / "normals.png",
+        "mask": tmp_path / "mask.png",
+    }
+    for path in (tmp_path, outputs["normals"]):
+        normal_map, warnings = read_normals(path)
+        assert _worst_deg(normal_map, cap) < 1e-5
+        assert warnings == ()
+    assert _worst_deg(read_normals(outputs["normals_png"]).normal_map, cap) < 2e-3
+
+
+def test_the_png_holds_red_right_green_up_blue_toward_the_camera(tmp_path):
+    vectors = np.array(
+        [[(1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0.6, 0, 0.8), (0, -0.6, 0.8), (0,) * 3]]
+    )
+    write_normals(tmp_path, NormalMap.from_vectors(vectors))
+    stored = cv2.imread(str(tmp_path / "normals.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    assert stored.dtype == np.uint16
+    half = 32768
+    expected = [
+        [[65535, half, half], [half, 65535, half], [half, half, 65535]],
+        [[52428, half, 58982], [half, 13107, 58982], [half, half, half]],
+    ]
+    np.testing.assert_array_equal(stored, expected)
+    mask = cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(mask, [[255, 255, 255], [255, 255, 0]])
+
+
+def _write_png16(path, cap):
+    write_png(path, _encoded(cap.normals, 65535).astype(np.uint16))
+
+
+def _write_rgba(path, cap):
+    alpha = np.full((*cap.size, 1), 65535)
+    bgr = _encoded(cap.normals, 65535)[..., ::-1]
+    cv2.imwrite(str(path), np.concatenate([bgr, alpha], axis=2).astype(np.uint16))
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "worst_deg", "warning"),
+    [
+        pytest.param("n.png", _write_png16, 2e-3, "", id="png-16"),
+        pytest.param("n.png", _write_rgba, 2e-3, "", id="png-alpha"),
+        pytest.param(
+            "n.png",
+            lambda path, cap: write_png(path, _encoded(cap.normals, 255).astype(np.uint8)),
+            0.5,
+            "0.2 degree",
+            id="png-8",
+        ),
+        pytest.param(
+            "n.tif",
+            lambda path, cap: write_tiff(path, _encoded(cap.normals, 65535).astype(np.uint16)),
+            2e-3,
+            "",
+            id="tiff-16",
+        ),
+        pytest.param(
+            "n.exr", lambda path, cap: write_exr(path, cap.normals), 1e-5, "", id="exr-vectors"
+        ),
+        pytest.param(
+            "n.exr",
+            lambda path, cap: write_exr(path, (cap.normals / 2 + 0.5).astype(np.float32)),
+            1e-4,
+            "",
+            id="exr-encoded",
+        ),
+        pytest.param("n.npy", lambda path, cap: np.save(path, cap.normals), 1e-5, "", id="npy"),
+        pytest.param(
+            "n.npy",
+            lambda path, cap: np.save(
+                path, np.where(cap.mask[..., None], cap.normals, np.nan).astype(np.float64)
+            ),
+            1e-5,
+            "",
+            id="npy-nan-outside",
+        ),
+        pytest.param(
+            "n.npy",
+            lambda path, cap: np.save(path, _encoded(cap.normals, 65535).astype(np.uint16)),
+            2e-3,
+            "",
+            id="npy-uint16",
+        ),
+    ],
+)
+def test_every_format_decodes(tmp_path, name, write, worst_deg, warning):
+    cap = _cap()
+    write(tmp_path / name, cap)
+    normal_map, warnings = read_normals(tmp_path / name)
+    assert _worst_deg(normal_map, cap) < worst_deg
+    assert len(warnings) == bool(warning)
+    assert warning in "".join(warnings)
+
+
+def test_jpeg_decodes(tmp_path):
+    x, y = np.meshgrid(np.linspace(-3, 3, 64), np.linspace(-3, 3, 64))
+    relief = NormalMap.from_vectors(np.stack([np.sin(x), 0.5 * np.cos(y), 0 * x + 1], axis=2))
+    bgr = _encoded(relief.normals, 255)[..., ::-1].astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "n.jpg"), bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    normal_map, warnings = read_normals(tmp_path / "n.jpg")
+    assert _worst_deg(normal_map, relief) < 4
+    assert len(warnings) == 1
+    assert "0.4 degree" in warnings[0]
+
+
+@pytest.mark.parametrize("background", [0, 32768, 65535], ids=["black", "grey", "white"])
+def test_painted_backgrounds_are_outside(tmp_path, background):
+    cap = _cap()
+    pixels = np.where(cap.mask[..., None], _encoded(cap.normals, 65535), background)
+    write_png(tmp_path / "n.png", pixels.astype(np.uint16))
+    assert np.array_equal(read_normals(tmp_path / "n.png").normal_map.mask, cap.mask)
+
+
+def test_green_down_turns_y_round(tmp_path):
+    cap = _cap()
+    np.save(tmp_path / "n.npy", cap.normals * np.float32([1, -1, 1]))
+    assert _worst_deg(read_normals(tmp_path / "n.npy", green="down").normal_map, cap) < 1e-5
+
+
+def test_masks_beside_and_named(tmp_path):
+    cap = _cap()
+    beside, named = cap.mask.copy(), cap.mask.copy()
+    beside[:, :20], named[:20] = False, False
+    np.save(tmp_path / "n.npy", cap.normals)
+    write_png(tmp_path / "mask.png", np.where(beside, 200, 100).astype(np.uint8))
+    write_png(tmp_path / "other.png", np.where(named, 65535, 0).astype(np.uint16))
+    assert np.array_equal(read_normals(tmp_path / "n.npy").normal_map.mask, beside)
+    other = read_normals(tmp_path / "n.npy", mask_path=tmp_path / "other.png")
+    assert np.array_equal(other.normal_map.mask, named)
+
+
+def test_pixels_of_the_mask_without_a_normal_are_told(tmp_path):
+    cap = _cap()
+    vectors = cap.normals.copy()
+    vectors[20:22, 20:23] = 0
+    np.save(tmp_path / "normal_map.npy", vectors)
+    write_png(tmp_path / "mask.png", cap.mask.astype(np.uint8) * 255)
+    normal_map, warnings = read_normals(tmp_path)
+    assert not normal_map.mask[20:22, 20:23].any()
+    assert len(warnings) == 1
+    assert "6 pixels of the mask" in warnings[0]
+
+
+def test_normals_that_face_away_are_told(tmp_path):
+    np.save(tmp_path / "n.npy", -_cap().normals)
+    (warning,) = read_normals(tmp_path / "n.npy").warnings
+    assert "face away" in warning
+
+
+def _photograph(path):
+    colours = np.random.default_rng(0).uniform(0, 255, (40, 40, 3)) * np.array([1, 0.8, 0.5])
+    write_png(path / "n.png", colours.astype(np.uint8))
+    return path / "n.png"
+
+
+def _grey(path):
+    write_png(path / "n.png", np.full((9, 9), 90, np.uint8))
+    return path / "n.png"
+
+
+def _with_mask(mask):
+    def write(path):
+        np.save(path / "n.npy", _cap().normals)
+        write_png(path / "mask.png", mask.astype(np.uint8) * 255)
+        return path / "n.npy"
+
+    return write
+
+
+def _bytes(name, data):
+    def write(path):
+        (path / name).write_bytes(data)
+        return path / name
+
+    return write
+
+
+def _array(array):
+    def write(path):
+        np.save(path / "n.npy", array)
+        return path / "n.npy"
+
+    return write
+
+
+def _archive(path):
+    np.savez(path / "n.npz", a=np.zeros(3))
+    return (path / "n.npz").rename(path / "n.npy")
+
+
+@pytest.mark.parametrize(
+    ("write", "message"),
+    [
+        pytest.param(_photograph, "not a normal map", id="photograph"),
+        pytest.param(_grey, "three channels", id="grey"),
+        pytest.param(_with_mask(np.zeros((48, 48), bool)), "nothing inside", id="mask-of-zeros"),
+        pytest.param(_with_mask(np.ones((48, 49), bool)), "mask of 49 x 48", id="mask-size"),
+        pytest.param(_bytes("n.png", b"\x89PNG\r\n\x1a\n"), "n.png", id="truncated-png"),
+        pytest.param(_bytes("n.npy", b"\x93NUMPY\x01"), "n.npy", id="truncated-npy"),
+        pytest.param(_bytes("n.npy", b""), "n.npy", id="empty-npy"),
+        pytest.param(_bytes("n.exr", b"not an image"), "n.exr", id="text"),
+        pytest.param(_array(np.zeros((5, 5, 3))), "not a normal map", id="zeros"),
+        pytest.param(_array(np.full((5, 5, 3), np.nan)), "not a normal map", id="nan"),
+        pytest.param(_array(np.zeros((5, 5, 3), complex)), "complex", id="complex"),
+        pytest.param(_array(np.zeros((5, 5, 2))), "three channels", id="two-channels"),
+        pytest.param(_array(np.array([{}])), "n.npy", id="pickled"),
+        pytest.param(_archive, "not a readable array", id="archive"),
+        pytest.param(lambda path: path, "no normals in this folder", id="empty-folder"),
+    ],
+)
+def test_what_is_not_understood_is_one_line(tmp_path, write, message):
+    with pytest.raises(DataError, match=message) as raised:
+        read_normals(write(tmp_path))
+    assert "\n" not in str(raised.value)
+
+
+def test_missing_paths(tmp_path):
+    with pytest.raises(MissingPathError, match="nowhere"):
+        read_normals(tmp_path / "nowhere")
+    np.save(tmp_path / "n.npy", _cap().normals)
+    with pytest.raises(MissingPathError, match=r"m\.png"):
+        read_normals(tmp_path / "n.npy", mask_path=tmp_path / "m.png")
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("folder", "lowest_z", "warned"),
+    [
+        ("owl", -0.99, True),
+        ("plant", -0.9, False),
+        ("stripes", 0.7, False),
+        ("tent", 0.7, False),
+        *[
+            (f"diligent/{name}", -0.01, False)
+            for name in ("bear", "buddha", "cat", "cow", "goblet")
+        ],
+    ],
+)
+def test_real_maps_face_the_camera(folder, lowest_z, warned):
+    folder = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    normal_map, warnings = read_normals(folder)
+    mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
+    assert np.array_equal(normal_map.mask, mask)
+    z = normal_map.normals[mask][:, 2]
+    assert z.mean() > 0.6
+    assert z.min() >= lowest_z
+    assert bool(warnings) == warned
+    # Without its mask file the same pixels are found, but for rounding at nothing.
+    alone, _ = read_normals(folder / "normal_map.png")
+    assert np.array_equal(alone.mask, mask)
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["151", "160", "188"])
+def test_real_jpeg_reliefs_fill_their_frame(name):
+    path = Path(os.environ["SGP_DATA"]) / "reliefs" / f"{name}.jpg"
+    normal_map, warnings = read_normals(path)
+    assert normal_map.mask.all()
+    assert normal_map.normals[..., 2].mean() > 0.7
+    assert "8-bit" in warnings[0]
+
+
+@needs_data
+@pytest.mark.parametrize("name", ["bear", "cat"])
+def test_decoded_maps_equal_the_truth_of_the_same_objects(name):
+    data = Path(os.environ["SGP_DATA"])
+    normal_map, _ = read_normals(data / "normals" / "diligent" / name)
+    truth = loadmat(data / "diligent" / f"{name}PNG" / "Normal_gt.mat")["Normal_gt"]
+    known = np.linalg.norm(truth, axis=2) > 0.5
+
+    def corner(mask):
+        return np.array([np.flatnonzero(mask.any(axis=1))[0], np.flatnonzero(mask.any(axis=0))[0]])
+
+    # The maps were cut out elsewhere, and their masks are one pixel narrower.
+    rows, columns = np.nonzero(normal_map.mask)
+    down, right = corner(known) - corner(normal_map.mask) + 1
+    theirs = truth[rows + down, columns + right]
+    assert len(rows) > 0.97 * np.count_nonzero(known)
+    assert angle_deg(normal_map.normals[rows, columns], theirs).max() < 0.01

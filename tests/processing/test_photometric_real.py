@@ -1,0 +1,61 @@
+"""Real captures: the published figures of the same estimators, and a ball's own geometry."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import Lights, read_source
+from calibration import calibrate_spheres, linear_stack
+from processing import angular_error, photometric_stereo
+
+pytestmark = pytest.mark.skipif(
+    "SGP_DATA" not in os.environ, reason="needs the real captures in SGP_DATA"
+)
+
+
+@cache
+def _capture(name):
+    source = read_source(Path(os.environ["SGP_DATA"]) / name)
+    return linear_stack(source), source
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "lowest", "highest"),
+    [
+        pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear-ls"),
+        pytest.param("catPNG", "ls", 8.36, 8.46, id="cat-ls"),
+        pytest.param("bearPNG", "cauchy", 5.0, 6.4, id="bear-cauchy"),
+        pytest.param("catPNG", "cauchy", 5.0, 7.2, id="cat-cauchy"),
+    ],
+)
+def test_mean_angular_error_on_diligent(name, method, lowest, highest):
+    stack, source = _capture(f"diligent/{name}")
+    result = photometric_stereo(stack.values, stack.lights, source.mask, method=method)
+    error = angular_error(result.normal_map, source.normals_truth, source.mask)
+    assert lowest < error.mae_deg < highest
+    assert error.coverage == 1
+
+
+def _ball_normals(mask):
+    rows, columns = np.nonzero(mask)
+    middle = [(i.min() + i.max()) / 2 for i in (rows, columns)]
+    radius = [(i.max() - i.min() + 1) / 2 for i in (rows, columns)]
+    y, x = np.indices(mask.shape)
+    y, x = -(y - middle[0]) / radius[0], (x - middle[1]) / radius[1]
+    return np.stack([x, y, np.sqrt(np.clip(1 - x * x - y * y, 0, None))], axis=2)
+
+
+def test_a_glossy_ball_under_lights_from_a_chrome_ball():
+    chrome, source = _capture("uw/chrome")
+    lights = calibrate_spheres(chrome, masks=[source.mask]).lights
+    stack, source = _capture("uw/gray")
+    result = photometric_stereo(
+        stack.values, Lights(lights.unit_directions), source.mask, method="cauchy"
+    )
+    truth = _ball_normals(source.mask)
+    assert angular_error(result.normal_map, truth, source.mask).mae_deg < 6
+    inner = source.mask & (truth[..., 2] > 0.3)
+    assert angular_error(result.normal_map, truth, inner).mae_deg < 5

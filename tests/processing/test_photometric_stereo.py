@@ -1,0 +1,276 @@
+import numba
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition import DataError, Lights
+from calibration import EstimateError
+from processing import angle_deg, angular_error, photometric_stereo
+
+METHODS = pytest.mark.parametrize("method", ["ls", "cauchy"])
+
+
+def _dome(count, *, lowest_deg=45.0):
+    """Directions spread over a cap by the golden angle."""
+    z = np.linspace(0.98, np.sin(np.radians(lowest_deg)), count)
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def _ball(size=70, n_z_min=0.0):
+    """Normals of a ball that fills the frame, and the mask where n_z is above a bound."""
+    x, y = np.meshgrid(*[(np.arange(size) - (size - 1) / 2) / (size / 2)] * 2)
+    z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
+    mask = z > max(n_z_min, 1e-9)
+    return np.where(mask[..., None], np.stack([x, -y, z], axis=2), 0.0), mask
+
+
+def _albedo(mask):
+    return 0.3 + 0.5 * np.random.default_rng(11).uniform(size=mask.shape)
+
+
+def _shade(normals, directions, albedo):
+    shading = np.einsum("ni,hwi->nhw", directions, normals)
+    return np.maximum(shading, 0) * albedo
+
+
+def _worst_deg(result, normals, mask):
+    assert np.array_equal(result.normal_map.mask, mask)
+    return angle_deg(result.normal_map.normals[mask], normals[mask]).max()
+
+
+@METHODS
+@pytest.mark.parametrize("width", [1, 63, 64, 65, 130], ids=lambda w: f"width-{w}")
+def test_lambertian_surface_without_shadows_is_exact(method, width):
+    normals, mask = _ball(140, n_z_min=0.75)
+    normals, mask = normals[60:70, 70 - width // 2 :][:, :width], mask[60:70, 70 - width // 2 :]
+    mask = mask[:, :width]
+    albedo, directions = _albedo(mask), _dome(36)
+    result = photometric_stereo(
+        _shade(normals, directions, albedo), Lights(directions), mask, method=method
+    )
+    assert _worst_deg(result, normals, mask) < 1e-4
+    np.testing.assert_allclose(result.albedo[mask], albedo[mask], rtol=1e-6)
+    assert result.residual.max() < 1e-6
+    assert (result.used[mask] == 36).all()
+    assert not result.used[~mask].any()
+    assert result.warnings == ()
+
+
+def test_least_squares_agrees_with_lstsq_over_shadows_and_noise():
+    normals, mask = _ball()
+    directions = _dome(12, lowest_deg=15)
+    values = _shade(normals, directions, _albedo(mask))
+    values += np.random.default_rng(1).normal(scale=0.02, size=values.shape)
+    result = photometric_stereo(values, Lights(directions), mask)
+    m, *_ = np.linalg.lstsq(directions, values[:, mask].astype(np.float32), rcond=None)
+    assert angle_deg(result.normal_map.normals[mask], m.T).max() < 1e-4
+    np.testing.assert_allclose(result.albedo[mask], np.linalg.norm(m, axis=0), rtol=1e-5)
+    rms = np.sqrt(np.mean((values[:, mask] - directions @ m) ** 2, axis=0))
+    np.testing.assert_allclose(result.residual[mask], rms, atol=1e-6)
+
+
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
+def test_samples_that_are_not_finite_are_left_out(missing):
+    normals, mask = _ball(33)
+    directions = _dome(9, lowest_deg=30)
+    rng = np.random.default_rng(2)
+    values = (_shade(normals, directions, _albedo(mask)) + rng.normal(0, 0.01, (9, 33, 33))).astype(
+        np.float32
+    )
+    usable = rng.uniform(size=values.shape) > 0.2
+    usable[:5] = True
+    result = photometric_stereo(np.where(usable, values, missing), Lights(directions), mask)
+    assert np.array_equal(result.normal_map.mask, mask)
+    np.testing.assert_array_equal(result.used[mask], usable.sum(axis=0)[mask])
+    for row, column in np.argwhere(mask)[::7]:
+        kept = usable[:, row, column]
+        m, *_ = np.linalg.lstsq(directions[kept], values[kept, row, column], rcond=None)
+        assert angle_deg(result.normal_map.normals[row, column], m) < 1e-3
+        assert result.albedo[row, column] == pytest.approx(np.linalg.norm(m), rel=1e-5)
+
+
+def test_cauchy_survives_a_third_of_outliers():
+    normals, mask = _ball(64, n_z_min=0.75)
+    directions = _dome(36)
+    values = _shade(normals, directions, np.full(mask.shape, 0.6))
+    rng = np.random.default_rng(5)
+    struck = np.argsort(rng.uniform(size=values.shape), axis=0) < 11
+    values = np.where(struck, rng.uniform(0, 2, values.shape), values)
+    values += rng.normal(0, 0.001, values.shape)
+    error = {
+        method: angle_deg(
+            photometric_stereo(values, Lights(directions), mask, method=method).normal_map.normals,
+            normals,
+        )[mask]
+        for method in ("ls", "cauchy")
+    }
+    assert error["ls"].mean() > 8
+    assert error["cauchy"].mean() < 0.15
+    assert np.percentile(error["cauchy"], 99) < 0.5
+
+
+def test_cauchy_does_not_mind_attached_shadows():
+    normals, mask = _ball(64, n_z_min=0.3)
+    directions = _dome(36, lowest_deg=20)
+    values = _shade(normals, directions, _albedo(mask))
+    robust = photometric_stereo(values, Lights(directions), mask, method="cauchy")
+    assert angular_error(robust.normal_map, normals, mask).mae_deg < 0.01
+    plain = photometric_stereo(values, Lights(directions), mask)
+    assert angular_error(plain.normal_map, normals, mask).mae_deg > 1
+
+
+def test_pixels_without_enough_samples_have_no_normal_and_say_so():
+    normals, mask = _ball(20, n_z_min=0.75)
+    directions = _dome(6)
+    values = _shade(normals, directions, _albedo(mask))
+    values[2:, 10, 10] = np.nan
+    values[:, 10, 11] = 0
+    directions[2] = directions[0] + directions[1]
+    values[3:, 9, 9] = np.nan
+    result = photometric_stereo(values, Lights(directions), mask)
+    lost = mask & ~result.normal_map.mask
+    assert sorted(map(tuple, np.argwhere(lost))) == [(9, 9), (10, 10), (10, 11)]
+    assert (result.used[10, 10], result.used[10, 11], result.used[9, 9]) == (2, 6, 3)
+    assert not result.albedo[lost].any()
+    assert not result.residual[lost].any()
+    assert result.warnings[0].startswith(f"3 of {mask.sum()} pixels")
+
+
+def _turn(seed):
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q * np.linalg.det(q)
+
+
+@METHODS
+@given(seed=st.integers(0, 10_000), scale=st.floats(1e-3, 1e3))
+@settings(max_examples=15, deadline=None)
+def test_normals_turn_with_the_scene_and_ignore_brightness(method, seed, scale):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(10, 3))
+    values = rng.uniform(0, 1, (10, 3, 4))
+    mask = np.ones((3, 4), bool)
+    first = photometric_stereo(values, Lights(directions), mask, method=method)
+    turn, order = _turn(seed), rng.permutation(10)
+    second = photometric_stereo(
+        scale * values[order], Lights(directions[order] @ turn.T), mask, method=method
+    )
+    turned = first.normal_map.normals @ turn.T
+    # A rounding can move the halving that finds the median of |r| by one step, 1 part in 250.
+    tolerance = 1e-3 if method == "ls" else 0.1
+    assert angle_deg(second.normal_map.normals, turned).max() < tolerance
+    if method == "ls":
+        np.testing.assert_allclose(second.albedo, first.albedo * scale, rtol=1e-5)
+
+
+@METHODS
+def test_bytes_do_not_depend_on_the_number_of_threads(method):
+    rng = np.random.default_rng(9)
+    values = rng.uniform(0, 1, (14, 97, 83))
+    values[rng.uniform(size=values.shape) < 0.05] = np.nan
+    lights, mask = Lights(_dome(14)), rng.uniform(size=(97, 83)) > 0.1
+    threads = numba.get_num_threads()
+    made = []
+    try:
+        for count in (1, threads):
+            numba.set_num_threads(count)
+            made.append(photometric_stereo(values, lights, mask, method=method))
+    finally:
+        numba.set_num_threads(threads)
+    for name in ("albedo", "residual", "used"):
+        assert getattr(made[0], name).tobytes() == getattr(made[1], name).tobytes()
+    assert made[0].normal_map.normals.tobytes() == made[1].normal_map.normals.tobytes()
+
+
+def test_strided_and_float64_stacks_give_the_same():
+    normals, mask = _ball(30)
+    values = _shade(normals, _dome(5), _albedo(mask)).astype(np.float32)
+    expected = photometric_stereo(values, Lights(_dome(5)), mask).albedo
+    strided = np.ascontiguousarray(values.transpose(1, 2, 0)).transpose(2, 0, 1)
+    for same in (strided, values.astype(np.float64)):
+        np.testing.assert_array_equal(
+            photometric_stereo(same, Lights(_dome(5)), mask).albedo, expected
+        )
+
+
+def test_progress_counts_rows_and_may_stop_the_work():
+    values, mask = np.ones((4, 150, 3)), np.ones((150, 3), bool)
+    reports = []
+    photometric_stereo(
+        values, Lights(_dome(4)), mask, on_progress=lambda *report: reports.append(report)
+    )
+    assert reports == [(64, 150), (128, 150), (150, 150)]
+
+    def stop(done, _total):
+        if done > 64:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        photometric_stereo(values, Lights(_dome(4)), mask, on_progress=stop)
+
+
+def _in_one_plane(count, wobble_deg=0.0):
+    angle = np.linspace(-1, 1, count)
+    wobble = np.radians(wobble_deg) * np.where(np.arange(count) % 2, 1, -1)
+    return np.stack([np.sin(angle), wobble, np.cos(angle)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("directions", "message"),
+    [
+        pytest.param(_dome(2), "2 lights do not determine", id="two"),
+        pytest.param(_in_one_plane(9), "in one plane .*condition", id="coplanar"),
+        pytest.param(
+            _in_one_plane(9, wobble_deg=1), "condition number [345]", id="coplanar-to-one-degree"
+        ),
+        pytest.param(np.tile([[0, 0, 1.0]], (4, 1)), "in one plane", id="equal"),
+    ],
+)
+def test_lights_that_leave_the_normal_open_are_refused(directions, message):
+    values = np.ones((len(directions), 5, 5))
+    with pytest.raises(EstimateError, match=message):
+        photometric_stereo(values, Lights(directions), np.ones((5, 5), bool))
+
+
+def test_a_narrow_cone_of_lights_is_accepted_everywhere():
+    directions = _dome(12, lowest_deg=80)
+    normals, mask = _ball(40, n_z_min=0.4)
+    result = photometric_stereo(
+        _shade(normals, directions, _albedo(mask)), Lights(directions), mask
+    )
+    assert _worst_deg(result, normals, mask) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        pytest.param(0.0, "black inside the mask", id="black"),
+        pytest.param(np.nan, "not saturated", id="saturated"),
+    ],
+)
+def test_stacks_that_hold_nothing_are_refused(value, message):
+    with pytest.raises(EstimateError, match=message):
+        photometric_stereo(np.full((5, 6, 7), value), Lights(_dome(5)), np.ones((6, 7), bool))
+
+
+@pytest.mark.parametrize(
+    ("values", "mask", "message"),
+    [
+        pytest.param(np.ones((4, 5, 6)), np.ones((5, 6), bool), "4 images for 5", id="count"),
+        pytest.param(np.ones((5, 5, 6, 3)), np.ones((5, 6), bool), "one channel", id="colour"),
+        pytest.param(np.ones((5, 5, 6)), np.ones((6, 5), bool), "does not fit", id="mask-size"),
+        pytest.param(np.ones((5, 5, 6)), np.ones((5, 6)), "does not fit", id="mask-type"),
+        pytest.param(np.ones((5, 5, 6)), np.zeros((5, 6), bool), "empty", id="mask-empty"),
+    ],
+)
+def test_inputs_that_disagree_are_refused(values, mask, message):
+    with pytest.raises(DataError, match=message):
+        photometric_stereo(values, Lights(_dome(5)), mask)
+
+
+def test_an_unknown_method_is_refused():
+    with pytest.raises(DataError, match="'l2' is not a method"):
+        photometric_stereo(np.ones((5, 2, 2)), Lights(_dome(5)), np.ones((2, 2), bool), method="l2")

@@ -1,0 +1,224 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition import DataError
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+from processing._placement import fill, largest_rectangle
+from processing._separation import separate
+from processing._shape_filter import ShapeFilter
+from processing._transfer import transfer
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
+
+
+def relief(seed: int, size: tuple[int, int]) -> NormalMap:
+    """A rough map over the whole frame: faint relief on nothing but z."""
+    rng = np.random.default_rng(seed)
+    height = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.2)
+    dy, dx = np.gradient(height)
+    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
+
+
+def ball(size: int = 120) -> NormalMap:
+    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    z2 = 1.6 - x**2 - y**2
+    return NormalMap.from_vectors(
+        np.stack([x, y, np.sqrt(np.maximum(z2, 0))], axis=2), x**2 + y**2 < 0.8
+    )
+
+
+def read(folder: str) -> NormalMap:
+    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    image = cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED)
+    mask = cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
+    full = np.iinfo(image.dtype).max
+    return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9), st.floats(0.2, 1))
+def test_largest_rectangle_is_the_largest(seed: int, rows: int, columns: int, full: float) -> None:
+    mask = np.random.default_rng(seed).random((rows, columns)) < full
+    areas = [
+        (b - t) * (r - f)
+        for t in range(rows)
+        for b in range(t + 1, rows + 1)
+        for f in range(columns)
+        for r in range(f + 1, columns + 1)
+        if mask[t:b, f:r].all()
+    ]
+    x, y, width, height = largest_rectangle(mask)
+    assert width * height == max(areas, default=0)
+    assert mask[y : y + height, x : x + width].all()
+
+
+def masked(size: tuple[int, int], box: tuple[slice, slice]) -> npt.NDArray[np.bool_]:
+    mask = np.zeros(size, bool)
+    mask[box] = True
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("source", "window", "tiles"),
+    [
+        pytest.param((slice(0, 50), slice(0, 60)), (15, 15, 30, 20), (1, 1), id="larger: middle"),
+        pytest.param((slice(5, 15), slice(7, 19)), (7, 5, 12, 10), (3, 2), id="smaller: tiled"),
+        pytest.param((slice(5, 15), slice(0, 60)), (15, 5, 30, 10), (1, 2), id="wide, low"),
+    ],
+)
+def test_fill_crops_and_tiles_but_never_resizes(
+    source: tuple[slice, slice], window: tuple[int, ...], tiles: tuple[int, int]
+) -> None:
+    target = masked((40, 70), (slice(10, 30), slice(20, 50)))
+    placement = fill(masked((50, 60), source), target)
+    assert placement.source_window == window
+    assert placement.tiles == tiles
+    assert placement.at == (20, 10)
+
+
+def test_a_tiled_detail_repeats_pixel_by_pixel() -> None:
+    source, target = relief(1, (30, 40)), ball()
+    result = transfer(source, target, w=3)
+    rows, columns = np.flatnonzero(target.mask.any(1))[0], np.flatnonzero(target.mask.any(0))[0]
+    expected = separate(source, w=3).detail.normals
+    for r, c in np.argwhere(target.mask)[::37]:
+        np.testing.assert_array_equal(
+            result.fidelity.detail.normals[r, c], expected[(r - rows) % 30, (c - columns) % 40]
+        )
+    np.testing.assert_array_equal(result.normal_map.mask, target.mask)
+
+
+def test_a_map_put_onto_itself_stays_itself() -> None:
+    normal_map = ball()
+    result = transfer(normal_map, normal_map, at=(0, 0))
+    off = angle_deg(result.normal_map.normals, normal_map.normals)[normal_map.mask]
+    assert off.max() <= 5e-5
+    assert result.shape_mae_deg < 1e-4
+    assert result.detail_mae_deg < 1e-4
+
+
+def test_transfer_onto_a_plane_turns_the_detail_as_one() -> None:
+    source = relief(2, (90, 90))
+    normal = np.array([0.36, -0.48, 0.8])
+    target = NormalMap.from_vectors(np.broadcast_to(normal, (90, 90, 3)))
+    result = transfer(source, target, at=(0, 0))
+    detail = separate(source).detail.normals
+    # On a plane every angle between neighbours is the detail's own, and the detail's z its normal.
+    got = result.normal_map.normals
+    np.testing.assert_allclose(got @ normal, detail[..., 2], atol=1e-6)
+    np.testing.assert_allclose(
+        angle_deg(got[:, 1:], got[:, :-1]), angle_deg(detail[:, 1:], detail[:, :-1]), atol=1e-4
+    )
+    # What is left of a shape in the detail is all there is to go wrong.
+    left = separate(source).separability_deg
+    assert left > 0.5
+    assert result.shape_mae_deg == pytest.approx(left, abs=1e-3)
+    np.testing.assert_array_equal(np.isfinite(result.detail_error_deg), target.mask)
+
+
+def test_at_places_the_source_and_leaves_the_rest_alone() -> None:
+    source, target = relief(3, (40, 50)), ball()
+    result = transfer(source, target, at=(60, -10))
+    received = np.zeros(target.size, bool)
+    received[0:30, 60:110] = True
+    received &= target.mask
+    np.testing.assert_array_equal(result.fidelity.detail.mask, received)
+    np.testing.assert_array_equal(result.normal_map.normals[~received], target.normals[~received])
+    detail = separate(source).detail.normals
+    np.testing.assert_array_equal(result.fidelity.detail.normals[20, 70], detail[30, 10])
+    np.testing.assert_array_equal(np.isfinite(result.detail_error_deg), received)
+
+
+def test_amplitude_scales_slopes() -> None:
+    source, target = relief(4, (150, 150)), ball()
+    shape = ShapeFilter().shape(target)
+    flat = transfer(source, target, amplitude=0.0).normal_map
+    assert angle_deg(flat.normals, shape.normals)[target.mask].max() < 1e-4
+    once, twice, inverted = (
+        transfer(source, target, amplitude=a).fidelity.detail.normals[target.mask]
+        for a in (1.0, 2.0, -1.0)
+    )
+    np.testing.assert_allclose(
+        twice[:, :2] / twice[:, 2:], 2 * once[:, :2] / once[:, 2:], rtol=1e-4, atol=1e-5
+    )
+    np.testing.assert_allclose(inverted, once * [-1, -1, 1], atol=1e-6)
+
+
+def test_amplitude_zero_of_a_horizontal_detail_is_z() -> None:
+    vectors = np.zeros((31, 31, 3))
+    vectors[..., 2] = 1
+    vectors[15, 15] = (1, 0, 0)
+    mask = np.zeros((31, 31), bool)
+    mask[15, 15] = True
+    mask[0:12] = True
+    source = NormalMap.from_vectors(vectors, mask)
+    result = transfer(source, relief(5, (31, 31)), amplitude=0.0, at=(0, 0), w=3)
+    received = result.fidelity.detail.mask
+    np.testing.assert_array_equal(received, mask)
+    np.testing.assert_array_equal(
+        result.fidelity.detail.normals[received], [[0, 0, 1]] * mask.sum()
+    )
+
+
+def test_keeping_the_targets_detail_puts_it_onto_the_raw_normals() -> None:
+    target = relief(6, (80, 80))
+    flat = NormalMap.from_vectors(np.broadcast_to((0.0, 0.0, 1.0), (80, 80, 3)))
+    kept = transfer(flat, target, keep_target_detail=True).normal_map
+    assert angle_deg(kept.normals, target.normals).max() < 1e-4
+    lost = transfer(flat, target).normal_map
+    assert angle_deg(lost.normals, ShapeFilter().shape(target).normals).max() < 1e-4
+
+
+def test_refinement_nears_the_targets_shape() -> None:
+    source, target = relief(7, (60, 60)), ball()
+    none, one = (transfer(source, target, refine=k) for k in (0, 1))
+    assert one.shape_mae_deg < 0.7 * none.shape_mae_deg
+    assert none.fidelity_paper.shape_mae_deg == none.shape_mae_paper_deg > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        pytest.param({"amplitude": float("nan")}, "amplitude of nan", id="amplitude"),
+        pytest.param({"refine": -1}, "cannot be negative", id="refine"),
+        pytest.param({"at": (500, 0)}, "does not reach the mask", id="beside the target"),
+        pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on its empty corner"),
+        pytest.param({"w": 20}, "larger than the normal map of 30 x 30", id="w too large"),
+    ],
+)
+def test_transfer_refuses(options: dict[str, object], text: str) -> None:
+    with pytest.raises(DataError, match=text):
+        transfer(relief(8, (30, 30)), ball(), **options)  # type: ignore[arg-type]
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("source", "shape", "detail", "refined"),
+    [
+        pytest.param("owl", 1.55, 1.55, 0.9, id="owl"),
+        pytest.param("plant", 2.6, 2.6, 1.4, id="plant"),
+    ],
+)
+def test_transfer_onto_real_shapes(
+    source: str, shape: float, detail: float, refined: float
+) -> None:
+    given_map = read(source)
+    targets = [read(f"diligent/{name}") for name in TARGETS]
+    results = [transfer(given_map, target) for target in targets]
+    assert np.mean([r.shape_mae_deg for r in results]) <= shape
+    assert np.mean([r.detail_mae_deg for r in results]) <= detail
+    once = [transfer(given_map, target, refine=1) for target in targets]
+    assert np.mean([r.shape_mae_deg for r in once]) <= refined
+    for result, target in zip(results, targets, strict=True):
+        np.testing.assert_array_equal(result.normal_map.mask, target.mask)

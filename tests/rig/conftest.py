@@ -1,0 +1,72 @@
+"""A virtual board for the tests of the rig, and the light it makes."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from acquisition import NoiseModel
+from rig import Board, Rig, RigConfig
+from simulator._bench_state import BenchState
+from simulator._virtual_board import VirtualBoard
+from simulator._virtual_camera import VirtualCamera
+
+SIZE = (4, 6)
+
+
+def code_plane(led: int | None) -> np.ndarray:
+    """A plane that says its LED: (LED + 1) electrons per microsecond; nothing without an LED."""
+    return np.full(SIZE, 0 if led is None else led + 1, np.float32)
+
+
+class Bench:
+    """A virtual board with its bench state, and rigs opened on them."""
+
+    def __init__(self) -> None:
+        self.virtual = VirtualBoard(36)
+        self.state = BenchState(self.virtual.bench_state_path)
+
+    def rig(self, *, faults=None, on_close: Callable[[], None] = lambda: None, **config) -> Rig:
+        config = {"settle_ms": 0, "frame_timeout_s": 0.05, **config}
+        camera = VirtualCamera(
+            code_plane,
+            size=SIZE,
+            bench=BenchState(self.virtual.bench_state_path),
+            # 10 electrons per grey value: the LED's code at 1000 us is 100 DN per LED.
+            noise=NoiseModel(10.0, 0.0, 0.0, 12),
+            noisy=False,
+            faults=faults,
+        )
+        return Rig(
+            Board(self.virtual.port),
+            camera,
+            RigConfig(name="test", driver="test", **config),
+            on_close=on_close,
+        )
+
+    def close(self) -> None:
+        self.state.close()
+        self.virtual.close()
+
+
+@pytest.fixture(scope="session")
+def shared_bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture
+def bench(shared_bench: Bench) -> Iterator[Bench]:
+    """The shared bench, for tests that leave its process alive."""
+    shared_bench.virtual.set_faults()
+    yield shared_bench
+    shared_bench.virtual.set_faults()
+
+
+@pytest.fixture
+def own_bench() -> Iterator[Bench]:
+    """A bench for a test that kills its board."""
+    bench = Bench()
+    yield bench
+    bench.close()

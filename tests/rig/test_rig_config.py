@@ -1,0 +1,105 @@
+"""Rig files, and rigs found by name."""
+
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import pytest
+
+import rig._open
+from rig import RigConfig, RigConfigError, open_rig, read_rig_config, rig_names
+
+WHOLE = """
+name = "dome"
+driver = "bench"
+leds = 24
+settle_ms = 3.5
+dead_leds = [4, 9]
+frame_timeout_s = 1.5
+
+[options]
+port = "/dev/ttyACM0"
+"""
+
+
+def test_a_whole_rig_file(tmp_path: Path):
+    (tmp_path / "rig.toml").write_text(WHOLE)
+    config = read_rig_config(tmp_path / "rig.toml")
+    assert config == RigConfig(
+        name="dome",
+        driver="bench",
+        leds=24,
+        settle_ms=3.5,
+        dead_leds=(4, 9),
+        frame_timeout_s=1.5,
+        options={"port": "/dev/ttyACM0"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        pytest.param(WHOLE.replace("leds", "leads"), "unknown key 'leads'; known are", id="key"),
+        pytest.param(
+            WHOLE.replace("24", "0"), "'leds': .* greater than or equal to 1", id="no LED"
+        ),
+        pytest.param(WHOLE.replace("24", '"x"'), "'leds': .* valid integer", id="type"),
+        pytest.param(WHOLE.replace("3.5", "nan"), "'settle_ms': .* finite", id="NaN"),
+        pytest.param(WHOLE.replace("9]", "24]"), "dead LED 24 is not one of 0 to 23", id="dead"),
+        pytest.param(WHOLE.replace('driver = "bench"', ""), "'driver' is missing", id="missing"),
+        pytest.param("name = ", "not a TOML file", id="not TOML"),
+    ],
+)
+def test_a_bad_rig_file_gets_one_line(tmp_path: Path, text, said):
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    with pytest.raises(RigConfigError, match=said) as error:
+        open_rig(str(path))
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_bytes_that_are_no_text(tmp_path: Path):
+    (tmp_path / "rig.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(RigConfigError, match="not a TOML file"):
+        read_rig_config(tmp_path / "rig.toml")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path):
+    with pytest.raises(RigConfigError, match="No such file"):
+        read_rig_config(tmp_path / "rig.toml")
+
+
+def test_an_unknown_name_lists_the_known_ones():
+    assert "simulated" in rig_names()
+    with pytest.raises(RigConfigError, match=r"called 'simulatd' .*known: .*simulated"):
+        open_rig("simulatd")
+
+
+def test_an_unknown_driver_in_a_file(tmp_path: Path):
+    (tmp_path / "rig.toml").write_text('name = "dome"\ndriver = "benhc"\n')
+    with pytest.raises(RigConfigError, match=r"no driver is called 'benhc' .*known: .*simulated"):
+        open_rig(str(tmp_path / "rig.toml"))
+
+
+@pytest.fixture
+def drivers(monkeypatch):
+    points = EntryPoints(
+        [
+            EntryPoint("echo", "builtins:repr", rig._open.DRIVERS),
+            EntryPoint("broken", "no_such_module:open", rig._open.DRIVERS),
+        ]
+    )
+    monkeypatch.setattr(rig._open, "entry_points", lambda group: points.select(group=group))
+
+
+@pytest.mark.usefixtures("drivers")
+def test_the_driver_gets_the_configuration(tmp_path: Path):
+    assert open_rig("echo") == repr(RigConfig(name="echo", driver="echo"))
+    (tmp_path / "rig.toml").write_text(WHOLE.replace("bench", "echo"))
+    assert "/dev/ttyACM0" in open_rig(str(tmp_path / "rig.toml"))
+
+
+@pytest.mark.usefixtures("drivers")
+def test_a_driver_that_does_not_load():
+    with pytest.raises(RigConfigError, match=r"'broken' cannot be loaded .*no_such_module"):
+        open_rig("broken")

@@ -1,0 +1,177 @@
+"""Scenes refuse what cannot be, and the bench is what it says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquisition import CameraModel, DataError, Lights
+from simulator import (
+    SCENES,
+    ChromeSphere,
+    Coin,
+    Paint,
+    Plane,
+    bench_camera,
+    dome_lights,
+    render,
+    scene_named,
+)
+
+COIN = scene_named("coin", width=64, height=48, leds=4)
+SPHERES = scene_named("spheres", width=64, height=48, leds=4)
+
+
+def _lights(*positions, **more):
+    return Lights(positions_mm=np.array(positions, float), **more)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        pytest.param(lambda: scene_named("teapot"), "no scene is called 'teapot'.*coin", id="name"),
+        pytest.param(lambda: scene_named("coin", width=0), "no pixels", id="zero-width"),
+        pytest.param(lambda: scene_named("coin", height=-3), "no pixels", id="negative-height"),
+        pytest.param(lambda: scene_named("coin", leds=0), "0 LEDs", id="no-leds"),
+        pytest.param(lambda: dome_lights(radius_mm=-450), "radius -450", id="negative-dome"),
+        pytest.param(lambda: ChromeSphere((0, 0, 5), -5), "radius of -5", id="negative-sphere"),
+        pytest.param(lambda: ChromeSphere((0, 0), 5), "three finite", id="flat-sphere"),
+        pytest.param(lambda: ChromeSphere((0, 0, 5), 5, 1.2), "reflectance", id="bright-sphere"),
+        pytest.param(lambda: Paint(0.5, 0.2), "0.5..0.2", id="paint-order"),
+        pytest.param(lambda: Paint(0.5, 1.2), "0.5..1.2", id="paint-range"),
+        pytest.param(
+            lambda: replace(COIN, lights=_lights((0, 0, 5.0))),
+            "LED L00 is below the surface",
+            id="led-in-the-coin",
+        ),
+        pytest.param(
+            lambda: replace(COIN, lights=_lights((0, 0, 400.0), (300, 0, -1.0))),
+            "LED L01 is below the surface",
+            id="led-below-the-board",
+        ),
+        pytest.param(
+            lambda: replace(COIN, lights=_lights((0, 0, 400.0), axes=np.array([[0, 0, 1.0]]))),
+            "LED L00 shines away",
+            id="led-turned-away",
+        ),
+        pytest.param(
+            lambda: replace(COIN, lights=Lights(directions=np.array([[0, 0, 1.0]]))),
+            "lights with positions",
+            id="distant-light",
+        ),
+        pytest.param(
+            lambda: replace(SPHERES, lights=_lights(SPHERES.spheres[2].centre_mm)),
+            "LED L00 is inside sphere 2",
+            id="led-in-a-sphere",
+        ),
+        pytest.param(
+            lambda: replace(COIN, spheres=(ChromeSphere((85, 0, 12), 12),)),
+            "sphere 0 overlaps the object",
+            id="sphere-on-the-object",
+        ),
+        pytest.param(
+            lambda: replace(
+                SPHERES, spheres=(ChromeSphere((0, 0, 12), 12), ChromeSphere((20, 0, 12), 12))
+            ),
+            "spheres 0 and 1 overlap",
+            id="sphere-on-sphere",
+        ),
+        pytest.param(
+            lambda: replace(SPHERES, spheres=(ChromeSphere((0, 0, 5), 12),)),
+            "sphere 0 is sunk",
+            id="sunk-sphere",
+        ),
+        pytest.param(
+            lambda: replace(SPHERES, spheres=(ChromeSphere((0, 0, 300), 300),)),
+            "sphere 0 reaches the camera",
+            id="camera-in-a-sphere",
+        ),
+        pytest.param(
+            lambda: replace(COIN, camera=replace(COIN.camera, working_distance_mm=8.0)),
+            "inside the object",
+            id="camera-in-the-coin",
+        ),
+        pytest.param(
+            lambda: replace(COIN, camera=replace(COIN.camera, distortion=np.array([0.1]))),
+            "no lens distortion",
+            id="distortion",
+        ),
+        pytest.param(
+            lambda: replace(COIN, camera=CameraModel(COIN.camera.K, 64, 48)),
+            "working distance",
+            id="no-working-distance",
+        ),
+        pytest.param(lambda: replace(COIN, board_albedo=1.5), "board_albedo is 1.5", id="board"),
+        pytest.param(
+            lambda: replace(COIN, electrons_per_us=0.0), "electrons_per_us is 0.0", id="no-signal"
+        ),
+        pytest.param(lambda: replace(COIN, psf_sigma_px=-1), "psf_sigma_px is -1", id="blur"),
+        pytest.param(
+            lambda: render(replace(COIN, surface=Coin(80.0, relief_mm=8.0))),
+            "too steep",
+            id="relief-that-hides-itself",
+        ),
+        pytest.param(
+            lambda: render(replace(COIN, surface=Plane(80.0, 0, 6.0))),
+            "too steep",
+            id="steep-plane",
+        ),
+    ],
+)
+def test_impossible_scene_is_one_line(make, message):
+    with pytest.raises(DataError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 36, 64])
+def test_dome_holds_its_leds(count):
+    lights = dome_lights(count, 450.0, seed=3, jitter_mm=0.0)
+    assert len(lights) == count
+    np.testing.assert_allclose(np.linalg.norm(lights.positions_mm, axis=1), 450.0)
+    assert np.all(lights.positions_mm[:, 2] > 200)
+    np.testing.assert_allclose(lights.axes, -lights.positions_mm / 450.0, atol=1e-12)
+
+
+def test_dome_of_36_surrounds_the_object():
+    lights = dome_lights(36, seed=1)
+    azimuth = np.degrees(np.arctan2(lights.positions_mm[:, 1], lights.positions_mm[:, 0]))
+    counts, _ = np.histogram(azimuth, bins=6, range=(-180, 180))
+    assert counts.min() >= 4
+    assert np.linalg.matrix_rank(lights.unit_directions) == 3
+    assert lights.intensities[:, 0].std() == pytest.approx(0.03, rel=0.4)
+
+
+def test_dome_follows_its_seed():
+    a, again, b = dome_lights(9, seed=5), dome_lights(9, seed=5), dome_lights(9, seed=6)
+    np.testing.assert_array_equal(a.positions_mm, again.positions_mm)
+    assert np.abs(a.positions_mm - b.positions_mm).max() > 1.0
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_share_their_dome(name):
+    lights = scene_named(name, leds=5, seed=8).lights
+    np.testing.assert_array_equal(lights.positions_mm, dome_lights(5, seed=8).positions_mm)
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 512), (2448, 2048)])
+def test_field_keeps_its_width(width, height):
+    camera = bench_camera(width, height)
+    assert width / camera.K[0, 0] * 600 == pytest.approx(293.76)
+
+
+def test_exposure_suits_the_sensor():
+    rendering = render(scene_named("coin", width=160, height=128, seed=4))
+    noise = rendering.truth.noise
+    full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
+    signal = 20_000 * (rendering.planes + rendering.ambient)
+    lit = signal[:, rendering.truth.mask] / full
+    assert 0.55 < np.percentile(lit, 99) < 0.75
+    assert lit.max() < 0.95
+
+
+def test_paint_stays_within_its_bounds_and_uses_them():
+    x, y = np.meshgrid(np.linspace(-80, 80, 200), np.linspace(-80, 80, 200))
+    albedo = Paint(0.35, 0.75, 60.0, seed=1).evaluate(x, y)
+    assert 0.35 <= albedo.min() < 0.42
+    assert 0.68 < albedo.max() <= 0.75

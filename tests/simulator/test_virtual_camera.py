@@ -1,0 +1,225 @@
+"""The virtual camera: what it sees is what burned, for as long as it burned."""
+
+import time
+
+import numpy as np
+import pytest
+
+from acquisition import NoiseModel
+from rig import CameraError
+from simulator._bench_state import BenchState, BenchWriter
+from simulator._virtual_camera import VirtualCamera
+
+SIZE = (3, 5)
+US = 1000
+# One electron per grey value, no noise: grey = black level + electrons.
+NOISE = NoiseModel(1.0, 0.0, 20.0, 16)
+
+
+def plane(led):
+    """0.125 electrons per microsecond of ambient light, LED + 1 of an LED."""
+    return np.full(SIZE, 0.125 if led is None else led + 1, np.float32)
+
+
+class Room:
+    def __init__(self, path):
+        self.writer = BenchWriter(path)
+        self.path = path
+        self.cameras = []
+
+    def camera(self, **options):
+        options = {"noisy": False, "noise": NOISE, **options}
+        camera = VirtualCamera(plane, size=SIZE, bench=BenchState(self.path), **options)
+        self.cameras.append(camera)
+        return camera
+
+    def light(self, led, from_us, to_us):
+        now = time.monotonic_ns()
+        self.writer.light(led, now + from_us * US, now + to_us * US)
+
+
+@pytest.fixture
+def room(tmp_path):
+    room = Room(tmp_path / "bench.state")
+    yield room
+    for camera in room.cameras:
+        camera.close()
+    room.writer.close()
+
+
+def shoot(camera, exposure_us, **options):
+    camera.configure(exposure_us=exposure_us, **options)
+    camera.arm()
+    return camera.fetch(camera.trigger(), 2.0)
+
+
+def test_ambient_light_is_always_there(room):
+    frame = shoot(room.camera(), 8000)
+    assert frame.pixels.dtype == np.uint16
+    assert frame.pixels.shape == SIZE
+    assert (frame.pixels == 20 + 1000).all()
+
+
+def test_a_led_that_burns_throughout_counts_in_full(room):
+    room.light(3, 0, 10**6)
+    assert (shoot(room.camera(), 2000).pixels == 20 + 250 + 8000).all()
+
+
+def test_gain_multiplies_the_signal_and_not_the_black_level(room):
+    frame = shoot(room.camera(), 8000, gain_db=20.0)
+    assert (frame.pixels == 20 + 10_000).all()
+    assert frame.gain_db == 20.0
+
+
+def test_light_that_ends_in_the_exposure_counts_for_its_time(room):
+    camera = room.camera()
+    camera.configure(exposure_us=40_000)
+    camera.arm()
+    frame_id = camera.trigger()
+    start_ns = camera._started[frame_id][0]
+    room.writer.light(0, start_ns - 5000 * US, start_ns + 10_000 * US)
+    room.writer.light(1, start_ns + 30_000 * US, start_ns + 10**9)
+    frame = camera.fetch(frame_id, 2.0)
+    assert (frame.pixels == 20 + 5000 + 10_000 + 2 * 10_000).all()
+    assert frame.timestamp_ns == start_ns
+
+
+def test_light_before_and_after_the_exposure_does_not_count(room):
+    camera = room.camera()
+    camera.configure(exposure_us=4000)
+    camera.arm()
+    room.light(5, 0, 1)
+    time.sleep(0.001)
+    frame_id = camera.trigger()
+    time.sleep(0.01)
+    room.light(6, 0, 10**6)
+    assert (camera.fetch(frame_id, 2.0).pixels == 20 + 500).all()
+
+
+def test_an_exposure_takes_its_time_only_in_real_time(room):
+    for realtime, least_s, most_s in ((True, 0.2, 2.0), (False, 0.0, 0.15)):
+        camera = room.camera(realtime=realtime)
+        start = time.monotonic()
+        shoot(camera, 200_000)
+        assert least_s <= time.monotonic() - start < most_s
+
+
+def test_without_real_time_the_light_still_counts_by_its_share(room):
+    camera = room.camera(realtime=False)
+    room.light(3, 0, 10**6)
+    assert (shoot(camera, 2000).pixels == 20 + 250 + 8000).all()
+    room.writer.put_out(time.monotonic_ns())
+    assert (shoot(camera, 2000).pixels == 20 + 250).all()
+    camera.arm()
+    room.light(3, 0, 10**6)
+    frame_id = camera.trigger()
+    time.sleep(0.02)
+    room.writer.put_out(time.monotonic_ns())
+    time.sleep(0.02)
+    assert 2000 < camera.fetch(frame_id, 1.0).pixels[0, 0] < 7000
+
+
+def test_frames_count_up_and_an_older_one_is_not_taken_for_a_newer(room):
+    camera = room.camera()
+    camera.configure(exposure_us=1000)
+    camera.arm()
+    first = camera.trigger()
+    second = camera.trigger()
+    assert (first, second) == (0, 1)
+    assert camera.fetch(second, 1.0).frame_id == second
+    with pytest.raises(CameraError, match="no frame 0 is under way"):
+        camera.fetch(first, 1.0)
+
+
+def test_a_lost_frame_times_out_naming_it(room):
+    camera = room.camera(faults={0: "lost"})
+    start = time.monotonic()
+    camera.arm()
+    with pytest.raises(CameraError, match=r"frame 0 did not come within 0\.05 s"):
+        camera.fetch(camera.trigger(), 0.05)
+    assert time.monotonic() - start >= 0.05
+
+
+def test_a_late_frame_comes_on_the_second_asking(room):
+    camera = room.camera(faults={0: "late"})
+    camera.arm()
+    frame_id = camera.trigger()
+    with pytest.raises(CameraError, match="frame 0"):
+        camera.fetch(frame_id, 0.01)
+    assert camera.fetch(frame_id, 1.0).frame_id == 0
+
+
+def test_a_timeout_shorter_than_the_exposure(room):
+    camera = room.camera()
+    camera.configure(exposure_us=10_000_000)
+    camera.arm()
+    with pytest.raises(CameraError, match="frame 0"):
+        camera.fetch(camera.trigger(), 0.02)
+
+
+def test_an_unplugged_camera_fails_at_everything_but_closing(room):
+    camera = room.camera(faults={1: "unplug"}, name="cam-7")
+    shoot(camera, 1000)
+    for act in (
+        camera.trigger,
+        camera.arm,
+        camera.disarm,
+        lambda: camera.configure(exposure_us=100),
+        lambda: camera.fetch(0, 1.0),
+    ):
+        with pytest.raises(CameraError, match=r"cam-7 .*unplugged"):
+            act()
+    camera.close()
+
+
+@pytest.mark.parametrize("exposure_us", [9.0, 1e7 + 1, 0.0, -1.0, float("nan"), float("inf")])
+def test_exposures_outside_the_range_are_refused_with_the_range(room, exposure_us):
+    with pytest.raises(CameraError, match=r"10 to 1e\+07 us"):
+        room.camera().configure(exposure_us=exposure_us)
+
+
+def test_the_exposure_read_back_is_the_one_used(room):
+    camera = room.camera()
+    assert camera.configure(exposure_us=1000.4) == 1000.0
+    camera.arm()
+    frame = camera.fetch(camera.trigger(), 1.0)
+    assert frame.exposure_us == 1000.0
+    assert (frame.pixels == 20 + 125).all()
+
+
+def test_a_trigger_before_arming(room):
+    with pytest.raises(CameraError, match="before it was armed"):
+        room.camera().trigger()
+
+
+def test_a_plane_of_another_size_or_type(room):
+    for wrong in (np.zeros((4, 5), np.float32), np.zeros(SIZE)):
+        camera = VirtualCamera(
+            lambda led, wrong=wrong: wrong, size=SIZE, bench=BenchState(room.path), noise=NOISE
+        )
+        room.cameras.append(camera)
+        with pytest.raises(CameraError, match="wanted float32 of"):
+            shoot(camera, 100)
+
+
+def test_noise_depends_on_the_shot_and_not_on_the_order(room):
+    noise = NoiseModel(1.0, 5.0, 100.0, 12)
+
+    def take(shots, seed=1):
+        camera = room.camera(noise=noise, noisy=True, seed=seed, realtime=False)
+        frames = {}
+        for led, exposure_us in shots:
+            room.writer.put_out(time.monotonic_ns())
+            if led is not None:
+                room.light(led, 0, 10**6)
+            frames.setdefault((led, exposure_us), []).append(shoot(camera, exposure_us).pixels)
+        return frames
+
+    shots = [(0, 100), (1, 100), (None, 100), (0, 200), (0, 100)]
+    one, other = take(shots), take(shots[::-1])
+    for shot, frames in one.items():
+        for frame, again in zip(frames, other[shot], strict=True):
+            assert np.array_equal(frame, again)
+    flat = [frame.tobytes() for frames in one.values() for frame in frames]
+    assert len(set(flat)) == len(flat)
+    assert not np.array_equal(take(shots, seed=2)[0, 100][0], one[0, 100][0])
