@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._camera_model import CameraModel
+from acquisition._errors import DataError
 from acquisition._lights import Lights
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan
 from acquisition._software import SOFTWARE, software_version
+from acquisition._toml import parse_toml, validated
 
 FORMAT_VERSION: Final = 1
 
@@ -175,3 +178,29 @@ class Manifest(_Table):
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
     lights: LightsRecord | None = None
+
+
+def parse_manifest(data: bytes, path: Path) -> Manifest:
+    """Read ``session.toml``.
+
+    Raises
+    ------
+    DataError
+        If it is not TOML, of another format version, or holds a key or value that is not
+        understood; the message names ``path``.
+    """
+    values = parse_toml(data, path)
+    version = values.get("format_version")
+    if version != FORMAT_VERSION:
+        raise DataError(
+            f"{path}: format version {version!r} is not understood, this program reads "
+            f"{FORMAT_VERSION}; use the version that wrote it"
+        )
+    manifest = validated(Manifest, values, path)
+    try:
+        for record in (manifest.camera_model, manifest.sensor, manifest.lights):
+            if record is not None:
+                record.value()
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+    return manifest

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import ValidationError
 
 from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, MissingPathError
-from acquisition._images import read_image
 from acquisition._journal import EventLine, FrameLine, Journal, StartLine, parse_journal
 from acquisition._lights import Lights
-from acquisition._manifest import FORMAT_VERSION, Manifest
+from acquisition._manifest import Manifest, parse_manifest
 from acquisition._noise_model import NoiseModel
-from acquisition._plan import PlannedShot, Role
+from acquisition._plan import PlannedShot
+from acquisition._session_frame import SessionFrame as SessionFrame
 from acquisition._storage import is_part, sha256_of
-from acquisition._toml import first_complaint
 
 MANIFEST = "session.toml"
 JOURNAL = "journal.jsonl"
@@ -28,78 +24,6 @@ COMPLETE = "COMPLETE"
 FRAMES = "frames"
 DERIVED = "derived"
 COMPACTED = "compacted"
-
-
-@dataclass(frozen=True, eq=False)
-class SessionFrame:
-    """One recorded frame.
-
-    Parameters
-    ----------
-    path
-        The image file.
-    line
-        Its line in the journal.
-    bytes, file_sha256
-        Size and hash of the file as it is now; they differ from the line's after compaction.
-    shape
-        Array shape that the session states.
-    """
-
-    path: Path
-    line: FrameLine
-    bytes: int
-    file_sha256: str
-    shape: tuple[int, ...]
-
-    @property
-    def role(self) -> Role:
-        """``light``, ``dark``, ``ambient`` or ``flat``."""
-        return self.line.role
-
-    @property
-    def led(self) -> int | None:
-        """LED number from 0, None where none burned."""
-        return self.line.led
-
-    @property
-    def light_id(self) -> str:
-        """``L07`` for a frame lit by LED 7, otherwise the stem of the file."""
-        return Path(self.line.file).stem if self.led is None else f"L{self.led:02d}"
-
-    @property
-    def bracket(self) -> int:
-        """Index of the exposure from 0."""
-        return self.line.bracket
-
-    @property
-    def exposure_us(self) -> float | None:
-        """Exposure the camera reported, microseconds."""
-        return self.line.exposure_us
-
-    def read(self) -> npt.NDArray[np.uint16]:
-        """Return the pixels as the sensor gave them, ``(H, W)`` or ``(H, W, 3)`` uint16.
-
-        Raises
-        ------
-        DataError
-            If the file is missing or unreadable, or its pixels are not those recorded.
-        """
-        try:
-            pixels = read_image(self.path)
-        except MissingPathError as error:
-            raise DataError(f"{self.path}: is in the journal but not there; restore it") from error
-        if pixels.shape != self.shape or pixels.dtype != np.uint16:
-            raise DataError(
-                f"{self.path}: holds {pixels.dtype} pixels of shape {pixels.shape}, the session "
-                f"states uint16 of {self.shape}; restore the file"
-            )
-        raw = pixels.astype(np.uint16, copy=False)
-        if pixels_sha256(raw) != self.line.pixels_sha256:
-            raise DataError(
-                f"{self.path}: its pixels differ from those recorded; restore or retake it"
-            )
-        return raw
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,11 +113,6 @@ def is_session(folder: Path) -> bool:
     return (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
 
 
-def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:
-    """Hash samples as little-endian 16-bit, row by row from the top, channels innermost."""
-    return sha256_of(np.ascontiguousarray(pixels, dtype="<u2").data.cast("B"))
-
-
 def examine(folder: Path) -> Examination:
     """Read a session and collect what is wrong instead of stopping at the first.
 
@@ -204,6 +123,22 @@ def examine(folder: Path) -> Examination:
     DataError
         If it is not a session, or cannot be read.
     """
+    try:
+        return _examine(folder)
+    except OSError as error:
+        where = error.filename or folder
+        raise DataError(f"{where}: cannot be read: {error.strerror}; check the disk") from error
+
+
+def leaves(path: Path, folder: Path) -> bool:
+    """Tell whether a path leads out of a folder, links followed."""
+    try:
+        return not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return True
+
+
+def _examine(folder: Path) -> Examination:
     if not folder.exists():
         raise MissingPathError(f"{folder}: no such folder")
     if not is_session(folder):
@@ -252,8 +187,6 @@ def _bytes(path: Path) -> bytes | None:
         return path.read_bytes()
     except FileNotFoundError:
         return None
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
 
 
 def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
@@ -262,27 +195,11 @@ def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
     if data is None:
         problems.append(f"{path}: is missing; restore it")
         return None, ""
-    manifest = None
     try:
-        values = tomllib.loads(data.decode("utf-8"))
-        version = values.get("format_version")
-        if version == FORMAT_VERSION:
-            manifest = Manifest.model_validate(values)
-            for record in (manifest.camera_model, manifest.sensor, manifest.lights):
-                if record is not None:
-                    record.value()
-        else:
-            problems.append(
-                f"{path}: format version {version!r} is not understood, this program reads "
-                f"{FORMAT_VERSION}; use the version that wrote it"
-            )
-    except ValidationError as error:
-        problems.append(f"{path}: {first_complaint(error)}")
+        return parse_manifest(data, path), sha256_of(data)
     except DataError as error:
-        problems.append(f"{path}: {error}")
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        problems.append(f"{path}: is not TOML: {error}".replace("\n", " "))
-    return manifest, sha256_of(data)
+        problems.append(str(error))
+        return None, sha256_of(data)
 
 
 def _check_journal(
@@ -341,7 +258,6 @@ def _recorded(
     folder: Path, manifest: Manifest, journal: Journal, problems: list[str]
 ) -> tuple[SessionFrame, ...]:
     frames: dict[int, SessionFrame] = {}
-    home = folder.resolve()
     for line in journal.lines:
         if isinstance(line, FrameLine):
             facts = (line.file, line.bytes, line.file_sha256)
@@ -356,7 +272,7 @@ def _recorded(
         else:
             continue
         path = folder / facts[0]
-        if not path.resolve().is_relative_to(home):
+        if leaves(path, folder):
             problems.append(f"{path}: is a link that leaves the session; put the file itself there")
         frames[seq] = SessionFrame(path, of, facts[1], facts[2], manifest.camera.shape)
     return tuple(frames.values())

@@ -28,8 +28,9 @@ from acquisition._session import (
     MANIFEST,
     completion_mark,
     examine,
-    pixels_sha256,
+    leaves,
 )
+from acquisition._session_frame import pixels_sha256
 from acquisition._software import software_version
 from acquisition._storage import (
     disk,
@@ -329,7 +330,7 @@ class SessionWriter:
 def _set_aside(folder: Path, recorded: set[str]) -> list[str]:
     """Move files without a line out of ``frames/``, delete rests of unfinished writes."""
     frames, shelf = folder / FRAMES, folder / DERIVED / "unrecorded"
-    if not frames.resolve().is_relative_to(folder.resolve()):
+    if leaves(frames, folder):
         raise DataError(f"{frames}: is a link that leaves the session; put the folder itself there")
     make_folder(frames)
     aside: list[str] = []

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from acquisition._errors import DataError
 from acquisition._journal import FrameLine
-from acquisition._session import FRAMES, SessionFrame, examine
+from acquisition._session import FRAMES, examine
+from acquisition._session_frame import SessionFrame
 from acquisition._storage import is_part, sha256_of
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +12,9 @@ from calibration._errors import EstimateError
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDS = 14
-# The first rounds minimise absolute distances: Tukey's weights need a start near the truth.
-_ABSOLUTE_ROUNDS = 7
+_ROUNDS = 10
+_TRIALS = 100
+_SAMPLE = 8
 # No outline is known better than this; a smaller scale would throw away good points.
 _FINEST_PX = 0.15
 
@@ -72,13 +73,15 @@ class Ellipse:
         return distance
 
 
-def fit_circle(points_px: Array) -> tuple[Ellipse, Array]:
+def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
     """Fit a circle to outline points with Tukey weights.
 
     Parameters
     ----------
     points_px
         ``(M, 2)`` points.
+    start
+        Where to start. Default: the fit of a few points that most others agree with.
 
     Returns
     -------
@@ -92,23 +95,16 @@ def fit_circle(points_px: Array) -> tuple[Ellipse, Array]:
     EstimateError
         If fewer than 3 points remain.
     """
-    origin = points_px.mean(axis=0)
-    points = points_px - origin
-    design = np.column_stack([2 * points, np.ones(len(points))])
-    square = np.sum(points**2, axis=1)
-    weights = np.ones(len(points))
-    circle = Ellipse((0.0, 0.0), (1.0, 1.0))
-    for index in range(_ROUNDS):
+    circle = start or _least_median(points_px, _plain_circle)
+    weights = _tukey(circle.distance_px(points_px), _FINEST_PX)
+    for _ in range(_ROUNDS):
         _enough(weights, 3, "circle")
-        x, y, c = _weighted_solve(design, square, weights)
-        radius = np.sqrt(max(c + x * x + y * y, 1e-12))
-        centre = (float(x + origin[0]), float(y + origin[1]))
-        circle = Ellipse(centre, (float(radius), float(radius)))
-        weights = _robust(np.hypot(points[:, 0] - x, points[:, 1] - y) - radius, _FINEST_PX, index)
+        circle = _plain_circle(points_px, weights)
+        weights = _tukey(circle.distance_px(points_px), _FINEST_PX)
     return circle, weights
 
 
-def fit_ellipse(points_px: Array) -> tuple[Ellipse, Array]:
+def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
     """Fit an ellipse to outline points: Halir and Flusser's direct fit, reweighted.
 
     The weights are Sampson's (geometric distance to first order) times Tukey's.
@@ -117,6 +113,8 @@ def fit_ellipse(points_px: Array) -> tuple[Ellipse, Array]:
     ----------
     points_px
         ``(M, 2)`` points.
+    start
+        Where to start. Default: the fit of a few points that most others agree with.
 
     Returns
     -------
@@ -130,32 +128,15 @@ def fit_ellipse(points_px: Array) -> tuple[Ellipse, Array]:
     EstimateError
         If fewer than 5 points remain or they lie on no ellipse.
     """
-    start, weights = fit_circle(points_px)
-    # Centred and scaled: the conic's columns would differ by orders of magnitude otherwise.
-    points = (points_px - start.centre_px) / start.radius_px
-    ellipse = start
-    sampson = np.ones(len(points))
-    for index in range(_ROUNDS):
+    ellipse = start or _least_median(points_px, _plain_ellipse)
+    weights = _tukey(ellipse.distance_px(points_px), _FINEST_PX)
+    for _ in range(_ROUNDS):
         _enough(weights, 5, "ellipse")
-        conic = _direct_conic(points, weights * sampson)
-        unit = _conic_to_ellipse(conic)
-        gradient = np.column_stack(
-            [
-                2 * conic[0] * points[:, 0] + conic[1] * points[:, 1] + conic[3],
-                conic[1] * points[:, 0] + 2 * conic[2] * points[:, 1] + conic[4],
-            ]
-        )
-        sampson = 1.0 / np.maximum(np.sum(gradient**2, axis=1), 1e-12)
-        scale = start.radius_px
-        ellipse = Ellipse(
-            (
-                float(start.centre_px[0] + scale * unit.centre_px[0]),
-                float(start.centre_px[1] + scale * unit.centre_px[1]),
-            ),
-            (scale * unit.semi_axes_px[0], scale * unit.semi_axes_px[1]),
-            unit.angle_deg,
-        )
-        weights = _robust(ellipse.distance_px(points_px), _FINEST_PX, index)
+        unit = ellipse.unit(points_px)
+        # Algebraic distance grows with the size of the gradient: Sampson divides it out.
+        gradient = np.linalg.norm(unit @ np.linalg.inv(ellipse.matrix), axis=1)
+        ellipse = _plain_ellipse(points_px, weights / np.maximum(gradient, 1e-12) ** 2)
+        weights = _tukey(ellipse.distance_px(points_px), _FINEST_PX)
     return ellipse, weights
 
 
@@ -206,14 +187,14 @@ def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     weights = np.ones(len(unit))
     v = np.zeros(3)
-    for index in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         _enough(weights, 3, "cone")
         v = _weighted_solve(unit, np.ones(len(unit)), weights)
         if not v @ v > 1:
             raise EstimateError("the outline points lie on no cone: check the sphere's outline")
         # An angle e across the cone changes r . v by e tan(alpha).
         tangent = np.sqrt(v @ v - 1)
-        weights = _robust((unit @ v - 1) / tangent, _FINEST_PX * pixel_angle, index)
+        weights = _tukey((unit @ v - 1) / tangent, _FINEST_PX * pixel_angle)
     length = float(np.linalg.norm(v))
     axis = v / length
     # |v| = 1 / cos(alpha), hence sin(alpha) = sqrt(1 - 1 / |v|^2) and centre / radius:
@@ -228,6 +209,55 @@ def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
     return Cone(axis, sine, slope @ of_v @ slope.T), weights
 
 
+def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Ellipse:
+    """Return the fit of a few points that has the least median distance from all of them.
+
+    What does not belong to the outline often is a whole arc (a mount, a shadow), which an ordinary
+    start would follow.
+    """
+    _enough(np.ones(len(points)), _SAMPLE, "outline")
+    random = np.random.default_rng(0)
+    best: tuple[float, Ellipse] | None = None
+    for _ in range(_TRIALS):
+        sample = points[random.choice(len(points), _SAMPLE, replace=False)]
+        try:
+            trial = fit(sample, np.ones(_SAMPLE))
+        except EstimateError:
+            continue
+        median = float(np.median(np.abs(trial.distance_px(points))))
+        if best is None or median < best[0]:
+            best = median, trial
+    if best is None:
+        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
+    return best[1]
+
+
+def _plain_circle(points: Array, weights: Array) -> Ellipse:
+    """Fit a circle by weighted linear least squares."""
+    origin = points.mean(axis=0)
+    offset = points - origin
+    design = np.column_stack([2 * offset, np.ones(len(offset))])
+    x, y, c = _weighted_solve(design, np.sum(offset**2, axis=1), weights)
+    radius = float(np.sqrt(max(c + x * x + y * y, 1e-12)))
+    return Ellipse((float(x + origin[0]), float(y + origin[1])), (radius, radius))
+
+
+def _plain_ellipse(points: Array, weights: Array) -> Ellipse:
+    """Fit an ellipse by weighted direct least squares."""
+    # Centred and scaled: the conic's columns would differ by orders of magnitude otherwise.
+    origin = points.mean(axis=0)
+    scale = max(float(np.abs(points - origin).max()), 1e-12)
+    unit = _conic_to_ellipse(_direct_conic((points - origin) / scale, weights))
+    return Ellipse(
+        (
+            float(origin[0] + scale * unit.centre_px[0]),
+            float(origin[1] + scale * unit.centre_px[1]),
+        ),
+        (scale * unit.semi_axes_px[0], scale * unit.semi_axes_px[1]),
+        unit.angle_deg,
+    )
+
+
 def _enough(weights: Array, count: int, what: str) -> None:
     left = int(np.sum(weights > 0))
     if left < count:
@@ -240,14 +270,8 @@ def _weighted_solve(design: Array, target: Array, weights: Array) -> Array:
     return np.asarray(solution, np.float64)
 
 
-def _robust(residual: Array, finest: float, index: int) -> Array:
-    """Return the weights of a round: those of least absolute values, later Tukey's biweight.
-
-    The biweight's scale is the median absolute residual, but not below the finest.
-    """
-    if index < _ABSOLUTE_ROUNDS:
-        absolute: Array = finest / np.maximum(np.abs(residual), finest)
-        return absolute
+def _tukey(residual: Array, finest: float) -> Array:
+    """Biweight whose scale is the median absolute residual, but not below the finest."""
     scale = max(1.4826 * float(np.median(np.abs(residual))), finest)
     weights: Array = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2
     return weights
@@ -274,12 +298,14 @@ def _direct_conic(points: Array, weights: Array) -> Array:
 def _conic_to_ellipse(conic: Array) -> Ellipse:
     a, b, c, d, e, f = conic
     quadratic = np.array([[a, b / 2], [b / 2, c]])
+    if not abs(np.linalg.det(quadratic)) > 1e-12:
+        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
     centre = np.linalg.solve(2 * quadratic, [-d, -e])
     level = -(f + 0.5 * (d * centre[0] + e * centre[1]))
-    values, vectors = np.linalg.eigh(quadratic / level)
+    values, vectors = np.linalg.eigh(quadratic * level)
     if not np.all(values > 0):
         raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
-    axes = 1 / np.sqrt(values)
+    axes = abs(level) / np.sqrt(values)
     angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
     return Ellipse(
         (float(centre[0]), float(centre[1])),

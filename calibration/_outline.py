@@ -116,9 +116,11 @@ def refine_outline(
         If no edge is there.
     """
     ellipse = guess
+    start: Ellipse | None = None  # the guess may be off by more than the outliers are
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
         angles, offsets, seen = _steepest(image, ellipse, reach)
-        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles))
+        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
+        start = ellipse
     points, coverage = np.zeros((0, 2)), 0.0
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
@@ -126,19 +128,21 @@ def refine_outline(
         # Some pixels along the outline average out how it cuts the pixel grid.
         profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
         offsets = edge_offsets(profiles)
-        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles))
+        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
     return ellipse, points, coverage
 
 
-def _fit(guess: Ellipse, angles: Array, offsets: Array, count: int) -> tuple[Ellipse, Array, float]:
+def _fit(
+    guess: Ellipse, angles: Array, offsets: Array, count: int, start: Ellipse | None
+) -> tuple[Ellipse, Array, float]:
     """Fit a circle or, where enough is seen, an ellipse; return it, its points, its coverage."""
     if len(angles) < 12:
         x, y = guess.centre_px
         raise EstimateError(f"no outline at ({x:.0f}, {y:.0f}) px: give a mask or a circle")
     points = guess.point(angles, 1 + offsets / guess.radius_px)
-    ellipse, weights = fit_circle(points)
+    ellipse, weights = fit_circle(points, start)
     if len(points) > _ELLIPSE_COVERAGE * count:
-        ellipse, weights = fit_ellipse(points)
+        ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
     return ellipse, points[good], float(np.count_nonzero(good)) / count
 

@@ -216,8 +216,8 @@ class _Developer:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: has one channel, so there is no rgb; use gray")
             return image / np.float32(intensity.mean())
-        image = image / intensity.astype(np.float32)
-        return image @ _LUMA if self._channel == "gray" else image
+        colour = image / intensity.astype(np.float32)
+        return np.asarray(colour @ _LUMA, np.float32) if self._channel == "gray" else colour
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:

@@ -96,15 +96,15 @@ def photometric_stereo(
     EstimateError
         With fewer than 3 lights, lights in one plane, or no pixel that can be determined.
     """
-    stack = np.ascontiguousarray(values, np.float32)
-    _check_inputs(stack, lights, mask)
     if method not in ("ls", "cauchy"):
         raise DataError(f"{method!r} is not a method of photometric stereo: use ls or cauchy")
+    stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
+    _check_inputs(stack, lights, mask)
     points = _checked_points(points_mm, lights, mask)
-    _check_lights(lights, points[mask] if lights.near else None)
+    _check_lights(lights, _typical_point(points, mask) if lights.near else np.zeros(3))
     height, width = mask.shape
     directions = lights.unit_directions
-    inverse = np.linalg.inv(directions.T @ directions).astype(np.float64)
+    inverse = np.linalg.pinv(directions.T @ directions).astype(np.float64)
     positions, axes, mu, reference = _near_model(lights)
     normals = np.zeros((height, width, 3), np.float32)
     albedo = np.zeros((height, width), np.float32)
@@ -170,18 +170,24 @@ def _checked_points(points_mm: npt.ArrayLike | None, lights: Lights, mask: Mask)
     return points
 
 
-def _check_lights(lights: Lights, points: Double | None) -> None:
+def _typical_point(points: Double, mask: Mask) -> Double:
+    """Return the middle of the object, from a thousand of its points."""
+    inside = np.flatnonzero(mask)
+    some = points.reshape(-1, 3)[inside[:: 1 + len(inside) // 1000]]
+    finite = some[np.isfinite(some).all(axis=1)]
+    if not len(finite):
+        raise DataError("the surface points inside the mask are not finite: check the camera")
+    middle: Double = np.median(finite, axis=0)
+    return middle
+
+
+def _check_lights(lights: Lights, point_mm: Double) -> None:
     """Refuse lights that leave a direction of the normal undetermined."""
     if len(lights) < 3:
         raise EstimateError(
             f"{len(lights)} lights do not determine a normal: at least 3 are needed"
         )
-    vectors = lights.unit_directions
-    if points is not None:
-        finite = points[np.isfinite(points).all(axis=1)]
-        if not len(finite):
-            raise DataError("no surface point inside the mask is finite: check the camera")
-        vectors = lights.vectors_at(np.median(finite, axis=0))
+    vectors = lights.vectors_at(point_mm)
     strength = np.linalg.svd(vectors, compute_uv=False)
     condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
     if not condition <= MAX_CONDITION:
@@ -193,13 +199,14 @@ def _check_lights(lights: Lights, points: Double | None) -> None:
 
 def _near_model(lights: Lights) -> tuple[Double, Double, Double, Double]:
     """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``, the last for unit irradiance at 0."""
-    count = len(lights) if lights.near else 0
-    positions, axes, mu = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)
-    if lights.near:
-        positions[:], axes[:], mu[:] = lights.positions_mm, lights.axes, lights.mu
+    if not lights.near:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    positions, axes, mu = (
+        np.array(x, np.float64) for x in (lights.positions_mm, lights.axes, lights.mu)
+    )
     distance = np.linalg.norm(positions, axis=1)
-    cosine = -np.sum(positions * axes, axis=1) / np.where(distance > 0, distance, 1.0)
-    reference: Double = distance**2 / np.where(cosine > 0, cosine, 1.0) ** mu
+    cosine = -np.sum(positions * axes, axis=1) / distance
+    reference: Double = distance**2 / cosine**mu
     return positions, axes, mu, reference
 
 

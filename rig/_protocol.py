@@ -135,10 +135,6 @@ class LineBuffer:
         stripped = [line.removesuffix(b"\r") for line in lines]
         return [line for line in stripped if 0 < len(line) <= MAX_REPLY]
 
-    def clear(self) -> None:
-        """Forget a line that is only half here."""
-        self._rest = b""
-
 
 def _encode(mark: bytes, limit: int, seq: int, words: tuple[str, ...]) -> bytes:
     body = mark + f"{seq:04X} {' '.join(words)}".encode("ascii")

@@ -23,7 +23,7 @@ def read_mask_shares(path: Path, size: tuple[int, ...]) -> npt.NDArray[np.float6
             f"{path}: a mask of {image.shape[1]} x {image.shape[0]} pixels "
             f"does not fit images of {size[1]} x {size[0]}"
         )
-    full = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
+    full = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype.name).max)
     shares = np.clip(np.nan_to_num(image.astype(np.float64) / full), 0.0, 1.0)
     if not (shares > 0.5).any():
         raise DataError(f"{path}: the mask is all zeros: nothing is inside")

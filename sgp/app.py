@@ -26,7 +26,6 @@ _GROUPS = {
         ("separate", "combine", "transfer"),
     ),
 }
-_DEFAULTS = Parameter(negative=())
 
 
 def _app(name: str, text: str) -> App:
@@ -35,7 +34,8 @@ def _app(name: str, text: str) -> App:
         help=text,
         version=__version__,
         help_format="plaintext",
-        default_parameter=_DEFAULTS,
+        default_parameter=Parameter(negative=()),
+        suppress_keyboard_interrupt=False,
     )
 
 
@@ -93,6 +93,7 @@ def run(app: App, tokens: list[str]) -> int:
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         return result, json
 
+    app.meta.suppress_keyboard_interrupt = False
     debug = "--debug" in tokens
     try:
         outcome = app.meta(
@@ -140,6 +141,10 @@ def _fail(text: str, code: int, debug: bool, hint: str = "") -> int:
         traceback.print_exc()
     print(f"error: {text}" + (f" ({hint})" if hint else ""), file=sys.stderr)
     return code
+
+
+# Idle threads of numba's OpenMP pool would spin, which costs several times the work itself.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 def main() -> None:

@@ -54,18 +54,18 @@ def _run(board: FaultyBoard, master: int) -> None:
     while attached or board.firmware.bench.led(time.monotonic_ns()) is not None:
         wait_s = min([_TICK_S, *(max(0.0, (at - time.monotonic_ns()) / 1e9) for at, _ in due)])
         ready, _, _ = select.select([master, _STDIN] if attached else [master], [], [], wait_s)
-        # Faults first: one that was injected before a command must strike it.
-        if _STDIN in ready:
+        received = wire.feed(os.read(master, 4096)) if master in ready else []
+        # Only now, and asked again: faults that were ordered before a command must strike it.
+        if attached and select.select([_STDIN], [], [], 0)[0]:
             data = os.read(_STDIN, 4096)
             attached = bool(data)
             *lines, orders = (orders + data).split(b"\n")
             for line in lines:
                 board.set_faults(BoardFaults.validate_json(line))
         attached = attached and os.getppid() == parent
-        if master in ready:
-            for line in wire.feed(os.read(master, 4096)):
-                reply, at = board.handle(line, time.monotonic_ns())
-                due.append((at, reply))
+        for line in received:
+            reply, at = board.handle(line, time.monotonic_ns())
+            due.append((at, reply))
         now_ns = time.monotonic_ns()
         for _, reply in sorted(item for item in due if item[0] <= now_ns):
             # Nobody reads and the line is full: lost, as on a wire.

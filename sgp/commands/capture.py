@@ -7,6 +7,8 @@ from typing import Any
 
 from acquisition import (
     CapturePlan,
+    DataError,
+    MissingPathError,
     Session,
     import_frames,
     read_camera,
@@ -245,12 +247,15 @@ def _plan(path: Path | None, leds: tuple[int, ...]) -> CapturePlan:
 
 
 def _tell_interrupted(out: Path) -> None:
+    """Say what the interruption left; the interruption itself goes on."""
     try:
         session = Session.open(out)
-    except Exception as error:  # noqa: BLE001 - the interruption itself is what matters now
-        note(f"{out}: {error}")
+    except (DataError, MissingPathError) as error:
+        note(str(error))
         return
-    note(f"{out}: incomplete, {len(session.frames)} frames are whole; LEDs are off")
+    dark = any(event.details.get("leds_confirmed_off") for event in session.events)
+    lights = "the LEDs are off" if dark else "the board did NOT confirm that the LEDs are off"
+    note(f"{out}: incomplete, {len(session.frames)} frames are whole; {lights}")
 
 
 def _describe(session: Session) -> Result:

@@ -23,13 +23,22 @@ from acquisition._plan import CapturePlan
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
 from acquisition._verify import verify_session
-from rig import Board, BoardEcho, BoardError, BoardIdentity, CameraError, CameraFrame, CameraInfo
+from rig import (
+    Board,
+    BoardEcho,
+    BoardError,
+    BoardIdentity,
+    CameraError,
+    CameraFrame,
+    CameraInfo,
+    RigConfig,
+    RigError,
+)
 from rig import Rig as RealRig
-from rig import RigConfig, RigError
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
-TOLD: dict[str, str] = {"operator": "Ada", "object_name": "coin"}
+TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
 
 
 def seen(led: int | None, exposure_us: float) -> npt.NDArray[np.uint16]:

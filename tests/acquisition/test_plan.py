@@ -89,7 +89,7 @@ def test_plan_file(tmp_path: Path) -> None:
 def test_a_plan_does_not_change() -> None:
     plan = CapturePlan(leds=(0,), exposures_us=(1.0,))
     with pytest.raises(ValidationError):
-        plan.repeats = 2  # type: ignore[misc]
+        plan.repeats = 2
 
 
 @pytest.mark.parametrize(

@@ -5,19 +5,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError
 from acquisition._manifest import CameraRecord, Manifest
 from acquisition._plan import CapturePlan
 from acquisition._session import Session
+from acquisition._session_frame import SessionFrame
 from acquisition._session_writer import SessionWriter
 from acquisition._verify import verify_session
 
 FLIPS = 250
 
 
-def picture(index: int) -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
+def picture(index: int) -> npt.NDArray[np.uint16]:
     return np.random.default_rng(index).integers(0, 4096, (12, 16)).astype(np.uint16)
 
 
@@ -39,6 +41,13 @@ def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
         else:
             writer.complete()
     return tmp_path / "s"
+
+
+def outcome(frame: SessionFrame) -> npt.NDArray[np.uint16] | str:
+    try:
+        return frame.read()
+    except DataError as error:
+        return str(error)
 
 
 def flip(path: Path, bit: int) -> None:
@@ -68,17 +77,18 @@ def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: P
         else:
             assert name.parts[0] == "frames", (name, bit)
             for index, frame in enumerate(frames):
-                try:
-                    np.testing.assert_array_equal(frame.read(), picture(index))
-                except DataError as error:
-                    assert name.name in str(error)
+                read = outcome(frame)
+                if isinstance(read, str):
+                    assert str(copy / name) in read
+                else:
+                    np.testing.assert_array_equal(read, picture(index))
         shutil.rmtree(copy)
 
 
 @pytest.mark.parametrize("folder", ["complete"], indirect=True)
-def test_every_bit_of_the_smallest_file_is_found(folder: Path) -> None:
+def test_every_byte_of_the_smallest_file_counts(folder: Path) -> None:
     path = folder / "COMPLETE"
-    for bit in range(8 * path.stat().st_size):
+    for bit in range(0, 8 * path.stat().st_size, 7):
         flip(path, bit)
         assert any("COMPLETE" in problem for problem in verify_session(folder).problems)
         flip(path, bit)

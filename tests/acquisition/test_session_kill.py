@@ -83,6 +83,7 @@ for line in sys.stdin:
         finally:
             os._exit(0)
     print(pid, flush=True)
+    sys.stdin.readline()  # until then the number is that of no other process
     print(os.waitpid(pid, 0)[1], flush=True)
 """
 
@@ -101,6 +102,11 @@ class Server:
         assert self.process.stdout is not None
         return self.process.stdout.readline().strip()
 
+    def _send(self, line: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(line + "\n")
+        self.process.stdin.flush()
+
     def record(
         self,
         folder: Path,
@@ -117,9 +123,7 @@ class Server:
         acks = folder.with_suffix(".acks")
         request: dict[str, Any] = {"folder": str(folder), "acks": str(acks)}
         request |= {"plan": plan.model_dump(), "dies_at": dies_at, "limit": limit}
-        assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps(request) + "\n")
-        self.process.stdin.flush()
+        self._send(json.dumps(request))
         pid = int(self._line())
         if kill_after is not None:
             frames, delay_s = kill_after
@@ -127,6 +131,7 @@ class Server:
                 time.sleep(0.0005)
             time.sleep(delay_s)
             os.kill(pid, signal.SIGKILL)
+        self._send("done")
         status = int(self._line())
         return acks.read_text().splitlines() if acks.exists() else [], status
 

@@ -90,6 +90,11 @@ def linked(name: str) -> Callable[[Path], None]:
     return change
 
 
+def circled(folder: Path) -> None:
+    (folder / "frames/L00_E0.tif").unlink()
+    (folder / "frames/L00_E0.tif").symlink_to("L00_E0.tif")
+
+
 def dropped(name: str) -> Callable[[Path], None]:
     return lambda folder: (folder / name).unlink()
 
@@ -152,6 +157,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             linked("frames/L00_E0.tif"), "L00_E0.tif", "leaves the session", id="frame-linked"
         ),
+        pytest.param(circled, "L00_E0.tif", "leaves the session", id="links-in-a-circle"),
         pytest.param(broken_middle, "journal.jsonl", "line 2 is damaged", id="broken-middle"),
         pytest.param(
             lambda folder: (folder / "COMPLETE").write_text("yes\n"),
@@ -256,6 +262,15 @@ def test_a_file_too_many(folder: Path) -> None:
     assert [("L99" in text) for text in found.problems] == [True]
     assert [(".part-x" in text) for text in found.warnings] == [True]
     assert len(Session.open(folder).frames) == 3
+
+
+@pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE"])
+def test_a_folder_where_a_file_belongs(folder: Path, name: str) -> None:
+    (folder / name).unlink()
+    (folder / name).mkdir()
+    for reader in (Session.open, verify_session):
+        with pytest.raises(DataError, match=f"{name}: cannot be read"):
+            reader(folder)
 
 
 def test_derived_files_do_not_matter(folder: Path) -> None:

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import errno
-import os
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -332,117 +330,6 @@ def test_a_frame_file_that_was_lost_is_not_replaced_under_its_name(tmp_path: Pat
     (folder / "frames" / "D_100us.tif").unlink()
     with SessionWriter.reopen(folder) as writer:
         assert writer.write_frame(shot, picture(1)).file == "frames/D_100us_R1.tif"
-
-
-@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
-def test_a_disk_that_refuses(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, code: int
-) -> None:
-    folder = tmp_path / "s"
-    real = getattr(os, call)
-    left = [99]
-
-    def failing(*arguments: Any) -> Any:
-        left[0] -= 1
-        if left[0] < 0:
-            raise OSError(code, os.strerror(code))
-        return real(*arguments)
-
-    monkeypatch.setattr(os, call, failing)
-    recorded = 0
-    with SessionWriter.create(folder, manifest()) as writer:
-        shots = writer.missing
-        writer.write_frame(shots[0], picture(0))
-        left[0] = {"write": 0, "fsync": 2, "replace": 1}[call]
-        with pytest.raises(StorageError) as caught:
-            for index, shot in enumerate(shots[1:], 1):
-                writer.write_frame(shot, picture(index))
-        message = str(caught.value)
-        assert str(folder) in message
-        assert os.strerror(code) in message
-        assert "\n" not in message
-        left[0] = 99
-        recorded = len(Session.open(folder).frames)
-    found = verify_session(folder)
-    assert found.ok
-    assert not found.complete
-    for index, frame in enumerate(Session.open(folder).frames):
-        np.testing.assert_array_equal(frame.read(), picture(index))
-    with SessionWriter.reopen(folder) as writer:
-        assert len(writer.missing) == 4 - recorded
-        for shot in writer.missing:
-            writer.write_frame(shot, picture(shots.index(shot)))
-        writer.complete()
-    assert verify_session(folder).ok
-
-
-def test_a_line_half_written_is_never_followed_by_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "s"
-    real = os.write
-    calls = [0]
-
-    def half(descriptor: int, data: Any) -> int:
-        calls[0] += 1
-        if calls[0] == 2:
-            raise OSError(errno.ENOSPC, "full")
-        return real(descriptor, bytes(data)[: len(data) // 2])
-
-    with SessionWriter.create(folder, manifest()) as writer:
-        shots = writer.missing
-        writer.write_frame(shots[0], picture(0))
-        monkeypatch.setattr(os, "write", half)
-        with pytest.raises(StorageError, match="cannot append"):
-            writer.write_frame(shots[1], picture(1))
-        monkeypatch.undo()
-        with pytest.raises(StorageError, match="reopen the session"):
-            writer.write_frame(shots[1], picture(1))
-        with pytest.raises(StorageError, match="reopen the session"):
-            writer.write_event("failed")
-    assert len(Session.open(folder).frames) == 1
-    with SessionWriter.reopen(folder) as writer:
-        for shot in writer.missing:
-            writer.write_frame(shot, picture(3))
-        writer.complete()
-    assert verify_session(folder).ok
-
-
-def test_ctrl_c_between_a_line_and_its_acknowledgement_leaves_a_sound_session(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "s"
-    real = os.fsync
-    with SessionWriter.create(folder, manifest()) as writer:
-        shot = writer.missing[0]
-
-        def interrupted(descriptor: int) -> None:
-            real(descriptor)
-            if "journal" in os.readlink(f"/proc/self/fd/{descriptor}"):
-                raise KeyboardInterrupt
-
-        if not Path("/proc/self/fd").exists():
-            pytest.skip("needs /proc")
-        monkeypatch.setattr(os, "fsync", interrupted)
-        with pytest.raises(KeyboardInterrupt):
-            writer.write_frame(shot, picture(0))
-        monkeypatch.undo()
-        with pytest.raises(StorageError, match="reopen"):
-            writer.write_event("interrupted")
-    assert [frame.line.key for frame in Session.open(folder).frames] == [shot.key]
-    assert verify_session(folder).ok
-
-
-def test_another_program_writing_into_the_journal_is_noticed(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    with SessionWriter.create(folder, manifest()) as writer:
-        write_all(writer)
-        with (folder / "journal.jsonl").open("ab") as file:
-            file.write(b"{}\n")
-        with pytest.raises(StorageError, match="another program"):
-            writer.complete()
-    assert not (folder / "COMPLETE").exists()
 
 
 def test_times_are_those_of_the_clock(tmp_path: Path) -> None:

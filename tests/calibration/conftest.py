@@ -92,20 +92,13 @@ def dome(count: int = 36, radius: float = 450.0):
     rings = np.array([15, 35, 55, 75])
     share = np.cos(np.radians(rings))
     counts = np.diff(np.round(count * np.cumsum(share) / share.sum()).astype(int), prepend=0)
-    lights = []
-    for elevation, n in zip(np.radians(rings), counts, strict=True):
-        for azimuth in np.arange(n) * 2 * np.pi / n + 0.3:
-            lights.append(
-                radius
-                * np.array(
-                    [
-                        np.cos(elevation) * np.cos(azimuth),
-                        np.cos(elevation) * np.sin(azimuth),
-                        np.sin(elevation),
-                    ]
-                )
-            )
-    return np.array(lights)
+    angles = [
+        (elevation, azimuth)
+        for elevation, n in zip(np.radians(rings), counts, strict=True)
+        for azimuth in np.arange(n) * 2 * np.pi / n + 0.3
+    ]
+    e, a = np.array(angles).T
+    return radius * np.column_stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
 @pytest.fixture(scope="session")

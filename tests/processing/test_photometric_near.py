@@ -108,7 +108,7 @@ def test_lights_with_positions_need_points():
         photometric_stereo(values, lights, mask)
     with pytest.raises(DataError, match="do not fit a mask"):
         photometric_stereo(values, lights, mask, points_mm=np.zeros((5, 4, 3)))
-    with pytest.raises(DataError, match="no surface point"):
+    with pytest.raises(DataError, match="are not finite"):
         photometric_stereo(values, lights, mask, points_mm=np.full((4, 5, 3), np.nan))
 
 

@@ -167,6 +167,15 @@ def test_normals_turn_with_the_scene_and_ignore_brightness(method, seed, scale):
 
 
 @METHODS
+@pytest.mark.parametrize("scale", [1e-42, 1e-30, 1e37, 2e38])
+def test_absurd_units_end_and_give_normals(method, scale):
+    normals, mask = _ball(20, n_z_min=0.75)
+    values = scale * _shade(normals, _dome(9), np.ones(mask.shape))
+    result = photometric_stereo(values, Lights(_dome(9)), mask, method=method)
+    assert _worst_deg(result, normals, mask) < (0.01 if scale > 1e-40 else 2)
+
+
+@METHODS
 def test_bytes_do_not_depend_on_the_number_of_threads(method):
     rng = np.random.default_rng(9)
     values = rng.uniform(0, 1, (14, 97, 83))

@@ -11,6 +11,7 @@ from simulator._board_faults import BoardFault
 @pytest.fixture
 def board(bench):
     board = Board(bench.virtual.port)
+    board.off()
     yield board
     board.close()
 
@@ -73,14 +74,15 @@ def test_one_failed_exchange_is_mended_by_a_repetition(bench, board, fault):
 
 
 def test_a_late_reply_is_never_taken_for_the_next_commands(bench, board):
-    # Each first reply comes 300 ms late, in the middle of the exchange about the next LED.
-    bench.virtual.set_faults(BoardFault(kind="delay-reply", value=300, times=1))
-    seen = []
-    for led in range(6):
-        seen.append(board.on(led, 5000).led)
-        time.sleep(0.02)
-        seen.append(board.off().led)
-    assert seen == [led for led in range(6) for _ in range(2)]
+    # The answer "LED 1 burned" comes 300 ms late, while the client waits for the next OFF's.
+    bench.virtual.set_faults(
+        BoardFault(kind="delay-reply", verb="OFF", value=300),
+        BoardFault(kind="drop-reply", verb="OFF", skip=2),
+    )
+    board.on(1, 5000)
+    assert board.off().led == 1
+    board.on(2, 5000)
+    assert board.off().led == 2
 
 
 def test_a_lost_reply_to_off_still_tells_what_burned(bench, board):

@@ -137,15 +137,21 @@ def _wider(mask, by=6):
     return wide
 
 
-def test_energy_agrees_with_counting_rays():
+@pytest.mark.parametrize(
+    ("turn", "mu"),
+    [
+        pytest.param((0.0, 0.0, 0.0), 1.0, id="lambertian"),
+        pytest.param((0.5, -0.4, 0.2), 3.0, id="narrow-and-askew"),
+    ],
+)
+def test_energy_agrees_with_counting_rays(turn, mu):
     """Trace a fine grid of rays and count those that end on the luminous disc."""
     n, radius, fine = 5, 12.0, 60
-    scene = replace(SCENE, led_radius_mm=radius)
+    lights = replace(SCENE.lights, axes=SCENE.lights.axes + turn, mu=np.full(len(SCENE.lights), mu))
+    scene = replace(SCENE, led_radius_mm=radius, lights=lights)
     found, sphere = find_highlights(scene), scene.spheres[0]
     led, axis = scene.lights.positions_mm[n], scene.lights.axes[n]
     pixel, on_disc, weight = found.pixels[0, n], 0, 0.0
-    mu = scene.lights.mu[n]
-    r0 = np.linalg.norm(led)
     for dx in (np.arange(2 * fine) + 0.5) / fine - 1:
         for dy in (np.arange(2 * fine) + 0.5) / fine - 1:
             start, way = _mirrored(scene.camera, sphere, pixel + 0.8 * np.array([dx, dy]))
@@ -155,8 +161,10 @@ def test_energy_agrees_with_counting_rays():
                 on_disc += 1
                 weight += cosine ** (mu - 1)
     assert on_disc > 200
-    # A disc of radiance L gives the irradiance L pi a^2 cos / r^2; white shows E / pi.
-    radiance = scene.irradiance[n] * r0**2 / (np.pi * radius**2)
+    # A disc of radiance L cos^(mu-1) gives E = L pi a^2 cos^mu / r^2; white shows E / pi.
+    squared = led @ led
+    at_origin = (-(led @ axis) / np.sqrt(squared)) ** mu
+    radiance = scene.irradiance[n] * squared / at_origin / (np.pi * radius**2)
     expected = np.pi * sphere.reflectance * radiance * weight * (0.8 / fine) ** 2
     assert found.signal[0, n] == pytest.approx(expected, rel=0.02)
 

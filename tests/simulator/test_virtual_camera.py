@@ -97,11 +97,12 @@ def test_light_before_and_after_the_exposure_does_not_count(room):
 
 
 def test_an_exposure_takes_its_time_only_in_real_time(room):
-    for realtime, least_s, most_s in ((True, 0.2, 2.0), (False, 0.0, 0.15)):
-        camera = room.camera(realtime=realtime)
-        start = time.monotonic()
-        shoot(camera, 200_000)
-        assert least_s <= time.monotonic() - start < most_s
+    start = time.monotonic()
+    shoot(room.camera(), 200_000)
+    assert time.monotonic() - start >= 0.2
+    start = time.monotonic()
+    shoot(room.camera(realtime=False), 10_000_000)
+    assert time.monotonic() - start < 5
 
 
 def test_without_real_time_the_light_still_counts_by_its_share(room):
@@ -116,7 +117,8 @@ def test_without_real_time_the_light_still_counts_by_its_share(room):
     time.sleep(0.02)
     room.writer.put_out(time.monotonic_ns())
     time.sleep(0.02)
-    assert 2000 < camera.fetch(frame_id, 1.0).pixels[0, 0] < 7000
+    # Dark would be 270, lit throughout 8270.
+    assert 300 < camera.fetch(frame_id, 1.0).pixels[0, 0] < 8200
 
 
 def test_frames_count_up_and_an_older_one_is_not_taken_for_a_newer(room):

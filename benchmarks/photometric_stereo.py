@@ -1,0 +1,156 @@
+"""What photometric stereo costs, in copies of its stack, and how exact it is on real captures.
+
+python benchmarks/photometric_stereo.py [--megapixels 1] [--lights 36] [--diligent DIR]
+
+Times are of all threads together unless called wall; set NUMBA_NUM_THREADS for their number. The
+accuracy part runs where --diligent or the variable SGP_DATA names the data.
+"""
+
+import argparse
+import ctypes
+import os
+import time
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from acquisition import Lights, read_source
+from calibration import linear_stack
+from processing import angular_error, photometric_stereo
+
+MIB = 2.0**20
+
+
+def dome(count):
+    z = np.linspace(0.97, 0.5, count)
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def bumpy_stack(directions, height, width):
+    """A relief with attached shadows and noise, made image by image."""
+    rng = np.random.default_rng(0)
+    y, x = np.mgrid[:height, :width].astype(np.float32)
+    normals = np.stack([0.8 * np.sin(x / 9), 0.8 * np.cos(y / 13), np.ones_like(x)])
+    normals /= np.linalg.norm(normals, axis=0)
+    values = np.zeros((len(directions), height, width), np.float32)
+    for image, light in zip(values, directions, strict=True):
+        image[:] = np.maximum(np.tensordot(light.astype(np.float32), normals, 1), 0)
+        image += rng.normal(0, 0.01, image.shape).astype(np.float32)
+    return values
+
+
+def _status_mib(field):
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+    except OSError:
+        return float("nan")
+    return next(float(line.split()[1]) for line in lines if line.startswith(field)) / 1024
+
+
+def measured(work):
+    """Return CPU seconds, wall seconds and the growth of peak memory in MiB."""
+    try:
+        ctypes.CDLL(None).malloc_trim(0)  # memory that is kept for reuse would hide the growth
+        Path("/proc/self/clear_refs").write_text("5")
+    except (OSError, AttributeError):
+        print("(peak memory is not measured on this system)")
+    before = _status_mib("VmRSS")
+    cpu, wall = time.process_time(), time.perf_counter()
+    work()
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    return cpu, wall, _status_mib("VmHWM") - before
+
+
+def naive(values, directions):
+    """Least squares the short way, for comparison."""
+    m, *_ = np.linalg.lstsq(directions, values.reshape(len(values), -1), rcond=None)
+    length = np.linalg.norm(m, axis=0)
+    return m / length, length
+
+
+def copy_seconds(values):
+    target = np.zeros_like(values)
+    return min(measured(lambda: np.copyto(target, values))[0] for _ in range(5))
+
+
+def cost(lights, megapixels):
+    side = round((megapixels * 1e6) ** 0.5)
+    directions = dome(lights)
+    values = bumpy_stack(directions, side, side)
+    mask = np.ones((side, side), bool)
+    saturated = values.copy()
+    saturated[values > 0.97] = np.nan
+    distant = Lights(directions)
+    leds = Lights(positions_mm=directions * 450, mu=np.full(lights, 1.0))
+    x, y = np.meshgrid(np.linspace(-70, 70, side), np.linspace(70, -70, side))
+    points = np.stack([x, y, 0 * x], axis=2)
+    rows = {
+        "ls": lambda: photometric_stereo(values, distant, mask),
+        "ls, saturated samples": lambda: photometric_stereo(saturated, distant, mask),
+        "ls, near LEDs": lambda: photometric_stereo(values, leds, mask, points_mm=points),
+        "cauchy": lambda: photometric_stereo(values, distant, mask, method="cauchy"),
+        "cauchy, near LEDs": lambda: photometric_stereo(
+            values, leds, mask, method="cauchy", points_mm=points
+        ),
+        "numpy lstsq": lambda: naive(values, directions),
+    }
+    photometric_stereo(values[:, :1], distant, mask[:1])  # compiles
+    copy = copy_seconds(values)
+    print(
+        f"{lights} lights x {side} x {side} float32 ({values.nbytes / MIB:.0f} MiB), "
+        f"{numba.get_num_threads()} threads; one copy {copy * 1e3:.1f} ms\n"
+    )
+    print(f"{'':24}{'CPU s':>8}{'wall s':>8}{'us/px':>8}{'copies':>8}{'peak MiB':>10}")
+    for name, work in rows.items():
+        cpu, wall, peak = min(measured(work) for _ in range(2))
+        print(
+            f"{name:24}{cpu:8.3f}{wall:8.3f}{cpu / mask.size * 1e6:8.3f}{cpu / copy:8.1f}"
+            f"{peak:10.0f}"
+        )
+
+
+def accuracy(folder):
+    print(f"\n{'mean angular error, deg':24}{'ls':>8}{'cauchy':>8}")
+    for name in ("bearPNG", "catPNG"):
+        source = read_source(folder / name)
+        stack = linear_stack(source)
+        for picked in (96, 36):
+            errors = []
+            for seed in range(1 if picked == 96 else 3):
+                rng = np.random.default_rng(seed)
+                kept = np.sort(rng.choice(96, picked, replace=False))
+                errors.append(
+                    [
+                        angular_error(
+                            photometric_stereo(
+                                stack.values[kept], stack.lights.take(kept), source.mask, method=m
+                            ).normal_map,
+                            source.normals_truth,
+                            source.mask,
+                        ).mae_deg
+                        for m in ("ls", "cauchy")
+                    ]
+                )
+            ls, cauchy = np.mean(errors, axis=0)
+            print(f"{f'{name}, {picked} lights':24}{ls:8.2f}{cauchy:8.2f}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--megapixels", type=float, default=1.0)
+    parser.add_argument("--lights", type=int, default=36)
+    parser.add_argument("--diligent", type=Path, help="folder with bearPNG and catPNG")
+    options = parser.parse_args()
+    cost(options.lights, options.megapixels)
+    folder = options.diligent
+    if folder is None and "SGP_DATA" in os.environ:
+        folder = Path(os.environ["SGP_DATA"]) / "diligent"
+    if folder is not None:
+        accuracy(folder)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,191 @@
+"""Disks that refuse, and interrupts at the wrong moment: what was recorded stays whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition._errors import StorageError
+from acquisition._manifest import CameraRecord, Manifest
+from acquisition._plan import CapturePlan
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._verify import verify_session
+
+
+def manifest() -> Manifest:
+    return Manifest(
+        started_utc=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
+        camera=CameraRecord(width=8, height=6, bit_depth=12),
+    )
+
+
+def picture(seed: int) -> npt.NDArray[np.uint16]:
+    return np.random.default_rng(seed).integers(0, 4096, (6, 8)).astype(np.uint16)
+
+
+def write_all(writer: SessionWriter, start: int = 0) -> None:
+    for index, shot in enumerate(writer.missing, start):
+        writer.write_frame(shot, picture(index))
+
+
+@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_a_disk_that_refuses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, code: int
+) -> None:
+    folder = tmp_path / "s"
+    real = getattr(os, call)
+    left = [99]
+
+    def failing(*arguments: Any) -> Any:
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(code, os.strerror(code))
+        return real(*arguments)
+
+    monkeypatch.setattr(os, call, failing)
+    recorded = 0
+    with SessionWriter.create(folder, manifest()) as writer:
+        shots = writer.missing
+        writer.write_frame(shots[0], picture(0))
+        left[0] = {"write": 0, "fsync": 2, "replace": 1}[call]
+        with pytest.raises(StorageError) as caught:
+            write_all(writer, 1)
+        message = str(caught.value)
+        assert str(folder) in message
+        assert os.strerror(code) in message
+        assert "\n" not in message
+        left[0] = 99
+        recorded = len(Session.open(folder).frames)
+    found = verify_session(folder)
+    assert found.ok
+    assert not found.complete
+    for index, frame in enumerate(Session.open(folder).frames):
+        np.testing.assert_array_equal(frame.read(), picture(index))
+    with SessionWriter.reopen(folder) as writer:
+        assert len(writer.missing) == 4 - recorded
+        for shot in writer.missing:
+            writer.write_frame(shot, picture(shots.index(shot)))
+        writer.complete()
+    assert verify_session(folder).ok
+
+
+def test_a_line_half_written_is_never_followed_by_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "s"
+    real = os.write
+    calls = [0]
+
+    def half(descriptor: int, data: Any) -> int:
+        calls[0] += 1
+        if calls[0] == 2:
+            raise OSError(errno.ENOSPC, "full")
+        return real(descriptor, bytes(data)[: len(data) // 2])
+
+    with SessionWriter.create(folder, manifest()) as writer:
+        shots = writer.missing
+        writer.write_frame(shots[0], picture(0))
+        monkeypatch.setattr(os, "write", half)
+        with pytest.raises(StorageError, match="cannot append"):
+            writer.write_frame(shots[1], picture(1))
+        monkeypatch.undo()
+        with pytest.raises(StorageError, match="reopen the session"):
+            writer.write_frame(shots[1], picture(1))
+        with pytest.raises(StorageError, match="reopen the session"):
+            writer.write_event("failed")
+    assert len(Session.open(folder).frames) == 1
+    with SessionWriter.reopen(folder) as writer:
+        for shot in writer.missing:
+            writer.write_frame(shot, picture(3))
+        writer.complete()
+    assert verify_session(folder).ok
+
+
+def test_ctrl_c_between_a_line_and_its_acknowledgement_leaves_a_sound_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "s"
+    real = os.fsync
+    with SessionWriter.create(folder, manifest()) as writer:
+        shot = writer.missing[0]
+        journal = (folder / "journal.jsonl").stat().st_ino
+
+        def interrupted(descriptor: int) -> None:
+            real(descriptor)
+            if os.fstat(descriptor).st_ino == journal:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(os, "fsync", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            writer.write_frame(shot, picture(0))
+        monkeypatch.undo()
+        with pytest.raises(StorageError, match="reopen"):
+            writer.write_event("interrupted")
+    assert [frame.line.key for frame in Session.open(folder).frames] == [shot.key]
+    assert verify_session(folder).ok
+
+
+def test_another_program_writing_into_the_journal_is_noticed(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    with SessionWriter.create(folder, manifest()) as writer:
+        write_all(writer)
+        with (folder / "journal.jsonl").open("ab") as file:
+            file.write(b"{}\n")
+        with pytest.raises(StorageError, match="another program"):
+            writer.complete()
+    assert not (folder / "COMPLETE").exists()
+
+
+def test_a_frame_is_on_disk_under_its_name_before_its_line_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The order that a power cut tests: no killed process can, as the system outlives it."""
+    folder = tmp_path / "s"
+    log: list[tuple[str, object]] = []
+    write, fsync, replace = os.write, os.fsync, os.replace
+
+    def logged_write(descriptor: int, data: Any) -> int:
+        log.append(("write", os.fstat(descriptor).st_ino))
+        return write(descriptor, data)
+
+    def logged_fsync(descriptor: int) -> None:
+        log.append(("fsync", os.fstat(descriptor).st_ino))
+        fsync(descriptor)
+
+    def logged_replace(old: Path, new: Path) -> None:
+        log.append(("rename", Path(new).name))
+        replace(old, new)
+
+    with SessionWriter.create(folder, manifest()) as writer:
+        monkeypatch.setattr(os, "write", logged_write)
+        monkeypatch.setattr(os, "fsync", logged_fsync)
+        monkeypatch.setattr(os, "replace", logged_replace)
+        line = writer.write_frame(writer.missing[0], picture(0))
+        file, journal = folder / line.file, folder / "journal.jsonl"
+        assert log[-5:] == [
+            ("fsync", file.stat().st_ino),
+            ("rename", file.name),
+            ("fsync", file.parent.stat().st_ino),
+            ("write", journal.stat().st_ino),
+            ("fsync", journal.stat().st_ino),
+        ]
+        write_all(writer)
+        log.clear()
+        writer.complete()
+        assert log == [
+            ("fsync", (folder / "COMPLETE").stat().st_ino),
+            ("rename", "COMPLETE"),
+            ("fsync", folder.stat().st_ino),
+        ]

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+
+from calibration._conic import Ellipse
+from calibration._highlights import find_highlights
+
+OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
+
+
+def spot(x, y, peak, sigma=0.8, shape=(100, 120)):
+    """A Gaussian spot integrated over pixels by supersampling."""
+    sub = (np.arange(9) + 0.5) / 9 - 0.5
+    rows = (np.arange(shape[0])[:, None] + sub).ravel()
+    columns = (np.arange(shape[1])[:, None] + sub).ravel()
+    g = np.exp(-((rows[:, None] - y) ** 2 + (columns[None] - x) ** 2) / (2 * sigma**2))
+    return peak * g.reshape(shape[0], 9, shape[1], 9).mean(axis=(1, 3))
+
+
+def stack(places, peak=200.0, seed=0):
+    rng = np.random.default_rng(seed)
+    images = [spot(x, y, peak) + 0.2 + rng.normal(0, 0.01, (100, 120)) for x, y in places]
+    return np.array(images, np.float32)
+
+
+PLACES = np.array([[50.3, 44.1], [66.77, 38.42], [71.5, 57.25], [58.0, 66.9], [45.2, 55.6]])
+
+
+def test_centroid_of_unsaturated_spots():
+    found = find_highlights(stack(PLACES), OUTLINE)
+    assert np.abs(found.pixels - PLACES).max() < 0.01
+    assert not found.saturated.any()
+
+
+def test_static_reflection_is_ignored():
+    values = stack(PLACES) + spot(75.0, 40.0, 400.0).astype(np.float32)
+    assert np.abs(find_highlights(values, OUTLINE).pixels - PLACES).max() < 0.02
+
+
+def test_saturated_blob_has_its_middle():
+    values = np.stack([spot(x, y, 50.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
+    values[values >= 1] = np.nan
+    found = find_highlights(values, OUTLINE)
+    assert found.saturated.all()
+    assert np.abs(found.pixels - PLACES).max() < 0.15
+
+
+def test_secondary_reflection_near_the_rim_is_rejected():
+    values = stack(PLACES)
+    values[2] = stack([(60 + 40 * 0.93, 50.0)])[0]  # the light itself is hidden
+    found = find_highlights(values, OUTLINE).found
+    assert found.tolist() == [True, True, False, True, True]
+
+
+def test_faint_secondary_inside_is_rejected_by_its_flux():
+    values = stack(PLACES)
+    values[1] = stack([(52.0, 60.0)], peak=2.0, seed=5)[0]
+    found = find_highlights(values, OUTLINE).found
+    assert found.tolist() == [True, False, True, True, True]
+
+
+def test_two_equal_spots_are_ambiguous():
+    values = stack(PLACES)
+    values[3] += spot(70.0, 45.0, 180.0).astype(np.float32)
+    found = find_highlights(values, OUTLINE).found
+    assert found.tolist() == [True, True, True, False, True]
+
+
+@pytest.mark.parametrize("kind", ["dark", "noise", "wide"])
+def test_no_highlight(kind):
+    rng = np.random.default_rng(4)
+    values = {
+        "dark": np.zeros((4, 100, 120)),
+        "noise": rng.normal(0.2, 0.01, (4, 100, 120)),
+        "wide": np.stack([spot(x, y, 1.0, sigma=15.0) for x, y in PLACES[:4]]),
+    }[kind]
+    assert not find_highlights(values.astype(np.float32), OUTLINE).found.any()

@@ -1,0 +1,178 @@
+"""Four chrome spheres on a card, rendered by the simulator, found and calibrated."""
+
+import numpy as np
+import pytest
+
+from acquisition import DataError
+from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
+from simulator import render, scene_named
+from simulator._sensor import sensor_image
+
+EXPOSURES_US = (20000.0, 40.0)
+
+
+def angle_deg(a, b):
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
+
+
+def capture(seed):
+    """A noisy bracketed stack, merged here by the plain rule: the longest unsaturated sample."""
+    rendering = render(scene_named("spheres", seed=seed))
+    noise = rendering.truth.noise
+    images = []
+    for led in range(len(rendering.planes)):
+        rate = rendering.planes[led] + rendering.ambient
+        merged = None
+        for bracket, exposure_us in enumerate(EXPOSURES_US):
+            electrons = (rate * exposure_us).astype(np.float32)
+            dn = sensor_image(electrons, noise, key=(seed, led, bracket)).astype(np.float32)
+            span = noise.white_level_dn - noise.black_level_dn
+            value = (dn - noise.black_level_dn) / span * EXPOSURES_US[0] / exposure_us
+            value[dn >= noise.white_level_dn] = np.nan
+            merged = value if merged is None else np.where(np.isnan(merged), value, merged)
+        images.append(merged)
+    return np.array(images, np.float32), rendering.truth
+
+
+@pytest.fixture(scope="module", params=[3, 4, 5])
+def scene(request):
+    return capture(request.param)
+
+
+@pytest.fixture(scope="module")
+def one():
+    return capture(6)
+
+
+def test_positions_without_masks(scene):
+    values, truth = scene
+    result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 20, 16, 14))
+    assert len(result.spheres) == 4
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    error_deg = angle_deg(result.lights.unit_directions, truth.lights.unit_directions)
+    assert error_mm.mean() < 1.5
+    assert error_mm.max() < 3.0
+    assert error_deg.mean() < 0.15
+    for sphere in result.spheres:
+        gap = np.linalg.norm(truth.sphere_centres_mm - sphere.centre_mm, axis=1)
+        assert gap.min() < 0.8
+        assert sphere.radius_mm == truth.sphere_radii_mm[int(np.argmin(gap))]
+    assert result.warnings == ()
+    assert result.residuals_deg.max() < 0.2
+
+
+def test_positions_from_masks(one):
+    values, truth = one
+    result = calibrate_spheres(
+        values, masks=[truth.sphere_masks.any(axis=0)], camera=truth.camera, radius_mm=20.0
+    )
+    # One mask of four spheres, one radius: right for the two of 20 mm only.
+    assert len(result.spheres) == 4
+    result = calibrate_spheres(
+        values,
+        masks=list(truth.sphere_masks),
+        camera=truth.camera,
+        radius_mm=list(truth.sphere_radii_mm),
+    )
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    assert error_mm.mean() < 1.5
+
+
+def test_highlights_are_found_to_a_fiftieth_of_a_pixel(one):
+    values, truth = one
+    for sphere in find_spheres(values):
+        x, y = sphere.outline.centre_px
+        index = next(i for i, m in enumerate(truth.sphere_masks) if m[round(y), round(x)])
+        gap = np.linalg.norm(sphere.highlights.pixels - truth.highlights_px[index], axis=1)
+        assert gap.max() < 0.04
+        assert np.median(gap) < 0.02
+
+
+def test_one_sphere_gives_the_direction_at_its_own_place(one):
+    values, truth = one
+    result = calibrate_spheres(
+        values, masks=[truth.sphere_masks[0]], camera=truth.camera, radius_mm=20.0
+    )
+    assert result.lights.positions_mm is None
+    toward = truth.lights.positions_mm - truth.sphere_centres_mm[0]
+    # The mirror point lies up to a radius from the centre, which the light sees under 2 degrees.
+    assert angle_deg(result.lights.directions, toward).max() < 3.0
+    assert any("one sphere" in warning for warning in result.warnings)
+
+
+def test_spheres_of_a_near_light_disagree_and_it_is_said(one):
+    values, truth = one
+    result = calibrate_spheres(values, camera=truth.camera)
+    assert result.lights.positions_mm is None
+    assert any("near" in warning for warning in result.warnings)
+
+
+def test_names_come_from_the_stack_or_the_caller(one):
+    values, _ = one
+    names = tuple(f"led{i}" for i in range(len(values)))
+    assert calibrate_spheres(Stack(values, names, None)).lights.ids == names
+    assert calibrate_spheres(values).lights.ids[7] == "L07"
+
+
+def test_light_that_was_off_is_named(one):
+    values, truth = one
+    values = values.copy()
+    values[12] = 0.01
+    with pytest.raises(EstimateError, match="no highlight under light L12"):
+        calibrate_spheres(values, masks=list(truth.sphere_masks))
+
+
+def test_hidden_on_three_spheres_is_named(one):
+    values, truth = one
+    values = values.copy()
+    for mask in truth.sphere_masks[1:]:
+        values[5][mask] = 0.02
+    with pytest.raises(EstimateError, match="light L05 seen on fewer than 2 of 4 spheres"):
+        calibrate_spheres(
+            values,
+            masks=list(truth.sphere_masks),
+            camera=truth.camera,
+            radius_mm=list(truth.sphere_radii_mm),
+        )
+
+
+def test_no_sphere_in_a_picture_of_the_coin():
+    values = render(scene_named("coin", width=320, height=256, leds=8)).planes
+    values = (values / values.max()).astype(np.float32)
+    with pytest.raises(EstimateError, match="no mirror sphere found"):
+        calibrate_spheres(values)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        pytest.param({"masks": [np.ones((5, 5), bool)]}, DataError, "does not fit", id="mask-size"),
+        pytest.param(
+            {"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty", id="mask-empty"
+        ),
+        pytest.param({"circles": [(9, 9, -4)]}, DataError, "not a circle", id="negative-circle"),
+        pytest.param({"radius_mm": 10.0}, DataError, "needs a camera", id="radius-no-camera"),
+        pytest.param({"ids": ("a", "b")}, DataError, "2 names for 36", id="names"),
+        pytest.param({"circles": [(320, 256, 30)]}, EstimateError, "", id="circle-on-nothing"),
+    ],
+)
+def test_bad_input(one, options, error, says):
+    with pytest.raises(error, match=says) as caught:
+        calibrate_spheres(one[0], **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_radii_must_fit_the_spheres(one):
+    values, truth = one
+    with pytest.raises(DataError, match="3 radii for 4 spheres"):
+        calibrate_spheres(
+            values,
+            masks=list(truth.sphere_masks),
+            camera=truth.camera,
+            radius_mm=[20, 16, 14],
+        )
+    with pytest.raises(DataError, match="positive"):
+        calibrate_spheres(
+            values, masks=[truth.sphere_masks[0]], camera=truth.camera, radius_mm=-1.0
+        )

@@ -1,0 +1,60 @@
+"""A recording small enough for every test, and the front door called as a person calls it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from acquisition import Lights, write_lights, write_png
+from sgp.app import build, run
+
+SIZE = (40, 48)
+
+
+class Answer(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def sgp(capsys) -> Callable[..., Answer]:
+    """Call ``sgp`` with words; returns exit code, stdout and stderr."""
+
+    def call(*words: object) -> Answer:
+        capsys.readouterr()
+        code = run(build(), [str(word) for word in words])
+        said = capsys.readouterr()
+        return Answer(code, said.out, said.err)
+
+    return call
+
+
+def ring_lights(count: int = 8) -> Lights:
+    around = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    return Lights(directions=np.stack([np.cos(around), np.sin(around), np.full(count, 1.5)], 1))
+
+
+def ball() -> tuple[np.ndarray, np.ndarray]:
+    """Normals and mask of a ball in the middle of the frame."""
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    x, y = (columns - 23.5) / 16, -(rows - 19.5) / 16
+    mask = x**2 + y**2 < 0.9
+    z = np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))
+    return np.where(mask[..., None], np.stack([x, y, z], -1), 0.0), mask
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Eight 16-bit images of a Lambertian ball, their lights.json beside the folder."""
+    folder = tmp_path / "ball"
+    folder.mkdir()
+    lights = ring_lights()
+    write_lights(tmp_path / "lights.json", lights)
+    normals, _ = ball()
+    for i, light in enumerate(lights.unit_directions):
+        shade = 0.7 * np.clip(normals @ light, 0, 1)
+        write_png(folder / f"ball.{i}.png", np.rint(shade * 65535).astype(np.uint16))
+    return folder

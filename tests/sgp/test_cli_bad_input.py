@@ -1,0 +1,181 @@
+"""Bad input gets one clear line, the right exit code, and costs nothing that was there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import write_png, write_tiff
+
+FULL = 65535
+
+
+def error_line(answer) -> str:
+    lines = [line for line in answer.err.splitlines() if line]
+    assert len(lines) == 1, answer.err
+    assert answer.out == ""
+    assert lines[0].startswith("error: ")
+    assert "Traceback" not in answer.err
+    return lines[0]
+
+
+def spoil_lights(recording, change):
+    path = recording.parent / "lights.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    change(content["lights"])
+    # Python writes NaN as a bare word, which is what a careless program would leave behind.
+    path.write_text(json.dumps(content), encoding="utf-8")
+
+
+def zero(lights):
+    lights[3]["direction"] = [0, 0, 0]
+
+
+def not_a_number(lights):
+    lights[3]["direction"][1] = float("nan")
+
+
+def text(lights):
+    lights[3]["direction"][1] = "north"
+
+
+def drop_image(recording):
+    (recording / "ball.7.png").unlink()
+
+
+def resize_image(recording):
+    write_png(recording / "ball.5.png", np.zeros((40, 47), np.uint16))
+
+
+def truncate_png(recording):
+    path = recording / "ball.5.png"
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def truncate_tiff(recording):
+    for i in range(8):
+        (recording / f"ball.{i}.png").unlink()
+        write_tiff(recording / f"ball.{i}.tif", np.full((40, 48), 900, np.uint16))
+    path = recording / "ball.5.tif"
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def fill(value):
+    def change(recording):
+        for i in range(8):
+            write_png(recording / f"ball.{i}.png", np.full((40, 48), value, np.uint16))
+
+    return change
+
+
+def mask_of(value, size=(40, 48)):
+    def change(recording):
+        write_png(recording / "mask.png", np.full(size, value, np.uint8))
+
+    return change
+
+
+def lights_of(change):
+    return lambda recording: spoil_lights(recording, change)
+
+
+def keep_lights(count):
+    def change(recording):
+        spoil_lights(recording, lambda lights: lights.__delitem__(slice(count, None)))
+        for i in range(count, 8):
+            (recording / f"ball.{i}.png").unlink()
+
+    return change
+
+
+def coplanar(lights):
+    for i, light in enumerate(lights):
+        light["direction"] = [i - 3.5, 0.0, 4.0]
+
+
+def empty(recording):
+    for path in recording.iterdir():
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "words"),
+    [
+        pytest.param(empty, 4, ["ball", "no "], id="empty folder"),
+        pytest.param(drop_image, 4, ["7 images", "8 lights"], id="7 images for 8 lights"),
+        pytest.param(lights_of(zero), 4, ["lights.json", "L03"], id="zero light"),
+        pytest.param(lights_of(not_a_number), 4, ["lights.json"], id="NaN light"),
+        pytest.param(lights_of(text), 4, ["lights.json"], id="light of words"),
+        pytest.param(resize_image, 4, ["ball.5.png", "47"], id="another size"),
+        pytest.param(fill(0), 5, ["black"], id="all black"),
+        pytest.param(fill(FULL), 5, ["saturated"], id="all saturated"),
+        pytest.param(mask_of(0), 4, ["mask.png", "inside"], id="mask of zeros"),
+        pytest.param(mask_of(255, (40, 40)), 4, ["mask.png", "40 x 40"], id="mask size"),
+        pytest.param(keep_lights(2), 5, ["2 lights", "at least 3"], id="two lights"),
+        pytest.param(lights_of(coplanar), 5, ["one plane"], id="coplanar lights"),
+        pytest.param(truncate_png, 4, ["ball.5.png"], id="truncated PNG"),
+        pytest.param(truncate_tiff, 4, ["ball.5.tif"], id="truncated TIFF"),
+    ],
+)
+def test_normals_refuses(sgp, recording, spoil, code, words):
+    spoil(recording)
+    before = sorted(path.name for path in recording.iterdir())
+    out = recording.parent / "out"
+    answer = sgp("normals", recording, "--lights", recording.parent / "lights.json", "--out", out)
+    line = error_line(answer)
+    assert answer.code == code, line
+    for word in words:
+        assert word in line
+    assert not out.exists()
+    assert sorted(path.name for path in recording.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        pytest.param(["normals", "nowhere", "--out", "o"], 2, "nowhere", id="missing source"),
+        pytest.param(["surface", "nowhere", "--out", "o"], 2, "nowhere", id="missing normals"),
+        pytest.param(["compare", "nowhere", "nothing"], 2, "nowhere", id="missing map"),
+        pytest.param(["capture", "verify", "nowhere"], 2, "nowhere", id="missing session"),
+        pytest.param(["capture", "info", "nowhere"], 2, "nowhere", id="missing session info"),
+        pytest.param(["calibrate", "spheres", "no", "--out", "l.json"], 2, "no", id="no spheres"),
+        pytest.param(["normals"], 2, "--help", id="no source"),
+        pytest.param(["nonsense"], 2, "nonsense", id="unknown command"),
+        pytest.param(["normals", ".", "--out", "o", "--method", "best"], 2, "best", id="method"),
+        pytest.param(["rig", "check", "--rig", "unicorn"], 3, "unicorn", id="unknown rig"),
+    ],
+)
+def test_usage(sgp, tmp_path, monkeypatch, words, code, said):
+    monkeypatch.chdir(tmp_path)
+    answer = sgp(*words)
+    assert said in error_line(answer)
+    assert answer.code == code
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_are_not_written_over_without_force(sgp, recording):
+    out = recording.parent / "out"
+    command = ("normals", recording, "--lights", recording.parent / "lights.json", "--out", out)
+    assert sgp(*command).code == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    refused = sgp(*command, "--method", "ls")
+    assert refused.code == 2
+    assert "--force" in error_line(refused)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    assert sgp(*command, "--method", "ls", "--force").code == 0
+
+
+def test_lights_without_images_of_that_name_are_told_to_be_matched_by_order(sgp, recording):
+    answer = sgp(
+        "normals", recording, "--lights", recording.parent / "lights.json",
+        "--out", recording.parent / "out",
+    )  # fmt: skip
+    assert answer.code == 0
+    assert "by order" in answer.err
+
+
+def test_a_demo_folder_replaces_nothing_but_a_demo(sgp, tmp_path):
+    (tmp_path / "thesis.txt").write_text("years of work", encoding="utf-8")
+    answer = sgp("demo", "--out", tmp_path)
+    assert answer.code == 2
+    assert (tmp_path / "thesis.txt").read_text(encoding="utf-8") == "years of work"

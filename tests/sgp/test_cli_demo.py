@@ -1,0 +1,61 @@
+"""The demo: the whole chain on the simulated rig, its errors against the simulator's truth."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import read_image
+from sgp.app import build, run
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    out = tmp_path_factory.mktemp("demo")
+    assert run(build(), ["demo", "--out", str(out), "--seed", "7"]) == 0
+    return out
+
+
+def test_errors_are_within_the_promise(demo):
+    metrics = json.loads((demo / "summary.json").read_text(encoding="utf-8"))["metrics"]
+    assert metrics["light_error_deg"] <= 0.5
+    assert metrics["light_error_mm"] <= 6.0
+    assert metrics["normals_mae_deg"] < 1.0
+    assert metrics["normals_coverage"] == 1.0
+    assert metrics["height_relative_error"] <= 0.03
+
+
+def test_the_pictures_and_maps_are_there(demo):
+    assert read_image(demo / "overview.png").std() > 10
+    height = read_image(demo / "surface" / "height.exr")
+    assert 8 < np.nanmax(height) - np.nanmin(height) < 12
+    for name in ("normals/normals.png", "detail/detail.exr", "surface/surface.ply", "lights.json"):
+        assert (demo / name).stat().st_size > 1000
+
+
+def test_its_recording_can_be_processed_again_from_the_files_it_left(sgp, demo, tmp_path):
+    answer = sgp(
+        "run", demo / "recording", "--lights", demo / "lights.json", "--out", tmp_path, "--json"
+    )
+    assert answer.code == 0, answer.err
+    again = read_image(tmp_path / "normals" / "normals.exr")
+    np.testing.assert_allclose(again, read_image(demo / "normals" / "normals.exr"), atol=1e-6)
+
+
+def test_parts_combine_to_the_normals_they_came_from(sgp, demo, tmp_path):
+    parts, back = tmp_path / "parts", tmp_path / "back"
+    assert sgp("detail", "separate", demo / "normals", "--out", parts).code == 0
+    shape, detail = parts / "shape.exr", parts / "detail.exr"
+    assert sgp("detail", "combine", shape, detail, "--out", back).code == 0
+    compared = sgp("compare", back, demo / "normals", "--json")
+    metrics = json.loads(compared.out)["metrics"]
+    assert metrics["mae_deg"] < 1e-3
+    assert metrics["coverage"] == 1.0
+
+
+def test_a_second_demo_replaces_the_first_and_nothing_else(sgp, demo):
+    (demo / "notes.txt").write_text("keep me", encoding="utf-8")
+    before = (demo / "lights.json").read_bytes()
+    assert sgp("demo", "--out", demo, "--seed", "8").code == 0
+    assert (demo / "notes.txt").read_text(encoding="utf-8") == "keep me"
+    assert (demo / "lights.json").read_bytes() != before

@@ -1,0 +1,117 @@
+"""The promises about real captures, as the commands that a reader would type."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, read_lights, read_mask
+from processing import angle_deg, read_normals
+
+DATA = os.environ.get("SGP_DATA")
+pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
+
+
+@pytest.fixture(scope="module")
+def data() -> Path:
+    return Path(str(DATA))
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "low", "high"),
+    [
+        pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear ls"),
+        pytest.param("catPNG", "ls", 8.36, 8.46, id="cat ls"),
+        pytest.param("bearPNG", "cauchy", 0.0, 6.4, id="bear cauchy"),
+        pytest.param("catPNG", "cauchy", 0.0, 7.2, id="cat cauchy"),
+    ],
+)
+def test_diligent_against_ground_truth(sgp, data, tmp_path, name, method, low, high):
+    answer = sgp(
+        "normals", data / "diligent" / name, "--method", method, "--out", tmp_path, "--json"
+    )
+    assert answer.code == 0, answer.err
+    metrics = json.loads(answer.out)["metrics"]
+    assert low <= metrics["mae_deg"] <= high
+    assert metrics["coverage"] == 1.0
+
+
+@pytest.fixture(scope="module")
+def uw_lights(data, tmp_path_factory) -> Path:
+    from sgp.app import build, run
+
+    out = tmp_path_factory.mktemp("uw") / "lights.json"
+    words = ["calibrate", "spheres", str(data / "uw" / "chrome"), "--out", str(out)]
+    assert run(build(), words) == 0
+    return out
+
+
+def test_a_chrome_ball_gives_lights_in_front_of_the_object(uw_lights):
+    lights = read_lights(uw_lights)
+    assert len(lights) == 12
+    assert not lights.near
+    assert lights.unit_directions[:, 2].min() > 0.5
+    record = json.loads(uw_lights.read_text(encoding="utf-8"))
+    assert len(record["provenance"]["inputs"]) >= 12
+    assert uw_lights.with_suffix(".lp").read_text(encoding="utf-8").startswith("12\n")
+
+
+def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp_path):
+    answer = sgp("run", data / "uw" / "buddha", "--lights", uw_lights, "--out", tmp_path)
+    assert answer.code == 0, answer.err
+    assert (tmp_path / "overview.png").stat().st_size > 50_000
+    mask = read_mask(tmp_path / "normals" / "mask.png")
+    colours = read_image(tmp_path / "normals" / "normals.png").astype(float) / 65535
+    rows, columns = np.nonzero(mask)
+    # A raised object turns right on its right and up at its top.
+    right = columns > np.quantile(columns, 0.9)
+    left = columns < np.quantile(columns, 0.1)
+    top, bottom = rows < np.quantile(rows, 0.05), rows > np.quantile(rows, 0.3)
+    red, green = colours[rows, columns, 0], colours[rows, columns, 1]
+    assert red[right].mean() > 0.6 > 0.4 > red[left].mean()
+    assert green[top].mean() > green[bottom].mean()
+    # Row by row, what lies in the middle of the figure stands out from its two edges.
+    height = read_image(tmp_path / "surface" / "height.exr")
+    steps = []
+    for row in range(rows.min() + 30, rows.max() - 30, 10):
+        inside = np.flatnonzero(mask[row])
+        edges = height[row, [inside[1], inside[-2]]].mean()
+        steps.append(height[row, inside[len(inside) // 2]] - edges)
+    assert np.median(steps) > 10
+    assert np.mean(np.array(steps) > 0) > 0.9
+    seconds = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))["metrics"]
+    assert set(seconds["seconds"]) >= {"normals", "detail", "surface"}
+
+
+def test_gray_ball_agrees_with_its_geometry(sgp, data, uw_lights, tmp_path):
+    """Truth: the ball's own outline, an ellipse since the pixels are not square."""
+    answer = sgp("normals", data / "uw" / "gray", "--lights", uw_lights, "--out", tmp_path)
+    assert answer.code == 0, answer.err
+    found = read_normals(tmp_path).normal_map
+    mask = read_mask(data / "uw" / "gray" / "gray.mask.tga")
+    rows, columns = np.nonzero(mask)
+    a, b = (np.ptp(columns) + 1) / 2, (np.ptp(rows) + 1) / 2
+    x = (columns - (columns.min() + columns.max()) / 2) / a
+    y = -(rows - (rows.min() + rows.max()) / 2) / b
+    inside = x**2 + y**2 < 1
+    z = np.sqrt(1 - x[inside] ** 2 - y[inside] ** 2)
+    truth = np.stack([x[inside], y[inside], z], axis=1)
+    error = angle_deg(found.normals[rows[inside], columns[inside]], truth)
+    assert error.mean() <= 6.0
+    assert error[z > 0.3].mean() <= 5.0
+
+
+def test_a_raw_file_is_imported_with_its_colour_filter(sgp, data, tmp_path):
+    out = tmp_path / "session"
+    raw = data / "raw" / "RAW_KODAK_DC50.KDC"
+    answer = sgp("capture", "import", raw, "--out", out, "--json")
+    assert answer.code == 0, answer.err
+    camera = json.loads(answer.out)["metrics"]["camera"]
+    assert camera["cfa"] == "GRBG"
+    (frame,) = (out / "frames").iterdir()
+    pixels = read_image(frame)
+    assert pixels.dtype == np.uint16
+    assert pixels.shape == (512, 768)
+    assert sgp("capture", "verify", out).code == 0
