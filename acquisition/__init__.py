@@ -14,7 +14,8 @@ from acquisition._mask_files import read_mask
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan, PlannedShot, read_plan
 from acquisition._raw import RawFrame, read_raw
-from acquisition._session import Session, SessionFrame
+from acquisition._session import Session
+from acquisition._session_frame import SessionFrame
 from acquisition._session_writer import SessionWriter
 from acquisition._source import Frame, Source
 from acquisition._source_reader import read_source

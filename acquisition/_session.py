@@ -15,7 +15,7 @@ from acquisition._lights import Lights
 from acquisition._manifest import Manifest, parse_manifest
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import PlannedShot
-from acquisition._session_frame import SessionFrame as SessionFrame
+from acquisition._session_frame import SessionFrame
 from acquisition._storage import is_part, sha256_of
 
 MANIFEST = "session.toml"

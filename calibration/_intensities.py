@@ -14,8 +14,8 @@ Array = npt.NDArray[np.float64]
 
 _PIXELS = 20_000
 _ROUNDS = 30
-# A sample darker than this share of the brightest carries more noise than light.
-_DARK = 0.02
+# A pixel whose darkest sample is below this share of the typical one is in some light's shadow.
+_DARK = 0.1
 _FEWEST = 100
 _POOR_FIT = 0.03
 
@@ -98,7 +98,7 @@ def calibrate_intensities(
     samples = np.log(values[:, rows, columns].astype(np.float64)) - np.log(facing)
     strength, mu, residual = _fit(samples, np.log(pattern) - np.log(facing))
     intensities = np.exp(strength)
-    warnings = ()
+    warnings: tuple[str, ...] = ()
     if residual > _POOR_FIT:
         warnings = (
             f"the plane scatters {residual:.1%} about the model: is it matte, and at the working "
@@ -117,8 +117,9 @@ def _lit_pixels(
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return rows and columns of at most `_PIXELS` pixels, spread evenly over those lit by all."""
     darkest = values.min(axis=0)  # NaN where any light saturates
-    with np.errstate(invalid="ignore"):
-        lit = mask & (darkest > _DARK * np.nanmedian(values))
+    lit = mask & (darkest > 0)
+    if lit.any():
+        lit &= darkest > _DARK * np.median(darkest[lit])
     rows, columns = np.nonzero(lit)
     if len(rows) < _FEWEST:
         raise EstimateError(

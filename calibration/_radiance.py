@@ -215,9 +215,9 @@ class _Developer:
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: has one channel, so there is no rgb; use gray")
-            return image / np.float32(intensity.mean())
-        colour = image / intensity.astype(np.float32)
-        return np.asarray(colour @ _LUMA, np.float32) if self._channel == "gray" else colour
+            return np.asarray(image / np.float32(intensity.mean()), np.float32)
+        colour = np.asarray(image / intensity.astype(np.float32), np.float32)
+        return colour if self._channel == "rgb" else np.asarray(colour @ _LUMA, np.float32)
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:

@@ -328,7 +328,9 @@ def _distant(
 
 
 def _saturation_warning(images: list[SphereImage]) -> list[str]:
-    share = np.mean([image.highlights.saturated[image.highlights.found] for image in images])
+    share = np.mean(
+        np.concatenate([image.highlights.saturated[image.highlights.found] for image in images])
+    )
     if share == 0:
         return []
     return [

@@ -20,7 +20,7 @@ _GROUPS = {
         ("plan", "run", "verify", "info", "import_"),
     ),
     "rig": ("Talk to a rig: board and camera.", ("list_", "check", "light", "off", "snap")),
-    "calibrate": ("Estimate lights.", ("spheres",)),
+    "calibrate": ("Estimate where the lights are and how strong.", ("spheres", "intensities")),
     "detail": (
         "Split normal maps into shape and detail, and combine them.",
         ("separate", "combine", "transfer"),

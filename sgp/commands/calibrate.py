@@ -1,4 +1,4 @@
-"""``sgp calibrate``: lights from chrome spheres."""
+"""``sgp calibrate``: where the lights are, and how strong."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import write_lights
-from calibration import SphereCalibration, calibrate_spheres, linear_stack
+from acquisition import DataError, read_lights, write_lights
+from calibration import (
+    SphereCalibration,
+    calibrate_intensities,
+    calibrate_spheres,
+    linear_stack,
+)
 from sgp._console import progress
 from sgp._inputs import read_mask_shares
 from sgp._output import check_file, provenance
@@ -94,6 +99,73 @@ def spheres(
         lights_panel("lights as the camera sees them", found.lights),
     ]
     write_overview(result.outputs["picture"], str(source), panels, columns=2)
+    return result
+
+
+def intensities(
+    source: Path,
+    *,
+    lights: Path,
+    out: Path,
+    camera: Path | None = None,
+    mask: Path | None = None,
+    force: bool = False,
+) -> Result:
+    """Estimate how strong the lights are, and how they spread, from a matte card.
+
+    The card lies at the working plane; chrome spheres may lie on it, so the recording that gave
+    the positions will do.
+
+    For example:
+
+        sgp calibrate intensities session/ --lights lights.json --out strong.json
+
+    Parameters
+    ----------
+    source
+        A session or a folder of images of the card, one for each light.
+    lights
+        Positions of the lights.
+    out
+        lights.json to write.
+    camera
+        Camera of the images; default: that of the session.
+    mask
+        Image of the card; default: the whole frame, where what is no card is left out as outliers.
+    force
+        Replace a file that exists.
+    """
+    check_file(out, force=force)
+    opened, files = open_source(source, lights=None, camera=camera, mask=mask)
+    if opened.camera is None:
+        raise DataError(f"{source}: no camera is known for these images: give --camera")
+    with progress("reading") as advance:
+        stack = linear_stack(opened, on_progress=advance)
+    positions = read_lights(lights)
+    order, _ = positions.match(stack.ids)
+    card = np.ones(stack.values.shape[1:], np.bool_) if opened.mask is None else opened.mask
+    found = calibrate_intensities(
+        stack.values, positions.take(order), opened.camera.points_on_plane(), card
+    )
+    strength = np.asarray(found.lights.intensities)[:, 0]
+    result = Result(
+        outputs={"lights": out},
+        metrics={
+            "intensities": strength,
+            "mu": found.mu,
+            "residual": found.residual,
+            "pixels": found.pixels,
+        },
+        warnings=[*opened.warnings, *stack.warnings, *found.warnings],
+        summary=[
+            f"{len(strength)} lights, {strength.min():.2f} to {strength.max():.2f} of their mean, "
+            f"mu {found.mu:.2f}; the card fits to {found.residual:.1%}"
+        ],
+    )
+    parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
+    made_by = provenance("sgp calibrate intensities", parameters, [*files, lights])
+    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
+    write_lights(out, found.lights, provenance=made_by)
     return result
 
 

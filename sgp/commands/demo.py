@@ -17,7 +17,12 @@ from acquisition import (
     write_camera,
     write_lights,
 )
-from calibration import SphereCalibration, calibrate_spheres, linear_stack
+from calibration import (
+    SphereCalibration,
+    calibrate_intensities,
+    calibrate_spheres,
+    linear_stack,
+)
 from processing import angle_deg, angular_error
 from sgp._console import note, progress
 from sgp._exit import UsageError
@@ -76,16 +81,16 @@ def demo(*, out: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
         coin = _capture(out / "recording", scenes["coin"], truth["coin"], seed + 1, (_LONG_US,))
     write_camera(out / "camera.json", scenes["coin"].camera)
     with watch.stage("calibrate"):
-        found, stack = _calibrate(spheres, scenes["spheres"])
-        write_lights(out / "lights.json", found.lights)
-    source = read_source(coin.folder, lights=found.lights)
+        found, lights, stack = _calibrate(spheres, scenes["spheres"])
+        write_lights(out / "lights.json", lights)
+    source = read_source(coin.folder, lights=lights)
     outcome = process(source, out, watch)
     result = outcome.result
     result.warnings[:0] = found.warnings
-    errors = _Errors(found.lights, outcome, truth["coin"])
+    errors = _Errors(lights, outcome, truth["coin"])
     with watch.stage("overview"):
         panels = overview_panels(outcome)
-        panels[2] = lights_panel("lights (red: truth)", found.lights, scenes["coin"].lights)
+        panels[2] = lights_panel("lights (red: truth)", lights, scenes["coin"].lights)
         panels += [
             map_panel(
                 f"normal error, mean {errors.normals_mae_deg:.2f} deg",
@@ -147,12 +152,17 @@ def _capture(
         )
 
 
-def _calibrate(session: Session, scene: Scene) -> tuple[SphereCalibration, npt.NDArray[np.float32]]:
+def _calibrate(
+    session: Session, scene: Scene
+) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
+    """Positions from the spheres, intensities from the card that they lie on."""
     with progress("calibration") as advance:
         stack = linear_stack(read_source(session.folder), on_progress=advance)
     radii = [sphere.radius_mm for sphere in scene.spheres]
     found = calibrate_spheres(stack, camera=scene.camera, radius_mm=radii)
-    return found, stack.values
+    card = np.ones(scene.camera.size, np.bool_)
+    strong = calibrate_intensities(stack.values, found.lights, scene.camera.points_on_plane(), card)
+    return found, strong.lights, stack.values
 
 
 class _Errors:
@@ -164,6 +174,11 @@ class _Errors:
         true = np.asarray(truth.lights.positions_mm)
         self.light_deg = angle_deg(found, true)
         self.light_mm = np.linalg.norm(found - true, axis=1)
+        strength, true_strength = (
+            known.mean(axis=1) / known.mean()
+            for known in map(np.asarray, (lights.intensities, truth.lights.intensities))
+        )
+        self.light_percent = 100 * np.abs(strength / true_strength - 1)
         error = angular_error(outcome.normals.solved.normal_map, truth.normals, truth.mask)
         self.normals_mae_deg = error.mae_deg
         self.coverage = error.coverage
@@ -179,6 +194,7 @@ class _Errors:
         return {
             "light_error_deg": float(self.light_deg.mean()),
             "light_error_mm": float(self.light_mm.mean()),
+            "light_error_percent": float(self.light_percent.mean()),
             "normals_mae_deg": self.normals_mae_deg,
             "normals_coverage": self.coverage,
             "height_mae_mm": self.height_mae_mm,
@@ -190,6 +206,7 @@ class _Errors:
         rows = (
             ("light direction", self.light_deg, "deg", ""),
             ("light position", self.light_mm, "mm", ""),
+            ("light intensity", self.light_percent, "%", ""),
             ("normals", self.normal_map_deg, "deg", f"{self.coverage:.2%} of the object covered"),
             (
                 "height, mean removed",

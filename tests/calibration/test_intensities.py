@@ -1,0 +1,78 @@
+"""Intensities from a matte plane: the closed form inverted, with what a real card brings along."""
+
+import numpy as np
+import pytest
+
+from acquisition import DataError, Lights
+from calibration import EstimateError, calibrate_intensities
+
+SIZE = (60, 80)
+
+
+def card(seed: int, mu: float):
+    """Lights, points of the card, its noiseless images by the inverse-square law, truth."""
+    random = np.random.default_rng(seed)
+    around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    polar = np.radians(np.tile([20, 45, 60], 4))
+    ring = [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)]
+    positions = 450 * np.stack(ring, axis=1)
+    x, y = np.meshgrid(np.linspace(-120, 120, SIZE[1]), np.linspace(90, -90, SIZE[0]))
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1)
+    strength = random.uniform(0.5, 2.0, 12)
+    albedo = random.uniform(0.2, 0.8, SIZE)
+    toward = positions[:, None, None] - points
+    distance = np.linalg.norm(toward, axis=-1)
+    axis = -positions / np.linalg.norm(positions, axis=1)[:, None]
+    cosine = -np.einsum("nhwk,nk->nhw", toward, axis) / distance
+    irradiance = 450**2 / distance**2 * cosine**mu * toward[..., 2] / distance
+    values = strength[:, None, None] * albedo * irradiance
+    return Lights(positions_mm=positions), points, values, strength / strength.mean()
+
+
+@pytest.mark.parametrize("mu", [0.0, 1.0, 2.5])
+def test_the_closed_form_is_inverted(mu):
+    lights, points, values, strength = card(1, mu)
+    found = calibrate_intensities(
+        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
+    )
+    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=1e-4)
+    np.testing.assert_allclose(found.lights.intensities.mean(), 1.0)
+    assert abs(found.mu - mu) < 1e-3
+    assert found.residual < 1e-4
+    assert found.warnings == ()
+
+
+def test_noise_shadows_glints_and_saturation_do_little():
+    lights, points, values, strength = card(2, 1.0)
+    random = np.random.default_rng(3)
+    values = values * random.normal(1, 0.01, values.shape)
+    values[:, 10:25, 10:25] = random.uniform(0.01, 3, (12, 15, 15))  # a mirror ball lies there
+    values[4, :, 60:] *= 0.2  # a shadow
+    values[7, :20] = np.nan
+    found = calibrate_intensities(
+        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
+    )
+    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=5e-3)
+    assert abs(found.mu - 1.0) < 0.05
+
+
+def test_a_plane_that_is_none_is_told():
+    lights, points, values, _ = card(4, 1.0)
+    bumpy = values * np.random.default_rng(5).uniform(0.7, 1.3, values.shape)
+    found = calibrate_intensities(bumpy.astype(np.float32), lights, points, np.ones(SIZE, np.bool_))
+    assert "matte" in found.warnings[0]
+
+
+def test_refusals():
+    lights, points, values, _ = card(6, 1.0)
+    values = values.astype(np.float32)
+    with pytest.raises(DataError, match="positions"):
+        calibrate_intensities(values, lights.distant(), points, np.ones(SIZE, np.bool_))
+    with pytest.raises(DataError, match="belong together"):
+        calibrate_intensities(values[:5], lights, points, np.ones(SIZE, np.bool_))
+    with pytest.raises(EstimateError, match="0 pixels"):
+        calibrate_intensities(values * np.nan, lights, points, np.ones(SIZE, np.bool_))
+    few = np.zeros(SIZE, np.bool_)
+    few[:3, :3] = True
+    with pytest.raises(EstimateError, match="9 pixels"):
+        calibrate_intensities(values, lights, points, few)
