@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +18,7 @@ from calibration._outline import outline_image, refine_outline
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
 _CENTRES = 60
+_CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
 
@@ -43,7 +45,9 @@ class SphereImage:
     highlights: Highlights
 
 
-def find_spheres(values: npt.NDArray[np.float32]) -> list[SphereImage]:
+def find_spheres(
+    values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()
+) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
     Edges of the mean image vote for centres along their gradients (Hough), radii follow from the
@@ -55,6 +59,8 @@ def find_spheres(values: npt.NDArray[np.float32]) -> list[SphereImage]:
     ----------
     values
         ``(N, H, W)`` linear, NaN where saturated.
+    radii_px
+        Radii the spheres should have in the image, to 15 %. Default: any.
 
     Returns
     -------
@@ -67,13 +73,15 @@ def find_spheres(values: npt.NDArray[np.float32]) -> list[SphereImage]:
         If none is found; the message says what was looked at.
     """
     image = outline_image(values)
-    circles = _circles(image)
+    circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
     found: list[SphereImage] = []
-    for circle in circles:
+    for circle in circles[:_CANDIDATES]:
         if any(_overlap(circle, sphere.outline) for sphere in found):
             continue
         sphere = _verify(values, image, circle)
-        if sphere is not None and not any(_overlap(sphere.outline, s.outline) for s in found):
+        if sphere is None or not _expected(sphere.outline, radii_px):
+            continue
+        if not any(_overlap(sphere.outline, s.outline) for s in found):
             found.append(sphere)
     if not found:
         raise EstimateError(
@@ -87,6 +95,9 @@ def _verify(
     values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
 ) -> SphereImage | None:
     """Refine a candidate and return it if its highlights are those of a mirror sphere."""
+    few = values[:: max(len(values) // 8, 1)]
+    if 2 * np.count_nonzero(find_highlights(few, circle).found) < len(few):
+        return None
     try:
         reach = max(3.0, 0.03 * circle.radius_px)
         outline, points, coverage = refine_outline(image, circle, reach)
@@ -101,6 +112,11 @@ def _verify(
     if len(seen) > 1 and np.max(np.ptp(seen, axis=0)) < max(1.0, 0.02 * outline.radius_px):
         return None
     return SphereImage(outline, points, coverage, highlights)
+
+
+def _expected(circle: Ellipse, radii_px: Sequence[float]) -> bool:
+    """Whether a circle has one of the radii, to 15 %: a mirrored horizon has 75 % or less."""
+    return not radii_px or any(abs(circle.radius_px / radius - 1) < 0.15 for radius in radii_px)
 
 
 def _overlap(a: Ellipse, b: Ellipse) -> bool:

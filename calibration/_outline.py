@@ -64,8 +64,8 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return the image whose steps show outlines: the upper mean over lights.
 
     The upper mean, over the brighter lights of each pixel less the brightest tenth, is free of
-    shadows, which darken some lights, and of highlights, which brighten few. Its own
-    upper quartile is added: then the logarithm, whose steps are looked for, has no edges from noise
+    shadows, which darken some lights, and of highlights, which brighten few. A multiple
+    of its noise is added: then the logarithm, whose steps are looked for, has no edges from noise
     in the dark.
 
     Parameters
@@ -82,7 +82,10 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         # Lights last: sorting along the contiguous axis is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
-    offset = max(float(np.percentile(mean, 75)), 0.02 * float(mean.mean()), 1e-6)
+    # Immerkaer's noise measure: this mask is blind to brightness, slopes and straight edges.
+    residue = cv2.filter2D(mean, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32))
+    noise = float(np.percentile(np.abs(residue), 75)) / 6.9
+    offset = max(20 * noise, 0.01 * float(mean.mean()), 1e-6)
     return mean + np.float32(offset)
 
 

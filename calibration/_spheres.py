@@ -21,6 +21,7 @@ from calibration._reflection import orthographic_directions, reflected_rays
 
 _DISAGREEMENT_DEG = 3.0
 _OUTLINE_SIGMA_PX = 0.05
+_POOR_RESIDUAL_DEG = 0.2
 
 Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
 
@@ -103,7 +104,8 @@ def calibrate_spheres(
         ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere.
     circles
         Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
-        the spheres are found.
+        the spheres are found; with camera and radius only those
+        of the right size, if they lay about the working plane.
     camera
         Camera model; positions need its working distance.
     radius_mm
@@ -131,7 +133,7 @@ def calibrate_spheres(
             f"the camera is {camera.width} x {camera.height} pixels, the images are "
             f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
         )
-    images = _sphere_images(values, masks, circles)
+    images = _sphere_images(values, masks, circles, _radii_px(camera, radius_mm))
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     missing = [
         name
@@ -184,6 +186,12 @@ def calibrate_spheres(
     points, rays = observed_rays(camera, replace(known, centres_mm=centres), highlights)
     toward = positions[:, None] - points
     residuals = _rms(_angle_deg(toward, rays), used)
+    disagreement = float(np.median(residuals))
+    if disagreement > _POOR_RESIDUAL_DEG:
+        warnings.append(
+            f"the spheres agree about the lights to {disagreement:.1f} degrees only: "
+            "check outlines, radii and camera"
+        )
     dropped = int(np.sum(np.isfinite(highlights[..., 0]) & ~used))
     if dropped:
         warnings.append(f"{dropped} highlights disagree with the other spheres and were left out")
@@ -216,6 +224,7 @@ def _sphere_images(
     values: npt.NDArray[np.float32],
     masks: Sequence[Mask] | None,
     circles: Sequence[tuple[float, float, float]] | None,
+    radii_px: list[float],
 ) -> list[SphereImage]:
     """Outlines and highlights of the spheres: from masks, near circles, or found."""
     images = []
@@ -236,7 +245,7 @@ def _sphere_images(
                 )
         return images
     if circles is None:
-        return find_spheres(values)
+        return find_spheres(values, radii_px)
     picture = outline_image(values)
     for x, y, radius in circles:
         if not radius > 0:
@@ -247,12 +256,27 @@ def _sphere_images(
     return images
 
 
+def _radii_px(camera: CameraModel | None, radius_mm: float | Sequence[float] | None) -> list[float]:
+    """Return how large spheres that lie on the working plane appear."""
+    if camera is None or camera.working_distance_mm is None or radius_mm is None:
+        return []
+    focal = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
+    radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
+    distances = np.maximum(camera.working_distance_mm - radii, radii)
+    return [float(size) for size in focal * radii / distances]
+
+
 def _radii(radius_mm: float | Sequence[float], images: list[SphereImage], *, found: bool) -> Array:
     radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
     if not np.all(np.isfinite(radii) & (radii > 0)):
         raise DataError("sphere radii must be positive lengths in mm")
     if len(radii) == 1:
         return np.repeat(radii, len(images))
+    if found and len(radii) != len(images):
+        raise EstimateError(
+            f"{len(images)} spheres found for {len(radii)} radii, {_places(images)}: "
+            "give masks or circles"
+        )
     if len(radii) != len(images):
         raise DataError(f"{len(radii)} radii for {len(images)} spheres: give one, or one for each")
     if found:

@@ -73,10 +73,12 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
         raise DataError(f"an object mask needs a stack (N, H, W), not {stack.shape}")
-    brightness = _brightest(stack)
+    brightness, saturated = _brightest(stack)
+    # One part in a hundred may be glints.
     reference = float(np.quantile(brightness, 0.99))
     if not reference > 0:
-        raise EstimateError("all images are black: no object stands out, check the exposure")
+        raise EstimateError("all images are black or saturated: no object stands out, check them")
+    brightness[saturated] = reference
     level, separability = _otsu(np.log(np.maximum(brightness, _FLOOR * reference)))
     found = brightness > np.exp(level)
     # An even image is all on one side.
@@ -91,16 +93,16 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
     return ObjectMask(mask=_whole(found), contrast=contrast, separability=separability)
 
 
-def _brightest(stack: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the largest sample per pixel, single pixels filtered out."""
+def _brightest(stack: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], Mask]:
+    """Return the largest finite sample per pixel and where one is not; no single pixels."""
     brightness = np.zeros(stack.shape[1:], np.float32)
-    white = np.zeros(stack.shape[1:], np.bool_)
+    saturated = np.zeros(stack.shape[1:], np.uint8)
     for image in stack:
         finite = np.isfinite(image)
         np.maximum(brightness, np.where(finite, image, 0), out=brightness)
-        white |= ~finite
-    brightness[white] = brightness.max()
-    return np.asarray(cv2.medianBlur(brightness, 3), np.float32)
+        saturated[~finite] = 1
+    filtered = np.asarray(cv2.medianBlur(brightness, 3), np.float32)
+    return filtered, np.asarray(cv2.medianBlur(saturated, 3)) > 0
 
 
 def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:

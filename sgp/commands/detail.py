@@ -7,7 +7,7 @@ from typing import Literal
 
 from acquisition import write_exr
 from processing import combine as combine_maps
-from processing import read_normals, write_normals
+from processing import read_normals, ssim, write_normals
 from processing import separate as separate_map
 from processing import transfer as transfer_detail
 from sgp._inputs import normal_files
@@ -185,9 +185,12 @@ def transfer(
         f"mean {done.detail_mae_deg:.2f} deg", done.detail_error_deg, "deg", error=True
     )
     write_overview(result.outputs["detail_error_picture"], "Detail error", [panel], columns=1)
+    fidelity = done.fidelity
     result.metrics = {
         "shape_mae_deg": done.shape_mae_deg,
         "detail_mae_deg": done.detail_mae_deg,
+        "shape_ssim": ssim(fidelity.result.shape, fidelity.shape, fidelity.detail.mask),
+        "detail_ssim": ssim(fidelity.result.detail, fidelity.detail),
         "shape_mae_paper_deg": done.shape_mae_paper_deg,
         "detail_mae_paper_deg": done.detail_mae_paper_deg,
     }

@@ -16,9 +16,9 @@ def angle_deg(a, b):
     return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
 
 
-def capture(seed):
+def capture(seed, name="spheres"):
     """A noisy bracketed stack, merged here by the plain rule: the longest unsaturated sample."""
-    rendering = render(scene_named("spheres", seed=seed))
+    rendering = render(scene_named(name, seed=seed))
     noise = rendering.truth.noise
     images = []
     for led in range(len(rendering.planes)):
@@ -60,6 +60,33 @@ def test_positions_without_masks(scene):
         assert sphere.radius_mm == truth.sphere_radii_mm[int(np.argmin(gap))]
     assert result.warnings == ()
     assert result.residuals_deg.max() < 0.2
+
+
+def test_faint_outlines_on_velvet_beside_an_object():
+    """On velvet the mirrored horizon is far stronger than the outline: the known size decides."""
+    values, truth = capture(11, "coin-with-spheres")
+    result = calibrate_spheres(values, camera=truth.camera, radius_mm=12.0)
+    assert len(result.spheres) == 4
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    assert error_mm.mean() < 4.0
+    assert angle_deg(result.lights.unit_directions, truth.lights.unit_directions).mean() < 0.4
+
+
+def test_found_spheres_must_match_the_radii(one):
+    values, truth = one
+    with pytest.raises(EstimateError, match="spheres found for 3 radii"):
+        calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 20, 40))
+
+
+def test_wrong_radius_of_one_sphere_is_noticed(one):
+    values, truth = one
+    result = calibrate_spheres(
+        values,
+        masks=list(truth.sphere_masks),
+        camera=truth.camera,
+        radius_mm=[20.0, 16.0, 14.0, 17.0],
+    )
+    assert any("agree" in w or "disagree" in w for w in result.warnings)
 
 
 def test_positions_from_masks(one):

@@ -140,7 +140,7 @@ def test_jpeg_decodes(tmp_path):
 
 @pytest.mark.parametrize("background", [0, 32768, 65535], ids=["black", "grey", "white"])
 def test_painted_backgrounds_are_outside(tmp_path, background):
-    cap = _cap()
+    cap = _cap(radius=0.5)
     pixels = np.where(cap.mask[..., None], _encoded(cap.normals, 65535), background)
     write_png(tmp_path / "n.png", pixels.astype(np.uint16))
     assert np.array_equal(read_normals(tmp_path / "n.png").normal_map.mask, cap.mask)

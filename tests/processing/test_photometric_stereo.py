@@ -90,6 +90,8 @@ def test_samples_that_are_not_finite_are_left_out(missing):
         m, *_ = np.linalg.lstsq(directions[kept], values[kept, row, column], rcond=None)
         assert angle_deg(result.normal_map.normals[row, column], m) < 1e-3
         assert result.albedo[row, column] == pytest.approx(np.linalg.norm(m), rel=1e-5)
+        rms = np.sqrt(np.mean((values[kept, row, column] - directions[kept] @ m) ** 2))
+        assert result.residual[row, column] == pytest.approx(rms, rel=1e-3, abs=1e-7)
 
 
 def test_cauchy_survives_a_third_of_outliers():
@@ -175,6 +177,18 @@ def test_absurd_units_end_and_give_normals(method, scale):
     assert _worst_deg(result, normals, mask) < (0.01 if scale > 1e-40 else 2)
 
 
+def test_vectors_beyond_float32_end():
+    # Differences of infinities on the way: the search for a median must not wait for an order.
+    directions = _dome(9, lowest_deg=60) + (1, 0, 0)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    vector = np.array([4e38, 0, -4e38])
+    values = np.broadcast_to((directions @ vector)[:, None, None], (9, 4, 5))
+    mask = np.ones((4, 5), bool)
+    result = photometric_stereo(values, Lights(directions), mask, method="cauchy")
+    assert np.isinf(result.albedo).all()
+    assert angle_deg(result.normal_map.normals, vector).max() < 1e-3
+
+
 @METHODS
 def test_bytes_do_not_depend_on_the_number_of_threads(method):
     rng = np.random.default_rng(9)
@@ -244,13 +258,29 @@ def test_lights_that_leave_the_normal_open_are_refused(directions, message):
         photometric_stereo(values, Lights(directions), np.ones((5, 5), bool))
 
 
+def _cone(count, angle_deg):
+    turn, tilt = 2 * np.pi * np.arange(count) / count, np.radians(angle_deg)
+    z = np.full(count, np.cos(tilt))
+    return np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), z], axis=1)
+
+
 def test_a_narrow_cone_of_lights_is_accepted_everywhere():
-    directions = _dome(12, lowest_deg=80)
+    directions = _cone(12, 3.5)
     normals, mask = _ball(40, n_z_min=0.4)
-    result = photometric_stereo(
-        _shade(normals, directions, _albedo(mask)), Lights(directions), mask
-    )
-    assert _worst_deg(result, normals, mask) < 0.01
+    values = _shade(normals, directions, _albedo(mask))
+    values[5, ::2] = np.nan
+    result = photometric_stereo(values, Lights(directions), mask)
+    assert _worst_deg(result, normals, mask) < 0.02
+
+
+def test_a_pixel_whose_remaining_lights_are_almost_in_one_plane_is_left_out():
+    directions = np.vstack([_in_one_plane(5, wobble_deg=0.3), _dome(4)])
+    normals, mask = _ball(20, n_z_min=0.75)
+    values = _shade(normals, directions, _albedo(mask))
+    values[5:, 10, 10] = np.nan
+    result = photometric_stereo(values, Lights(directions), mask)
+    assert np.argwhere(mask & ~result.normal_map.mask).tolist() == [[10, 10]]
+    assert result.used[10, 10] == 5
 
 
 @pytest.mark.parametrize(
