@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing._normal_equations import MAX_CONDITION
 from processing._normal_map import NormalMap
-from processing._ps_kernels import solve_rows
+from processing._ps_kernels import MAX_CONDITION, solve_rows
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

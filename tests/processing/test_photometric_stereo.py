@@ -179,7 +179,8 @@ def test_absurd_units_end_and_give_normals(method, scale):
 
 def test_vectors_beyond_float32_end():
     # Differences of infinities on the way: the search for a median must not wait for an order.
-    directions = _dome(9, lowest_deg=60) + (1, 0, 0)
+    directions = _dome(9, lowest_deg=60)
+    directions[:, 0] += 1
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     vector = np.array([4e38, 0, -4e38])
     values = np.broadcast_to((directions @ vector)[:, None, None], (9, 4, 5))
