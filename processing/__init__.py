@@ -6,15 +6,21 @@ from processing._mesh_files import Mesh, height_mesh, write_mesh
 from processing._metrics import AngularError, angle_deg, angular_error, ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import NormalMapFile, read_normals, write_normals
-from processing._photometric_stereo import PhotometricStereoResult, photometric_stereo
+from processing._photometric_stereo import (
+    Method,
+    PhotometricStereoResult,
+    photometric_stereo,
+)
 from processing._separation import Separation, combine, separate
-from processing._shape_filter import ShapeFilter
+from processing._shape_filter import FilterKind, ShapeFilter
 from processing._transfer import TransferResult, transfer
 
 __all__ = [
     "AngularError",
+    "FilterKind",
     "HeightMap",
     "Mesh",
+    "Method",
     "NormalMap",
     "NormalMapFile",
     "ObjectMask",

@@ -28,10 +28,11 @@ _CLOSE = 0.1
 
 
 class NormalMapFile(NamedTuple):
-    """What a file of normals held: the map, and what its reader has to say, one line each."""
+    """What a file of normals held: the map, what its reader has to say, and the files it read."""
 
     normal_map: NormalMap
     warnings: tuple[str, ...]
+    files: tuple[Path, ...]
 
 
 def read_normals(
@@ -92,7 +93,8 @@ def read_normals(
             "this is not a normal map, or its mask is another's"
         )
     normal_map = NormalMap.from_vectors(vectors, unit & candidates)
-    return NormalMapFile(normal_map, tuple(_warnings(file, pixels, normal_map, mask)))
+    read = (file,) if mask_file is None else (file, mask_file)
+    return NormalMapFile(normal_map, tuple(_warnings(file, pixels, normal_map, mask)), read)
 
 
 def write_normals(

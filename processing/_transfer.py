@@ -79,31 +79,6 @@ class TransferResult:
     fidelity_paper: TransferFidelity
     placement: Placement
 
-    @property
-    def detail_error_deg(self) -> Float:
-        """``(H, W)`` error of the detail, NaN where the target received none."""
-        return self.fidelity.detail_error_deg
-
-    @property
-    def shape_mae_deg(self) -> float:
-        """Mean shape error by the separation's own filter."""
-        return self.fidelity.shape_mae_deg
-
-    @property
-    def detail_mae_deg(self) -> float:
-        """Mean detail error by the separation's own filter."""
-        return self.fidelity.detail_mae_deg
-
-    @property
-    def shape_mae_paper_deg(self) -> float:
-        """Mean shape error by the paper's filter."""
-        return self.fidelity_paper.shape_mae_deg
-
-    @property
-    def detail_mae_paper_deg(self) -> float:
-        """Mean detail error by the paper's filter."""
-        return self.fidelity_paper.detail_mae_deg
-
 
 def transfer(
     source: NormalMap,

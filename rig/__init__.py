@@ -2,8 +2,9 @@
 
 from rig._board import Board, BoardEcho, BoardIdentity, BoardStatus
 from rig._camera import Camera, CameraFrame, CameraInfo
+from rig._complaint import first_complaint
 from rig._config import RigConfig, read_rig_config
-from rig._errors import BoardError, CameraError, RigConfigError, RigError
+from rig._errors import BoardError, CameraError, RigConfigError, RigError, RigNotFoundError
 from rig._open import open_rig, rig_names
 from rig._protocol import (
     NO_LED,
@@ -42,12 +43,14 @@ __all__ = [
     "RigConfig",
     "RigConfigError",
     "RigError",
+    "RigNotFoundError",
     "Shot",
     "crc16",
     "decode_command",
     "decode_reply",
     "encode_command",
     "encode_reply",
+    "first_complaint",
     "open_rig",
     "read_rig_config",
     "rig_names",

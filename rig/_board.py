@@ -35,6 +35,8 @@ _OPEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError)
 REPLY_TIMEOUT_S = 0.25
 ATTEMPTS = 3
 OFF_ATTEMPTS = 8
+# How long an ON and the OFF after it may take at worst.
+ON_OFF_TIMEOUT_S = (ATTEMPTS + OFF_ATTEMPTS) * REPLY_TIMEOUT_S
 # A board that resets when its port opens may sit in its boot loader for two seconds.
 HANDSHAKE_TIMEOUT_S = 4.0
 

@@ -8,7 +8,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig._errors import RigConfigError
+from rig._complaint import first_complaint
+from rig._errors import RigConfigError, RigNotFoundError
 
 
 class RigConfig(BaseModel):
@@ -55,11 +56,15 @@ def read_rig_config(path: Path) -> RigConfig:
 
     Raises
     ------
+    RigNotFoundError
+        If there is no such file.
     RigConfigError
-        If the file cannot be read, is not TOML, or holds a key or value that is not understood.
+        If it cannot be read, is not TOML, or holds a key or value that is not understood.
     """
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RigNotFoundError(f"{path}: no such rig file") from error
     except OSError as error:
         raise RigConfigError(f"{path}: cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -67,19 +72,5 @@ def read_rig_config(path: Path) -> RigConfig:
     try:
         return RigConfig.model_validate(content)
     except ValidationError as error:
-        raise RigConfigError(f"{path}: {_first_fault(error)}") from error
-
-
-def _first_fault(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    known = ", ".join(RigConfig.model_fields)
-    match fault["type"]:
-        case "extra_forbidden":
-            return f"unknown key {key!r}; known are {known}"
-        case "missing":
-            return f"the key {key!r} is missing"
-        case "value_error":
-            return str(fault["ctx"]["error"])
-        case _:
-            return f"{key!r}: {fault['msg']}"
+        complaint = first_complaint(error, known=RigConfig.model_fields)
+        raise RigConfigError(f"{path}: {complaint}") from error

@@ -15,3 +15,7 @@ class CameraError(RigError):
 
 class RigConfigError(RigError):
     """A rig file or rig name is not understood."""
+
+
+class RigNotFoundError(RigConfigError):
+    """There is no rig of this name, or no such rig file (exit code 2 at the front door)."""

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from rig._config import RigConfig, read_rig_config
-from rig._errors import RigConfigError
+from rig._errors import RigConfigError, RigNotFoundError
 from rig._rig import Rig
 
 DRIVERS = "sgp.rigs"
@@ -24,25 +24,33 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     Parameters
     ----------
     name_or_path
-        A name of the entry-point group ``sgp.rigs``, or else the path of a rig file.
+        A name of the entry-point group ``sgp.rigs``, or else the path of a rig file; what has a
+        folder or the suffix ``.toml`` is taken for a path.
 
     Raises
     ------
+    RigNotFoundError
+        If there is no such name or file.
     RigConfigError
-        If there is no such name or file, or the file is not understood.
+        If the file is not understood.
     RigError
         If the rig does not open.
     """
     if name_or_path in rig_names():
         config = RigConfig(name=name_or_path, driver=name_or_path)
-    elif Path(name_or_path).is_file():
+    elif _is_path(name_or_path):
         config = read_rig_config(Path(name_or_path))
     else:
-        raise RigConfigError(
+        raise RigNotFoundError(
             f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
             "and no rig file of that name exists"
         )
     return _driver(config)(config)
+
+
+def _is_path(name: str) -> bool:
+    path = Path(name)
+    return path.is_file() or path.name != name or path.suffix.lower() == ".toml"
 
 
 def _driver(config: RigConfig) -> Callable[[RigConfig], Rig]:

@@ -10,14 +10,10 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from rig._board import Board, BoardEcho
+from rig._board import ON_OFF_TIMEOUT_S, Board, BoardEcho
 from rig._camera import Camera, CameraFrame
 from rig._config import RigConfig
 from rig._errors import BoardError, CameraError, RigError
-
-# Between the end of the exposure and the board's own OFF, for the frame to travel and the host to
-# ask; also the longest an LED outlives a host that died during a shot.
-HOLD_MARGIN_MS = 1000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +105,12 @@ class Rig:
             If the LED does not exist or is listed as dead, the board or the camera fails, the
             frame is not the one awaited, or the LED did not burn until the exposure ended. The
             LEDs are off then, or the message's note says that the board did not confirm it.
+
+        Notes
+        -----
+        The board holds the LED for settling and exposure, for a frame that is as late as it may
+        be, and for ON and OFF repeated as often as they may be. A host that dies leaves the LED
+        burning for no longer than that.
         """
         self._check_led(led)
         self._configure(exposure_us, gain_db)
@@ -116,7 +118,9 @@ class Rig:
             if led is None:
                 self.board.off()
             else:
-                self.board.on(led, self._hold_ms())
+                hold_ms = self._hold_ms()
+                before = time.monotonic()
+                self.board.on(led, hold_ms)
             time.sleep(self.config.settle_ms / 1000)
             frame = self._expose(led)
             echo = self.board.off()
@@ -125,6 +129,12 @@ class Rig:
             raise
         # The port is ours alone and one ON means one spell of light: an LED that burns now has
         # burned since its ON.
+        if led is not None and echo.led is None and time.monotonic() - before >= hold_ms / 1000:
+            raise BoardError(
+                f"LED board on {self.board.port}: the hold of {hold_ms} ms ended before the frame "
+                f"with {_name(led)} was there, so its light is not confirmed; shoot again, expose "
+                "shorter, or find out why frames come so late"
+            )
         if echo.led != led:
             raise BoardError(
                 f"LED board on {self.board.port}: {_name(led)} was wanted, but at the end of the "
@@ -200,14 +210,15 @@ class Rig:
             self._settings = (exposure_us, gain_db)
 
     def _hold_ms(self) -> int:
-        hold_ms = math.ceil(self.config.settle_ms + self._exposure_us / 1000 + HOLD_MARGIN_MS)
+        needed_ms = self.config.settle_ms + self._exposure_us / 1000 + ON_OFF_TIMEOUT_S * 1000
         longest_ms = self.board.identity.max_hold_ms
-        if hold_ms > longest_ms:
+        if needed_ms > longest_ms:
             raise RigError(
-                f"an exposure of {self._exposure_us:g} us needs light for {hold_ms} ms, the LED "
-                f"board on {self.board.port} gives {longest_ms}: expose shorter"
+                f"an exposure of {self._exposure_us:g} us needs light for {needed_ms:.0f} ms, the "
+                f"LED board on {self.board.port} gives {longest_ms}: expose shorter"
             )
-        return hold_ms
+        # A board that cannot wait for the latest frame allowed may still do for those in time.
+        return min(math.ceil(needed_ms + self.config.frame_timeout_s * 1000), longest_ms)
 
     def _expose(self, led: int | None) -> CameraFrame:
         frame_id = self.camera.trigger()

@@ -17,6 +17,8 @@ INTERRUPTED = 130
 _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),
     (MissingPathError, 2),
+    # What the rooms let through is an output place that cannot be used.
+    (OSError, 2),
     (RigError, 3),
     (StorageError, 3),
     (DataError, 4),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, MissingPathError, read_image
+from acquisition import DataError, read_image
 
 
 def read_mask_shares(path: Path, size: tuple[int, ...]) -> npt.NDArray[np.float64]:
@@ -28,15 +28,3 @@ def read_mask_shares(path: Path, size: tuple[int, ...]) -> npt.NDArray[np.float6
     if not (shares > 0.5).any():
         raise DataError(f"{path}: the mask is all zeros: nothing is inside")
     return shares
-
-
-def normal_files(path: Path) -> list[Path]:
-    """Return the files that reading normals from ``path`` takes in."""
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file or folder")
-    folder = path if path.is_dir() else path.parent
-    maps = [path]
-    if path.is_dir():
-        maps = sorted(file for file in path.iterdir() if file.stem in ("normals", "normal_map"))
-    mask = folder / "mask.png"
-    return maps + ([mask] if mask.is_file() else [])

@@ -5,7 +5,10 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
+import json
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -19,9 +22,10 @@ P = ParamSpec("P")
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
     """Make a command guard its ``out`` folder and leave a record there.
 
-    Before the work, a folder that holds anything is refused unless ``force``. After it, the file
-    ``record`` tells parameters, input hashes, software version, figures and warnings; it comes
-    last, so its presence says that the result is whole. With ``out=None`` nothing is written.
+    Before the work, a folder that holds anything is refused unless ``force``, and one that belongs
+    to an input is refused always. After it, the file ``record`` tells parameters, input hashes,
+    software version, figures and warnings; it comes last, so its presence says that the result is
+    whole. With ``out=None`` nothing is written.
     """
 
     def decorate(command: Callable[P, Result]) -> Callable[P, Result]:
@@ -31,11 +35,12 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         def run(*args: P.args, **kwargs: P.kwargs) -> Result:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            parameters = dict(bound.arguments)
+            parameters = flat_parameters(bound.arguments)
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
             check_folder(out, force=force)
+            _check_apart(out, [value for value in parameters.values() if isinstance(value, Path)])
             result = command(*args, **kwargs)
             write_record(out / record, _name(command), parameters, result)
             return result
@@ -45,9 +50,57 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
     return decorate
 
 
+def claim_folder(out: Path, record: str) -> Path:
+    """Make an output folder ready to be written: an earlier result's files and record are removed.
+
+    Called when the work is done and only writing is left, so that a failing run costs nothing.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    with suppress(OSError, ValueError, AttributeError):
+        earlier = json.loads((out / record).read_text(encoding="utf-8"))["outputs"]
+        for name in earlier.values():
+            if Path(name).name == name:
+                (out / name).unlink(missing_ok=True)
+    (out / record).unlink(missing_ok=True)
+    return out
+
+
+def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a command's arguments by name, those in option groups beside the others."""
+    flat: dict[str, Any] = {}
+    for name, value in arguments.items():
+        if is_dataclass(value) and not isinstance(value, type):
+            flat |= {field.name: getattr(value, field.name) for field in fields(value)}
+        else:
+            flat[name] = value
+    return flat
+
+
 def _name(command: Callable[..., Result]) -> str:
     words = ["sgp", command.__module__.rpartition(".")[2], command.__name__.rstrip("_")]
     return " ".join(dict.fromkeys(words))
+
+
+def _check_apart(out: Path, inputs: list[Path]) -> None:
+    """Refuse an output folder that would mix results into an input or a session."""
+    target = out.resolve()
+    for path in inputs:
+        folder = path.resolve() if path.is_dir() else path.resolve().parent
+        inside = folder in target.parents if path.is_dir() else False
+        if path.exists() and (target == folder or inside) and not _is_derived(target):
+            raise UsageError(f"{out} is where {path} is read from: give another --out")
+    for folder in (target, *target.parents):
+        if (folder / "session.toml").is_file() and not _is_derived(target):
+            raise UsageError(
+                f"{out} lies in the session {folder}: use its derived/ or another --out"
+            )
+
+
+def _is_derived(target: Path) -> bool:
+    return any(
+        folder.name == "derived" and (folder.parent / "session.toml").is_file()
+        for folder in (target, *target.parents)
+    )
 
 
 def check_folder(out: Path, *, force: bool) -> None:
@@ -64,17 +117,19 @@ def check_folder(out: Path, *, force: bool) -> None:
         raise UsageError(f"{out} already holds files: choose another --out, or add --force")
 
 
-def check_file(out: Path, *, force: bool) -> None:
-    """Refuse an output file that exists, unless ``force``.
+def check_file(out: Path, suffix: str, *, force: bool) -> None:
+    """Refuse an output file that exists, unless ``force``, or that has another suffix.
 
     Raises
     ------
     UsageError
-        If the path is a folder, its folder does not exist, or the file does and ``force`` is not
-        given.
+        If the path is a folder, has not the suffix, its folder does not exist, or the file does and
+        ``force`` is not given.
     """
     if out.is_dir():
         raise UsageError(f"{out} is a folder: give --out a file name")
+    if out.suffix.lower() != suffix:
+        raise UsageError(f"{out}: a {suffix} file is written here, give --out a name that ends so")
     if not out.parent.is_dir():
         raise UsageError(f"{out.parent} does not exist: make it, or give another --out")
     if out.exists() and not force:
@@ -82,13 +137,20 @@ def check_file(out: Path, *, force: bool) -> None:
 
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
-    """Write the .json beside a result."""
+    """Write the .json beside a result; a reader sees all of it or none."""
     record = {
         **provenance(command, parameters, result.inputs),
+        "outputs": {
+            name: made.relative_to(path.parent)
+            for name, made in result.outputs.items()
+            if made.is_relative_to(path.parent)
+        },
         "metrics": result.metrics,
         "warnings": result.warnings,
     }
-    path.write_text(dumps(record) + "\n", encoding="utf-8")
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(dumps(record) + "\n", encoding="utf-8")
+    part.replace(path)
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:

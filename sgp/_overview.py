@@ -45,9 +45,10 @@ def image_panel(title: str, image: Image) -> Panel:
     """Show a linear image, its 99.5 % quantile at white, gamma 2.2 for the eye."""
 
     def draw(axes: Axes) -> None:
-        values = np.nan_to_num(image.astype(np.float32), nan=float(np.nanmax(image)))
-        white = float(np.quantile(values, 0.995)) or 1.0
-        axes.imshow(np.clip(values / white, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
+        known = image[np.isfinite(image)]
+        white = float(np.quantile(known, 0.995)) if known.size else 0.0
+        shown = np.nan_to_num(image / (white or 1.0), nan=1.0)
+        axes.imshow(np.clip(shown, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
         axes.axis("off")
 
     return Panel(title, draw)

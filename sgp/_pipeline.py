@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition import Source
+from acquisition import Lights, Source
 from processing import HeightMap, Separation, integrate, separate
+from sgp._options import SourceOptions
+from sgp._output import claim_folder, flat_parameters, write_record
 from sgp._overview import (
     Panel,
     image_panel,
@@ -16,7 +18,7 @@ from sgp._overview import (
     shaded_panel,
 )
 from sgp._result import Result
-from sgp._stages import Method, NormalsStage, Stopwatch, compute_normals
+from sgp._stages import NormalsStage, Stopwatch, compute_normals
 from sgp._write import write_normals_stage, write_separation, write_surface
 
 
@@ -31,54 +33,50 @@ class Outcome:
 
 
 def process(
-    source: Source,
-    out: Path,
-    watch: Stopwatch,
-    *,
-    method: Method = "cauchy",
-    distant: bool = False,
-    gamma: float | None = None,
+    source: Source, files: list[Path], out: Path, watch: Stopwatch, options: SourceOptions
 ) -> Outcome:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
-    Outputs and metrics of the stages are merged under the stage's name.
+    Each folder gets its own record. Outputs and metrics of the stages are merged under the
+    stage's name.
     """
-    folders = {name: out / name for name in ("normals", "detail", "surface")}
-    for folder in folders.values():
-        folder.mkdir(parents=True, exist_ok=True)
-    with watch.stage("normals"):
-        stage = compute_normals(source, method=method, distant=distant, gamma=gamma)
-        normals = write_normals_stage(folders["normals"], stage)
-    normal_map = stage.solved.normal_map
-    with watch.stage("detail"):
-        parts = separate(normal_map)
-        detail = write_separation(folders["detail"], parts)
-    with watch.stage("surface"):
-        surface = integrate(normal_map, camera=source.camera)
-        written = write_surface(folders["surface"], surface, normal_map)
-    merged = Result()
-    for name, made in (("normals", normals), ("detail", detail), ("surface", written)):
-        merged.outputs |= {f"{name}.{key}": path for key, path in made.outputs.items()}
+    parameters = {"source": source.path, **flat_parameters({"options": options})}
+    merged = Result(inputs=files)
+
+    def keep(name: str, made: Result) -> None:
+        made.inputs = files
+        write_record(out / name / f"{name}.json", "sgp run", parameters, made)
+        merged.outputs.update({f"{name}.{key}": path for key, path in made.outputs.items()})
         merged.metrics[name] = made.metrics
         merged.warnings += made.warnings
         merged.summary += [f"{name:<8} {line}" for line in made.summary]
+
+    with watch.stage("normals"):
+        stage = compute_normals(source, options)
+        folder = claim_folder(out / "normals", "normals.json")
+        keep("normals", write_normals_stage(folder, stage))
+    normal_map = stage.solved.normal_map
+    with watch.stage("detail"):
+        parts = separate(normal_map)
+        keep("detail", write_separation(claim_folder(out / "detail", "detail.json"), parts))
+    with watch.stage("surface"):
+        surface = integrate(normal_map, camera=source.camera)
+        folder = claim_folder(out / "surface", "surface.json")
+        keep("surface", write_surface(folder, surface, normal_map))
+    if stage.error is not None:
+        merged.metrics["normals_mae_deg"] = stage.error.mae_deg
     return Outcome(stage, parts, surface, merged)
 
 
-def overview_panels(outcome: Outcome) -> list[Panel]:
+def overview_panels(outcome: Outcome, true_lights: Lights | None = None) -> list[Panel]:
     """Return the pictures that every recording has."""
     stage, surface = outcome.normals, outcome.surface
-    normal_map = stage.solved.normal_map
-    first, *_, last = range(len(stage.lights))
-    images = [
-        image_panel(f"light {stage.lights.ids[i]}", picture)
-        for i, picture in zip(
-            (first, last), stage.previews[:: len(stage.previews) - 1], strict=True
-        )
-    ]
+    normal_map, names = stage.solved.normal_map, stage.lights.ids
+    lights_title = "lights" if true_lights is None else "lights (red: truth)"
     panels = [
-        *images,
-        lights_panel("lights as the camera sees them", stage.lights),
+        image_panel(f"light {names[0]}", stage.previews[0]),
+        image_panel(f"light {names[-1]}", stage.previews[1]),
+        lights_panel(f"{lights_title}, as the camera sees them", stage.lights, true_lights),
         normals_panel("normals (right red, up green)", normal_map),
         normals_panel("shape component", outcome.parts.shape),
         normals_panel("detail component", outcome.parts.detail),

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +21,7 @@ from processing import (
     photometric_stereo,
 )
 from sgp._console import progress
-
-Method = Literal["ls", "cauchy"]
+from sgp._options import SourceOptions
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ class NormalsStage:
     error
         Against the source's ground truth, where it has one.
     previews
-        Three of the linear images, ``(H, W)``.
+        The first and the last linear image, ``(H, W)``.
     warnings
         One line each.
     """
@@ -49,12 +47,12 @@ class NormalsStage:
     mask: npt.NDArray[np.bool_]
     solved: PhotometricStereoResult
     error: AngularError | None
-    previews: tuple[npt.NDArray[np.float32], ...]
+    previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
     warnings: tuple[str, ...]
 
 
 def open_source(
-    path: Path, *, lights: Path | None, camera: Path | None, mask: Path | None
+    path: Path, *, lights: Path | None = None, camera: Path | None = None, mask: Path | None = None
 ) -> tuple[Source, list[Path]]:
     """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
 
@@ -68,17 +66,14 @@ def open_source(
     )
     if camera is not None:
         source = replace(source, camera=read_camera(camera, source.size))
+    if source.ignored:
+        told = f"{path}: not used: {', '.join(source.ignored)}"
+        source = replace(source, warnings=(*source.warnings, told))
     options = [option for option in (lights, camera, mask) if option is not None]
     return source, [*(frame.path for frame in source.frames), *filter(Path.is_file, options)]
 
 
-def compute_normals(
-    source: Source,
-    *,
-    method: Method = "cauchy",
-    distant: bool = False,
-    gamma: float | None = None,
-) -> NormalsStage:
+def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
     """Run photometric stereo on a source: linear stack, mask, normals, error where truth is known.
 
     Raises
@@ -91,10 +86,10 @@ def compute_normals(
     if source.lights is None:
         raise DataError(f"{source.path}: no lights are known for these images: give --lights")
     with progress("reading") as advance:
-        stack = linear_stack(source, gamma=gamma, on_progress=advance)
+        stack = linear_stack(source, gamma=options.gamma, on_progress=advance)
     if stack.lights is None:
         raise DataError(f"{source.path}: no lights are known for these images: give --lights")
-    lights = stack.lights.distant() if distant else stack.lights
+    lights = stack.lights.distant() if options.distant else stack.lights
     points = None
     if lights.near:
         if source.camera is None or source.camera.working_distance_mm is None:
@@ -103,24 +98,28 @@ def compute_normals(
                 "give --camera, or --distant to use their directions alone"
             )
         points = source.camera.points_on_plane()
-    warnings: list[str] = [*source.warnings, *stack.warnings]
+    warnings = [*source.warnings, *stack.warnings]
     mask = source.mask
     if mask is None:
-        mask = object_mask(stack.values).mask
+        found = object_mask(stack.values)
+        mask = found.mask
+        warnings.append(
+            f"no mask came with the images: one was made, the object is {found.contrast:.0f} times "
+            "as bright as its background"
+        )
     with progress("normals") as advance:
         solved = photometric_stereo(
-            stack.values, lights, mask, method=method, points_mm=points, on_progress=advance
-        )
+            stack.values, lights, mask, method=options.method, points_mm=points,
+            on_progress=advance,
+        )  # fmt: skip
     truth = source.normals_truth
-    error = None if truth is None else angular_error(solved.normal_map, truth, mask)
-    shown = np.linspace(0, len(stack.values) - 1, 3).round().astype(int)
     return NormalsStage(
         source=source,
         lights=lights,
         mask=mask,
         solved=solved,
-        error=error,
-        previews=tuple(stack.values[i].copy() for i in shown),
+        error=None if truth is None else angular_error(solved.normal_map, truth, mask),
+        previews=(stack.values[0].copy(), stack.values[-1].copy()),
         warnings=(*warnings, *solved.warnings),
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import os
 import sys
 from importlib.resources import files
@@ -94,16 +95,16 @@ def run(app: App, tokens: list[str]) -> int:
         return result, json
 
     app.meta.suppress_keyboard_interrupt = False
-    debug = "--debug" in tokens
+    fail = functools.partial(_fail, as_json="--json" in tokens, debug="--debug" in tokens)
     try:
         outcome = app.meta(
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
         return _show(*outcome) if isinstance(outcome, tuple) else 0
     except CycloptsError as error:
-        return _fail(" ".join(str(error).split()), 2, debug, hint=f"see `{app.name[0]} --help`")
-    except KeyboardInterrupt:
-        return _fail("stopped by Ctrl-C", 130, debug)
+        return fail(f"{error} (see `{app.name[0]} --help`)", 2)
+    except KeyboardInterrupt as error:
+        return fail("; ".join(["stopped by Ctrl-C", *_notes(error)]), 130)
     except BrokenPipeError:
         # The reader of our output has gone; what it wanted it has.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -112,10 +113,15 @@ def run(app: App, tokens: list[str]) -> int:
         from sgp._exit import FAULT, exit_code
 
         code = exit_code(error)
-        text = " ".join(str(error).split())
+        text = str(error)
         if code == FAULT:
             text = f"{type(error).__name__}: {text} (a fault of this program: see --debug)"
-        return _fail(text, code, debug)
+        return fail("; ".join([text, *_notes(error)]), code)
+
+
+def _notes(error: BaseException) -> list[str]:
+    """Return what was added to an error on its way, such as LEDs that are not confirmed off."""
+    return list(getattr(error, "__notes__", ()))
 
 
 def _show(result: Any, as_json: bool) -> int:
@@ -131,15 +137,21 @@ def _show(result: Any, as_json: bool) -> int:
             print(line)
         for warning in result.warnings:
             note(f"note: {warning}")
+    sys.stdout.flush()
     return 0 if result.ok else 4
 
 
-def _fail(text: str, code: int, debug: bool, hint: str = "") -> int:
+def _fail(text: str, code: int, *, as_json: bool, debug: bool) -> int:
+    line = " ".join(text.split())
     if debug:
         import traceback
 
         traceback.print_exc()
-    print(f"error: {text}" + (f" ({hint})" if hint else ""), file=sys.stderr)
+    if as_json:
+        from sgp._result import dumps
+
+        print(dumps({"ok": False, "error": line, "exit_code": code}))
+    print(f"error: {line}", file=sys.stderr)
     return code
 
 

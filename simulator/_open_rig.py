@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError
-from rig import Rig, RigConfig, RigConfigError
+from rig import Rig, RigConfig, RigConfigError, first_complaint
 from simulator._render import Rendering, render
 from simulator._rig_scenes import SCENES, scene_named
 from simulator._simulated_rig import simulated_rig
@@ -65,7 +65,8 @@ def open_rig(config: RigConfig) -> Rig:
     try:
         options = RigOptions.model_validate(config.options)
     except ValidationError as error:
-        raise RigConfigError(f"rig {config.name}: {_first_fault(error)}") from error
+        complaint = first_complaint(error, noun="option", known=RigOptions.model_fields)
+        raise RigConfigError(f"rig {config.name}: {complaint}") from error
     try:
         scene = scene_named(
             options.scene,
@@ -135,11 +136,3 @@ def rig_for(
         noisy=noisy,
         realtime=realtime,
     )
-
-
-def _first_fault(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] == "extra_forbidden":
-        return f"unknown option {key!r}; known are {', '.join(RigOptions.model_fields)}"
-    return f"option {key!r}: {fault['msg']}, not {fault['input']!r}"

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from acquisition import DataError, read_lights, write_lights
+from acquisition import DataError, Source, read_lights, write_lights
 from calibration import (
     SphereCalibration,
+    Stack,
     calibrate_intensities,
     calibrate_spheres,
     linear_stack,
 )
 from sgp._console import progress
 from sgp._inputs import read_mask_shares
+from sgp._options import Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
 from sgp._stages import open_source
@@ -24,7 +27,7 @@ def spheres(
     source: Path,
     *,
     out: Path,
-    radius_mm: tuple[float, ...] = (),
+    radius_mm: tuple[Positive, ...] = (),
     camera: Path | None = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
@@ -57,11 +60,12 @@ def spheres(
     force
         Replace files that exist.
     """
-    check_file(out, force=force)
-    given = [_circle(text) for text in sphere]
-    opened, files = open_source(source, lights=None, camera=camera, mask=None)
-    with progress("reading") as advance:
-        stack = linear_stack(opened, on_progress=advance)
+    outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
+    for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
+        check_file(path, suffix, force=force)
+    given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
+    opened, files = open_source(source, camera=camera)
+    stack = _undivided(opened)
     masks = [read_mask_shares(path, stack.values.shape[1:]) for path in mask]
     if not masks and not given and opened.mask is not None:
         masks = [opened.mask.astype(np.float64)]
@@ -84,11 +88,7 @@ def spheres(
     result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
     made_by = provenance("sgp calibrate spheres", parameters, [*files, *mask])
     made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
-    result.outputs = {
-        "lights": out,
-        "lp": out.with_suffix(".lp"),
-        "picture": out.with_suffix(".png"),
-    }
+    result.outputs = outputs
     write_lights(out, found.lights, provenance=made_by)
     write_lights(result.outputs["lp"], found.lights)
 
@@ -135,14 +135,14 @@ def intensities(
     force
         Replace a file that exists.
     """
-    check_file(out, force=force)
-    opened, files = open_source(source, lights=None, camera=camera, mask=mask)
+    check_file(out, ".json", force=force)
+    opened, files = open_source(source, camera=camera, mask=mask)
     if opened.camera is None:
         raise DataError(f"{source}: no camera is known for these images: give --camera")
-    with progress("reading") as advance:
-        stack = linear_stack(opened, on_progress=advance)
+    stack = _undivided(opened)
     positions = read_lights(lights)
-    order, _ = positions.match(stack.ids)
+    order, by_name = positions.match(stack.ids)
+    by_order = () if by_name else (f"{lights}: matched to the images by order, not by name",)
     card = np.ones(stack.values.shape[1:], np.bool_) if opened.mask is None else opened.mask
     found = calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
@@ -156,7 +156,7 @@ def intensities(
             "residual": found.residual,
             "pixels": found.pixels,
         },
-        warnings=[*opened.warnings, *stack.warnings, *found.warnings],
+        warnings=[*opened.warnings, *stack.warnings, *by_order, *found.warnings],
         summary=[
             f"{len(strength)} lights, {strength.min():.2f} to {strength.max():.2f} of their mean, "
             f"mu {found.mu:.2f}; the card fits to {found.residual:.1%}"
@@ -169,14 +169,10 @@ def intensities(
     return result
 
 
-def _circle(text: str) -> tuple[float, float, float]:
-    from sgp._exit import UsageError
-
-    try:
-        x, y, radius = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise UsageError(f"--sphere {text}: give x,y,radius in pixels, like 320,240,55") from error
-    return x, y, radius
+def _undivided(source: Source) -> Stack:
+    """Read a stack as it was recorded: intensities that the source knows are left in."""
+    with progress("reading") as advance:
+        return linear_stack(replace(source, lights=None), on_progress=advance)
 
 
 def _describe(found: SphereCalibration) -> Result:

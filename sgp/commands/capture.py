@@ -10,6 +10,7 @@ from acquisition import (
     DataError,
     MissingPathError,
     Session,
+    StorageError,
     import_frames,
     read_camera,
     read_lights,
@@ -17,8 +18,9 @@ from acquisition import (
     record,
     verify_session,
 )
-from rig import open_rig
+from rig import RigError, open_rig
 from sgp._console import note, progress
+from sgp._options import Count
 from sgp._output import check_folder
 from sgp._result import Result
 from sgp._stages import open_source
@@ -29,9 +31,9 @@ _DEFAULT_EXPOSURE_US = 20_000.0
 def plan(
     plan: Path | None = None,
     *,
-    leds: int = 36,
-    width: int = 2448,
-    height: int = 2048,
+    leds: Count = 36,
+    width: Count = 2448,
+    height: Count = 2048,
 ) -> Result:
     """Show what a plan would record, without touching hardware.
 
@@ -126,8 +128,8 @@ def run(
                     lights=None if lights is None else read_lights(lights),
                     on_frame=lambda line, done, total: advance(done, total),
                 )
-            except KeyboardInterrupt:
-                _tell_interrupted(out)
+            except (KeyboardInterrupt, RigError, StorageError, DataError):
+                _tell_what_is_left(out)
                 raise
     return _describe(session)
 
@@ -223,7 +225,7 @@ def import_(
         Anything worth knowing later.
     """
     check_folder(out, force=False)
-    opened, _ = open_source(source, lights=lights, camera=None, mask=None)
+    opened, _ = open_source(source, lights=lights)
     with progress("importing") as advance:
         session = import_frames(
             opened,
@@ -235,8 +237,6 @@ def import_(
         )
     result = _describe(session)
     result.warnings[:0] = opened.warnings
-    if opened.ignored:
-        result.warnings.append(f"not imported: {', '.join(opened.ignored)}")
     return result
 
 
@@ -246,13 +246,12 @@ def _plan(path: Path | None, leds: tuple[int, ...]) -> CapturePlan:
     return CapturePlan(leds=leds, exposures_us=(_DEFAULT_EXPOSURE_US,))
 
 
-def _tell_interrupted(out: Path) -> None:
-    """Say what the interruption left; the interruption itself goes on."""
+def _tell_what_is_left(out: Path) -> None:
+    """Say what a capture that stopped has left; why it stopped is said by the error itself."""
     try:
         session = Session.open(out)
-    except (DataError, MissingPathError) as error:
-        note(str(error))
-        return
+    except (DataError, MissingPathError):
+        return  # nothing had been recorded
     dark = any(event.details.get("leds_confirmed_off") for event in session.events)
     lights = "the LEDs are off" if dark else "the board did NOT confirm that the LEDs are off"
     note(f"{out}: incomplete, {len(session.frames)} frames are whole; {lights}")

@@ -9,8 +9,7 @@ import numpy as np
 
 from acquisition import read_mask, write_exr
 from processing import angular_error, read_normals, ssim
-from sgp._inputs import normal_files
-from sgp._output import writes_folder
+from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
 
@@ -60,7 +59,7 @@ def compare(
             "ssim_paper": ssim(*maps, counted, protocol="paper"),
         },
         warnings=[*first.warnings, *second.warnings],
-        inputs=[*normal_files(a), *normal_files(b), *([] if mask is None else [mask])],
+        inputs=[*first.files, *second.files, *([] if mask is None else [mask])],
     )
     result.summary = [
         f"angular error  mean {error.mae_deg:.3f} deg, median {error.median_deg:.3f} deg",
@@ -71,7 +70,7 @@ def compare(
     if out is not None:
         from sgp._overview import map_panel, write_overview
 
-        out.mkdir(parents=True, exist_ok=True)
+        claim_folder(out, "compare.json")
         result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}
         write_exr(result.outputs["error"], error.map_deg)
         panel = map_panel(f"mean {error.mae_deg:.2f} deg", error.map_deg, "deg", error=True)

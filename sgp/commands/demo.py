@@ -26,8 +26,9 @@ from calibration import (
 from processing import angle_deg, angular_error
 from sgp._console import note, progress
 from sgp._exit import UsageError
+from sgp._options import Seed, SourceOptions
 from sgp._output import check_folder, write_record
-from sgp._overview import lights_panel, map_panel, spheres_panel, write_overview
+from sgp._overview import map_panel, spheres_panel, write_overview
 from sgp._pipeline import Outcome, overview_panels, process
 from sgp._result import Result
 from sgp._stages import Stopwatch
@@ -49,7 +50,7 @@ _MADE = (
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 
 
-def demo(*, out: Path = Path("demo"), seed: int = 0, force: bool = False) -> Result:
+def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Result:
     """Record and process a simulated object, and compare every result with the truth.
 
     Two recordings on the simulated rig, through real serial bytes: chrome spheres, which give the
@@ -84,13 +85,12 @@ def demo(*, out: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
         found, lights, stack = _calibrate(spheres, scenes["spheres"])
         write_lights(out / "lights.json", lights)
     source = read_source(coin.folder, lights=lights)
-    outcome = process(source, out, watch)
+    outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
     result = outcome.result
     result.warnings[:0] = found.warnings
     errors = _Errors(lights, outcome, truth["coin"])
     with watch.stage("overview"):
-        panels = overview_panels(outcome)
-        panels[2] = lights_panel("lights (red: truth)", lights, scenes["coin"].lights)
+        panels = overview_panels(outcome, scenes["coin"].lights)
         panels += [
             map_panel(
                 f"normal error, mean {errors.normals_mae_deg:.2f} deg",
@@ -112,7 +112,6 @@ def demo(*, out: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
         "summary": out / "summary.json",
     }
     result.summary += [*errors.table(), f"look at {out / 'overview.png'}"]
-    result.inputs = [out / "calibration" / "COMPLETE", out / "recording" / "COMPLETE"]
     write_record(out / "summary.json", "sgp demo", {"out": out, "seed": seed}, result)
     return result
 
@@ -152,6 +151,11 @@ def _capture(
         )
 
 
+def _marks(*sessions: Session) -> list[Path]:
+    """Return the files whose hashes stand for whole sessions."""
+    return [session.folder / "COMPLETE" for session in sessions]
+
+
 def _calibrate(
     session: Session, scene: Scene
 ) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
@@ -187,6 +191,7 @@ class _Errors:
         self.height_map_mm = np.full(truth.mask.shape, np.nan, np.float32)
         difference = outcome.surface.height[both] - truth.height_mm[both]
         self.height_map_mm[both] = difference - difference.mean()
+        self.height_coverage = float(both.sum() / truth.mask.sum())
         self.height_range_mm = float(np.ptp(truth.height_mm[truth.mask]))
         self.height_mae_mm = float(np.abs(self.height_map_mm[both]).mean())
 
@@ -198,6 +203,7 @@ class _Errors:
             "normals_mae_deg": self.normals_mae_deg,
             "normals_coverage": self.coverage,
             "height_mae_mm": self.height_mae_mm,
+            "height_coverage": self.height_coverage,
             "height_relative_error": self.height_mae_mm / self.height_range_mm,
         }
 

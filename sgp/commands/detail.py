@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Literal
 
 from acquisition import write_exr
+from processing import FilterKind, read_normals, ssim, write_normals
 from processing import combine as combine_maps
-from processing import read_normals, ssim, write_normals
 from processing import separate as separate_map
 from processing import transfer as transfer_detail
-from sgp._inputs import normal_files
-from sgp._output import writes_folder
+from sgp._options import Count, numbers
+from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_separation
 
-Filter = Literal["gaussian", "box"]
 Green = Literal["up", "down"]
 
 
@@ -24,9 +23,9 @@ def separate(
     normals: Path,
     *,
     out: Path,
-    filter: Filter = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: Count = 8,
+    w: Count = 5,
     green: Green = "up",
     force: bool = False,
 ) -> Result:
@@ -57,10 +56,9 @@ def separate(
     """
     read = read_normals(normals, green=green)
     parts = separate_map(read.normal_map, filter=filter, order=order, w=w)
-    out.mkdir(parents=True, exist_ok=True)
-    result = write_separation(out, parts)
+    result = write_separation(claim_folder(out, "detail.json"), parts)
     result.warnings += read.warnings
-    result.inputs = normal_files(normals)
+    result.inputs = list(read.files)
     return result
 
 
@@ -70,7 +68,6 @@ def combine(
     detail: Path,
     *,
     out: Path,
-    green: Green = "up",
     force: bool = False,
 ) -> Result:
     """Put a detail component onto a shape component of the same size.
@@ -87,20 +84,17 @@ def combine(
         The detail component, edited or not.
     out
         Folder for normals.exr, normals.png, mask.png and normals.json.
-    green
-        Which way the green channel of image files points.
     force
         Write into a folder that holds files already.
     """
-    first, second = read_normals(shape, green=green), read_normals(detail, green=green)
+    first, second = read_normals(shape), read_normals(detail)
     combined = combine_maps(first.normal_map, second.normal_map)
-    out.mkdir(parents=True, exist_ok=True)
     return Result(
-        outputs=write_normals(out, combined),
+        outputs=write_normals(claim_folder(out, "normals.json"), combined),
         metrics={"pixels": int(combined.mask.sum())},
         warnings=[*first.warnings, *second.warnings],
         summary=[f"{int(combined.mask.sum())} normals in {out}"],
-        inputs=[*normal_files(shape), *normal_files(detail)],
+        inputs=[*first.files, *second.files],
     )
 
 
@@ -113,11 +107,12 @@ def transfer(
     keep_target_detail: bool = False,
     amplitude: float = 1.0,
     refine: int = 0,
-    filter: Filter = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
-    at: tuple[int, int] | None = None,
-    green: Green = "up",
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: Count = 8,
+    w: Count = 5,
+    at: str | None = None,
+    source_green: Green = "up",
+    target_green: Green = "up",
     force: bool = False,
 ) -> Result:
     """Carry the detail of one normal map onto the shape of another.
@@ -150,13 +145,20 @@ def transfer(
     w
         Half width of the filter's window in pixels.
     at
-        Column and row of the target where the source's first pixel goes.
-    green
-        Which way the green channel of image files points.
+        Column and row (x,y) of the target where the source's first pixel goes.
+    source_green
+        Which way the green channel of the source points.
+    target_green
+        Which way the green channel of the target points.
     force
         Write into a folder that holds files already.
     """
-    first, second = read_normals(source, green=green), read_normals(target, green=green)
+    place = None
+    if at is not None:
+        x, y = numbers("--at", at, 2)
+        place = round(x), round(y)
+    first = read_normals(source, green=source_green)
+    second = read_normals(target, green=target_green)
     done = transfer_detail(
         first.normal_map,
         second.normal_map,
@@ -166,38 +168,35 @@ def transfer(
         filter=filter,
         order=order,
         w=w,
-        at=at,
+        at=place,
     )
     from sgp._overview import map_panel, write_overview
 
-    out.mkdir(parents=True, exist_ok=True)
+    claim_folder(out, "normals.json")
     result = Result(
         warnings=[*first.warnings, *second.warnings],
-        inputs=[*normal_files(source), *normal_files(target)],
+        inputs=[*first.files, *second.files],
     )
     result.outputs = write_normals(out, done.normal_map)
     result.outputs |= {
         "detail_error": out / "detail_error.exr",
         "detail_error_picture": out / "detail_error.png",
     }
-    write_exr(result.outputs["detail_error"], done.detail_error_deg)
-    panel = map_panel(
-        f"mean {done.detail_mae_deg:.2f} deg", done.detail_error_deg, "deg", error=True
-    )
+    write_exr(result.outputs["detail_error"], done.fidelity.detail_error_deg)
+    own, paper = done.fidelity, done.fidelity_paper
+    panel = map_panel(f"mean {own.detail_mae_deg:.2f} deg", own.detail_error_deg, "deg", error=True)
     write_overview(result.outputs["detail_error_picture"], "Detail error", [panel], columns=1)
-    fidelity = done.fidelity
-    result.metrics = {
-        "shape_mae_deg": done.shape_mae_deg,
-        "detail_mae_deg": done.detail_mae_deg,
-        "shape_ssim": ssim(fidelity.result.shape, fidelity.shape, fidelity.detail.mask),
-        "detail_ssim": ssim(fidelity.result.detail, fidelity.detail),
-        "shape_mae_paper_deg": done.shape_mae_paper_deg,
-        "detail_mae_paper_deg": done.detail_mae_paper_deg,
-    }
+    for fidelity, suffix in ((own, ""), (paper, "_paper")):
+        result.metrics |= {
+            f"shape_mae_deg{suffix}": fidelity.shape_mae_deg,
+            f"detail_mae_deg{suffix}": fidelity.detail_mae_deg,
+        }
+    pairs = {"shape": (own.result.shape, own.shape), "detail": (own.result.detail, own.detail)}
+    for name, (found, meant) in pairs.items():
+        result.metrics[f"{name}_ssim"] = ssim(found, meant, own.detail.mask)
+        result.metrics[f"{name}_ssim_paper"] = ssim(found, meant, protocol="paper")
     result.summary = [
-        f"shape error   {done.shape_mae_deg:.2f} deg "
-        f"(paper's filter {done.shape_mae_paper_deg:.2f})",
-        f"detail error  {done.detail_mae_deg:.2f} deg "
-        f"(paper's filter {done.detail_mae_paper_deg:.2f})",
+        f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
+        f"detail error  {own.detail_mae_deg:.2f} deg (paper's filter {paper.detail_mae_deg:.2f})",
     ]
     return result

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import write_tiff
-from rig import open_rig, rig_names
+from rig import Rig, open_rig, rig_names
 from sgp._exit import UsageError
+from sgp._options import Positive
 from sgp._output import check_file
 from sgp._result import Result
 
@@ -73,7 +74,7 @@ def check(*, rig: str = "simulated") -> Result:
         )
 
 
-def light(led: int, *, rig: str = "simulated", seconds: float = 5.0) -> Result:
+def light(led: int, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
     """Light one LED for a while; Ctrl-C turns it off.
 
     For example:
@@ -91,10 +92,9 @@ def light(led: int, *, rig: str = "simulated", seconds: float = 5.0) -> Result:
     """
     with open_rig(rig) as opened:
         longest = opened.board.identity.max_hold_ms / 1000
-        if not 0 < seconds <= longest:
+        if seconds > longest:
             raise UsageError(f"--seconds {seconds:g}: this board lights for up to {longest:g} s")
-        if not 0 <= led < opened.config.leds:
-            raise UsageError(f"LED {led} does not exist: 0 to {opened.config.leds - 1} do")
+        _check_led(opened, led)
         opened.board.on(led, round(seconds * 1000))
         time.sleep(seconds)
         opened.off()
@@ -122,7 +122,7 @@ def snap(
     *,
     out: Path,
     led: int | None = None,
-    exposure_us: float = 20_000.0,
+    exposure_us: Positive = 20_000.0,
     rig: str = "simulated",
     force: bool = False,
 ) -> Result:
@@ -145,8 +145,10 @@ def snap(
     force
         Replace a file that exists.
     """
-    check_file(out, force=force)
+    check_file(out, ".tif", force=force)
     with open_rig(rig) as opened:
+        if led is not None:
+            _check_led(opened, led)
         shot = opened.shoot(led, exposure_us)
         white = 2**opened.camera.info.bit_depth - 1
     pixels = shot.frame.pixels
@@ -158,3 +160,11 @@ def snap(
         metrics={"clipped_fraction": clipped, "p1_dn": low, "p99_dn": high, "white_dn": white},
         summary=[f"{out}: 1 % at {low:g}, 99 % at {high:g} of {white}, {clipped:.3%} clipped"],
     )
+
+
+def _check_led(opened: Rig, led: int) -> None:
+    config = opened.config
+    if not 0 <= led < config.leds:
+        raise UsageError(f"LED {led} does not exist: {config.name} has 0 to {config.leds - 1}")
+    if led in config.dead_leds:
+        raise UsageError(f"LED {led} of {config.name} is listed as dead: choose another")

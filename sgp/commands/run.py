@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._output import writes_folder
+from sgp._options import SourceOptions
+from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview
 from sgp._pipeline import overview_panels, process
 from sgp._result import Result
-from sgp._stages import Method, Stopwatch, open_source
+from sgp._stages import Stopwatch, open_source
+
+_DEFAULTS = SourceOptions()
 
 
 @writes_folder("summary.json")
 def run(
     source: Path,
     *,
-    out: Path,
-    lights: Path | None = None,
-    camera: Path | None = None,
-    mask: Path | None = None,
-    method: Method = "cauchy",
-    distant: bool = False,
-    gamma: float | None = None,
+    out: Path = Path("result"),
+    options: SourceOptions = _DEFAULTS,
     force: bool = False,
 ) -> Result:
     """Turn a recording into normals, shape and detail, and a surface.
@@ -36,27 +34,18 @@ def run(
         A session, a DiLiGenT object folder, images with an .lp, or a folder of images.
     out
         Folder for overview.png, summary.json, normals/, detail/ and surface/.
-    lights
-        lights.json, .lp or DiLiGenT text; default: those of the source.
-    camera
-        Needed for lights with positions, and for a perspective surface.
-    mask
-        Image of the object; default: the source's own, else made from the images.
-    method
-        ls (plain least squares) or cauchy (shadows and highlights lose their weight).
-    distant
-        Take lights with positions as directions.
-    gamma
-        Exponent that makes the images linear (2.2 for display-ready ones); default: linear already.
+    options
+        Lights, camera, mask, method.
     force
         Write into a folder that holds files already.
     """
     watch = Stopwatch()
-    opened, files = open_source(source, lights=lights, camera=camera, mask=mask)
-    outcome = process(opened, out, watch, method=method, distant=distant, gamma=gamma)
+    opened, files = open_source(
+        source, lights=options.lights, camera=options.camera, mask=options.mask
+    )
+    outcome = process(opened, files, out, watch, options)
     result = outcome.result
-    result.inputs = files
-    result.outputs["overview"] = out / "overview.png"
+    result.outputs["overview"] = claim_folder(out, "summary.json") / "overview.png"
     with watch.stage("overview"):
         write_overview(result.outputs["overview"], source.name, overview_panels(outcome))
     result.metrics["seconds"] = watch.seconds

@@ -7,8 +7,8 @@ from typing import Literal
 
 from acquisition import read_camera, read_mask
 from processing import NormalMap, integrate, read_normals
-from sgp._inputs import normal_files
-from sgp._output import writes_folder
+from sgp._options import Positive
+from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_surface
 
@@ -20,7 +20,7 @@ def surface(
     out: Path,
     mask: Path | None = None,
     camera: Path | None = None,
-    pixel_mm: float | None = None,
+    pixel_mm: Positive | None = None,
     green: Literal["up", "down"] = "up",
     glb: bool = False,
     stl: bool = False,
@@ -63,11 +63,11 @@ def surface(
         normal_map = NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else read_camera(camera, normal_map.size)
     height_map = integrate(normal_map, camera=model, pixel_mm=pixel_mm)
-    out.mkdir(parents=True, exist_ok=True)
     wanted = {"glb": glb, "stl": stl, "obj": obj}
     formats = ("ply", *(name for name, asked in wanted.items() if asked))
-    result = write_surface(out, height_map, normal_map, formats=formats)
+    claimed = claim_folder(out, "surface.json")
+    result = write_surface(claimed, height_map, normal_map, formats=formats)
     result.warnings = [*read.warnings, *result.warnings]
     options = [path for path in (mask, camera) if path is not None]
-    result.inputs = [*normal_files(normals), *options]
+    result.inputs = [*read.files, *options]
     return result

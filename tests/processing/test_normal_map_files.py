@@ -37,7 +37,7 @@ def test_what_is_written_is_read_again(tmp_path):
         "mask": tmp_path / "mask.png",
     }
     for path in (tmp_path, outputs["normals"]):
-        normal_map, warnings = read_normals(path)
+        normal_map, warnings, _ = read_normals(path)
         assert _worst_deg(normal_map, cap) < 1e-5
         assert warnings == ()
     assert _worst_deg(read_normals(outputs["normals_png"]).normal_map, cap) < 2e-3
@@ -121,7 +121,7 @@ def _write_rgba(path, cap):
 def test_every_format_decodes(tmp_path, name, write, worst_deg, warning):
     cap = _cap()
     write(tmp_path / name, cap)
-    normal_map, warnings = read_normals(tmp_path / name)
+    normal_map, warnings, _ = read_normals(tmp_path / name)
     assert _worst_deg(normal_map, cap) < worst_deg
     assert len(warnings) == bool(warning)
     assert warning in "".join(warnings)
@@ -132,7 +132,7 @@ def test_jpeg_decodes(tmp_path):
     relief = NormalMap.from_vectors(np.stack([np.sin(x), 0.5 * np.cos(y), 0 * x + 1], axis=2))
     bgr = _encoded(relief.normals, 255)[..., ::-1].astype(np.uint8)
     cv2.imwrite(str(tmp_path / "n.jpg"), bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])
-    normal_map, warnings = read_normals(tmp_path / "n.jpg")
+    normal_map, warnings, _ = read_normals(tmp_path / "n.jpg")
     assert _worst_deg(normal_map, relief) < 4
     assert len(warnings) == 1
     assert "0.4 degree" in warnings[0]
@@ -170,7 +170,7 @@ def test_pixels_of_the_mask_without_a_normal_are_told(tmp_path):
     vectors[20:22, 20:23] = 0
     np.save(tmp_path / "normal_map.npy", vectors)
     write_png(tmp_path / "mask.png", cap.mask.astype(np.uint8) * 255)
-    normal_map, warnings = read_normals(tmp_path)
+    normal_map, warnings, _ = read_normals(tmp_path)
     assert not normal_map.mask[20:22, 20:23].any()
     assert len(warnings) == 1
     assert "6 pixels of the mask" in warnings[0]
@@ -273,7 +273,7 @@ def test_missing_paths(tmp_path):
 )
 def test_real_maps_face_the_camera(folder, lowest_z, warned):
     folder = Path(os.environ["SGP_DATA"]) / "normals" / folder
-    normal_map, warnings = read_normals(folder)
+    normal_map, warnings, _ = read_normals(folder)
     mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
     assert np.array_equal(normal_map.mask, mask)
     z = normal_map.normals[mask][:, 2]
@@ -281,7 +281,7 @@ def test_real_maps_face_the_camera(folder, lowest_z, warned):
     assert z.min() >= lowest_z
     assert bool(warnings) == warned
     # Without its mask file the same pixels are found, but for rounding at nothing.
-    alone, _ = read_normals(folder / "normal_map.png")
+    alone, _, _ = read_normals(folder / "normal_map.png")
     assert np.array_equal(alone.mask, mask)
 
 
@@ -289,7 +289,7 @@ def test_real_maps_face_the_camera(folder, lowest_z, warned):
 @pytest.mark.parametrize("name", ["151", "160", "188"])
 def test_real_jpeg_reliefs_fill_their_frame(name):
     path = Path(os.environ["SGP_DATA"]) / "reliefs" / f"{name}.jpg"
-    normal_map, warnings = read_normals(path)
+    normal_map, warnings, _ = read_normals(path)
     assert normal_map.mask.all()
     assert normal_map.normals[..., 2].mean() > 0.7
     assert "8-bit" in warnings[0]
@@ -299,7 +299,7 @@ def test_real_jpeg_reliefs_fill_their_frame(name):
 @pytest.mark.parametrize("name", ["bear", "cat"])
 def test_decoded_maps_equal_the_truth_of_the_same_objects(name):
     data = Path(os.environ["SGP_DATA"])
-    normal_map, _ = read_normals(data / "normals" / "diligent" / name)
+    normal_map, _, _ = read_normals(data / "normals" / "diligent" / name)
     truth = loadmat(data / "diligent" / f"{name}PNG" / "Normal_gt.mat")["Normal_gt"]
     known = np.linalg.norm(truth, axis=2) > 0.5
 

@@ -104,8 +104,8 @@ def test_a_map_put_onto_itself_stays_itself() -> None:
     result = transfer(normal_map, normal_map, at=(0, 0))
     off = angle_deg(result.normal_map.normals, normal_map.normals)[normal_map.mask]
     assert off.max() <= 5e-5
-    assert result.shape_mae_deg < 1e-4
-    assert result.detail_mae_deg < 1e-4
+    assert result.fidelity.shape_mae_deg < 1e-4
+    assert result.fidelity.detail_mae_deg < 1e-4
 
 
 def test_transfer_onto_a_plane_turns_the_detail_as_one() -> None:
@@ -123,8 +123,8 @@ def test_transfer_onto_a_plane_turns_the_detail_as_one() -> None:
     # What is left of a shape in the detail is all there is to go wrong.
     left = separate(source).separability_deg
     assert left > 0.5
-    assert result.shape_mae_deg == pytest.approx(left, abs=1e-3)
-    np.testing.assert_array_equal(np.isfinite(result.detail_error_deg), target.mask)
+    assert result.fidelity.shape_mae_deg == pytest.approx(left, abs=1e-3)
+    np.testing.assert_array_equal(np.isfinite(result.fidelity.detail_error_deg), target.mask)
 
 
 def test_at_places_the_source_and_leaves_the_rest_alone() -> None:
@@ -137,7 +137,7 @@ def test_at_places_the_source_and_leaves_the_rest_alone() -> None:
     np.testing.assert_array_equal(result.normal_map.normals[~received], target.normals[~received])
     detail = separate(source).detail.normals
     np.testing.assert_array_equal(result.fidelity.detail.normals[20, 70], detail[30, 10])
-    np.testing.assert_array_equal(np.isfinite(result.detail_error_deg), received)
+    np.testing.assert_array_equal(np.isfinite(result.fidelity.detail_error_deg), received)
 
 
 def test_amplitude_scales_slopes() -> None:
@@ -183,8 +183,8 @@ def test_keeping_the_targets_detail_puts_it_onto_the_raw_normals() -> None:
 def test_refinement_nears_the_targets_shape() -> None:
     source, target = relief(7, (60, 60)), ball()
     none, one = (transfer(source, target, refine=k) for k in (0, 1))
-    assert one.shape_mae_deg < 0.7 * none.shape_mae_deg
-    assert none.fidelity_paper.shape_mae_deg == none.shape_mae_paper_deg > 0
+    assert one.fidelity.shape_mae_deg < 0.7 * none.fidelity.shape_mae_deg
+    assert none.fidelity_paper.shape_mae_deg == none.fidelity_paper.shape_mae_deg > 0
 
 
 @pytest.mark.parametrize(
@@ -216,9 +216,9 @@ def test_transfer_onto_real_shapes(
     given_map = read(source)
     targets = [read(f"diligent/{name}") for name in TARGETS]
     results = [transfer(given_map, target) for target in targets]
-    assert np.mean([r.shape_mae_deg for r in results]) <= shape
-    assert np.mean([r.detail_mae_deg for r in results]) <= detail
+    assert np.mean([r.fidelity.shape_mae_deg for r in results]) <= shape
+    assert np.mean([r.fidelity.detail_mae_deg for r in results]) <= detail
     once = [transfer(given_map, target, refine=1) for target in targets]
-    assert np.mean([r.shape_mae_deg for r in once]) <= refined
+    assert np.mean([r.fidelity.shape_mae_deg for r in once]) <= refined
     for result, target in zip(results, targets, strict=True):
         np.testing.assert_array_equal(result.normal_map.mask, target.mask)

@@ -1,0 +1,46 @@
+"""What pydantic objects to, in one line for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pydantic import ValidationError
+
+_LONGEST_VALUE = 40
+
+
+def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
+    """Return the first thing pydantic objects to, as one line.
+
+    Parameters
+    ----------
+    error
+        What a model raised.
+    noun
+        What a field is called where it comes from: a key of a file, an option.
+    known
+        Names that an unknown one may have been meant for.
+
+    Returns
+    -------
+    str
+        Which field (``lights.1.id`` where it is nested), what is wrong with it, its value where
+        that is short, and how many more complaints there are.
+    """
+    first = error.errors(include_url=False)[0]
+    where = f"{noun} {'.'.join(str(part) for part in first['loc'])!r}"
+    match first["type"]:
+        case "extra_forbidden":
+            names = ", ".join(known)
+            said = f"unknown {where}" + (f"; known are {names}" if names else "")
+        case "missing":
+            said = f"the {where} is missing"
+        case "value_error":
+            what = first["msg"].removeprefix("Value error, ")
+            said = f"{where}: {what}" if first["loc"] else what
+        case _:
+            value = first["input"]
+            plain = isinstance(value, str | int | float) and len(repr(value)) <= _LONGEST_VALUE
+            said = f"{where}: {first['msg']}" + (f", not {value!r}" if plain else "")
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return " ".join(said.split()) + more
