@@ -14,7 +14,7 @@ from acquisition._errors import DataError
 from acquisition._manifest import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
-from acquisition._toml import first_complaint
+from rig import first_complaint
 
 # Where each COLMAP model keeps fx, fy, cx, cy, k1, k2, p1, p2 among its parameters.
 _COLMAP = {

@@ -97,16 +97,14 @@ class CameraModel:
             ``(..., 3)`` float64.
         """
         points = np.asarray(pixels, np.float64)
-        if not self.distortion.any():
-            y = (points[..., 1] - self.K[1, 2]) / self.K[1, 1]
-            x = (points[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
-        else:
+        # K is applied here and not by OpenCV, which ignores a skew.
+        y = (points[..., 1] - self.K[1, 2]) / self.K[1, 1]
+        x = (points[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
+        if self.distortion.any():
             criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
-            flat = np.ascontiguousarray(points.reshape(-1, 1, 2))
-            normalised = cv2.undistortPoints(
-                flat, self.K, self.distortion, criteria=criteria
-            ).reshape(points.shape)
-            x, y = normalised[..., 0], normalised[..., 1]
+            seen = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
+            straight = cv2.undistortPoints(seen, np.eye(3), self.distortion, criteria=criteria)
+            x, y = np.moveaxis(straight.reshape(points.shape), -1, 0)
         rays: Array = np.stack([x, y, np.ones_like(x)], axis=-1) * _FLIP
         return rays
 
@@ -124,7 +122,10 @@ class CameraModel:
     def project(self, points_mm: npt.ArrayLike) -> Array:
         """Return the pixels ``(..., 2)`` at which points ``(..., 3)`` of the house frame appear."""
         points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
-        pixels, _ = cv2.projectPoints(
-            points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), self.K, self.distortion
+        seen, _ = cv2.projectPoints(
+            points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self.distortion
         )
-        return np.asarray(pixels, np.float64).reshape(*points.shape[:-1], 2)
+        x, y = np.moveaxis(np.asarray(seen, np.float64).reshape(*points.shape[:-1], 2), -1, 0)
+        across = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
+        pixels: Array = np.stack([across, self.K[1, 1] * y + self.K[1, 2]], axis=-1)
+        return pixels

@@ -4,29 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
-
-from pydantic import ValidationError
+from typing import Any
 
 from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, StorageError
 from acquisition._journal import Echo, FrameLine
-from acquisition._lights import Lights
-from acquisition._manifest import (
-    CameraModelRecord,
-    CameraRecord,
-    LightsRecord,
-    Manifest,
-    RigRecord,
-    SensorRecord,
-)
+from acquisition._lights import Lights, led_id
+from acquisition._manifest import Manifest
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan, PlannedShot
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
-from acquisition._toml import first_complaint
-from rig import CameraInfo, Rig, RigError, Shot
+from rig import CameraError, CameraInfo, Rig, RigError, Shot
 
 OnFrame = Callable[[FrameLine, int, int], None]
 
@@ -60,7 +50,8 @@ def record(
         Who records what, for people.
     camera_model, sensor, lights
         Calibrations to store with the recording, where known. The sensor gives black and white
-        level; without it black is 0 and white the greatest value of the camera's bit depth.
+        level; without it black is 0 and white the greatest value of the camera's bit depth. The
+        lights are those of the LEDs by their ids, ``L07`` for LED 7; there may be more of them.
     on_frame
         Called after each frame with its journal line, how many are done, and how many there are.
 
@@ -72,8 +63,8 @@ def record(
     Raises
     ------
     DataError
-        If the plan does not fit the rig, a calibration does not fit the camera, or a frame is not
-        what the camera announced.
+        If the plan does not fit the rig, a calibration does not fit the camera, lights are missing
+        for an LED of the plan, or a frame is not what the camera announced.
     StorageError
         If the folder is not empty or is being recorded into, or the disk refuses.
     RigError
@@ -86,22 +77,22 @@ def record(
     one, and the error goes on to the caller.
     """
     plan.check(rig.config.leds, rig.config.dead_leds)
+    _check_exposures(rig.camera.info, plan)
     _check_calibrations(rig.camera.info, camera_model, sensor)
-    try:
-        manifest = Manifest(
-            started_utc=datetime.now(UTC),
-            operator=operator,
-            object=object_name,
-            notes=notes,
-            plan=plan,
-            rig=_rig_record(rig),
-            camera=_camera_record(rig.camera.info, sensor),
-            camera_model=None if camera_model is None else CameraModelRecord.of(camera_model),
-            sensor=None if sensor is None else SensorRecord.of(sensor),
-            lights=None if lights is None else LightsRecord.of(lights),
-        )
-    except ValidationError as error:
-        raise DataError(f"{folder}: cannot be described: {first_complaint(error)}") from error
+    if lights is not None:
+        _check_lights(lights, plan)
+    manifest = Manifest.begin(
+        folder,
+        operator=operator,
+        object=object_name,
+        notes=notes,
+        plan=plan,
+        rig=_rig_record(rig),
+        camera=_camera_record(rig.camera.info, sensor),
+        camera_model=camera_model,
+        sensor=sensor,
+        lights=lights,
+    )
     with SessionWriter.create(folder, manifest) as writer:
         try:
             shots = writer.missing
@@ -143,11 +134,24 @@ def _stop(rig: Rig, writer: SessionWriter, error: BaseException) -> None:
         rig.off()
     except RigError as failure:
         dark = False
-        error.add_note(f"LEDs not confirmed off: {failure}")
+        note = f"LEDs not confirmed off: {failure}"
+        if note not in getattr(error, "__notes__", ()):  # the rig may have tried in vain already
+            error.add_note(note)
     event = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
     reason = str(error) or type(error).__name__
     with suppress(StorageError, DataError):
         writer.write_event(event, reason=reason, leds_confirmed_off=dark)
+
+
+def _check_exposures(info: CameraInfo, plan: CapturePlan) -> None:
+    """Refuse what the camera cannot do before a folder is made for it."""
+    low, high = info.exposure_min_us, info.exposure_max_us
+    for exposure_us in plan.exposures_us:
+        if not low <= exposure_us <= high:
+            raise CameraError(
+                f"the plan asks for {exposure_us:g} us, camera {info.model} {info.serial} exposes "
+                f"for {low:g} to {high:g} us: correct exposures_us in the plan"
+            )
 
 
 def _check_calibrations(
@@ -165,28 +169,42 @@ def _check_calibrations(
         )
 
 
-def _rig_record(rig: Rig) -> RigRecord:
+def _check_lights(lights: Lights, plan: CapturePlan) -> None:
+    """Refuse lights that would be found missing, or be matched by order, when it is too late."""
+    wanted = [led_id(led) for led in plan.leds]
+    try:
+        _, by_name = lights.match(wanted)
+    except DataError as error:
+        raise DataError(f"the lights do not fit the plan: {error}") from error
+    if not by_name:
+        raise DataError(
+            f"the lights are called {lights.ids[0]} and so on, the plan lights {wanted[0]} and so "
+            "on: give the lights of this rig, called after its LEDs"
+        )
+
+
+def _rig_record(rig: Rig) -> dict[str, Any]:
     config, board = rig.config, rig.board.identity
-    return RigRecord(
-        name=config.name,
-        driver=config.driver,
-        board=board.name,
-        protocol=str(board.protocol),
-        firmware=board.firmware,
-        leds=board.leds,
-    )
+    return {
+        "name": config.name,
+        "driver": config.driver,
+        "board": board.name,
+        "protocol": str(board.protocol),
+        "firmware": board.firmware,
+        "leds": board.leds,
+    }
 
 
-def _camera_record(info: CameraInfo, sensor: NoiseModel | None) -> CameraRecord:
-    return CameraRecord(
-        vendor=info.vendor,
-        model=info.model,
-        serial=info.serial,
-        width=info.width,
-        height=info.height,
-        pixel_format=info.pixel_format,
-        bit_depth=info.bit_depth,
-        cfa=info.cfa,
-        black_level_dn=0.0 if sensor is None else sensor.black_level_dn,
-        white_level_dn=None if sensor is None else sensor.white_level_dn,
-    )
+def _camera_record(info: CameraInfo, sensor: NoiseModel | None) -> dict[str, Any]:
+    return {
+        "vendor": info.vendor,
+        "model": info.model,
+        "serial": info.serial,
+        "width": info.width,
+        "height": info.height,
+        "pixel_format": info.pixel_format,
+        "bit_depth": info.bit_depth,
+        "cfa": info.cfa,
+        "black_level_dn": 0.0 if sensor is None else sensor.black_level_dn,
+        "white_level_dn": None if sensor is None else sensor.white_level_dn,
+    }

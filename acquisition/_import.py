@@ -4,22 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ValidationError
 
 from acquisition._errors import DataError
-from acquisition._images import Image
+from acquisition._images import Image, write_exr, write_png
 from acquisition._journal import FrameLine
-from acquisition._manifest import CameraModelRecord, CameraRecord, LightsRecord, Manifest
+from acquisition._lights import led_id
+from acquisition._manifest import Manifest
 from acquisition._plan import PlannedShot
-from acquisition._session import Session
+from acquisition._session import MASK, TRUE_NORMALS, Session
 from acquisition._session_writer import SessionWriter
 from acquisition._source import Source
-from acquisition._toml import first_complaint
+from acquisition._storage import make_folder
 
 
 def import_frames(
@@ -38,8 +37,8 @@ def import_frames(
     source
         What `read_source` made of images, camera RAW or a DiLiGenT folder. 8-bit samples keep
         their values in 16-bit files, with white level 255. CFA pattern, black and white level,
-        lights and camera are recorded where known. Mask and true normals stay where they are: a
-        session has no place for them.
+        lights and camera are recorded where known. Mask and true normals go into ``derived/``,
+        where `read_source` finds them.
     folder
         New or empty folder.
     operator, object_name, notes
@@ -62,7 +61,8 @@ def import_frames(
 
     Notes
     -----
-    After an error the session stays behind incomplete, and the images are as they were.
+    After an error in mid-way the session stays behind incomplete, of which a note of the error
+    tells, and the images are as they were.
     """
     if source.kind == "session":
         raise DataError(f"{source.path}: is a session already: copy the folder")
@@ -71,42 +71,51 @@ def import_frames(
     height, width = source.size
     lights = source.lights
     if lights is not None:
-        lights = replace(lights, ids=tuple(_led_id(led) for led in range(len(lights))))
-    try:
-        manifest = Manifest(
-            started_utc=datetime.now(UTC),
-            operator=operator,
-            object=object_name,
-            notes=notes,
-            camera=CameraRecord(
-                width=width,
-                height=height,
-                channels=3 if len(source.frames[0].shape) == 3 else 1,
-                bit_depth=max(8, int(source.white_level).bit_length()),
-                cfa=source.cfa,
-                black_level_dn=source.black_level,
-                white_level_dn=source.white_level,
-            ),
-            camera_model=None if source.camera is None else CameraModelRecord.of(source.camera),
-            lights=None if lights is None else LightsRecord.of(lights),
-        )
-    except ValidationError as error:
-        raise DataError(f"{source.path}: cannot be described: {first_complaint(error)}") from error
+        lights = replace(lights, ids=tuple(map(led_id, range(len(lights)))))
+    manifest = Manifest.begin(
+        folder,
+        operator=operator,
+        object=object_name,
+        notes=notes,
+        camera={
+            "width": width,
+            "height": height,
+            "channels": 3 if len(source.frames[0].shape) == 3 else 1,
+            "bit_depth": max(8, int(source.white_level).bit_length()),
+            "cfa": source.cfa,
+            "black_level_dn": source.black_level,
+            "white_level_dn": source.white_level,
+        },
+        camera_model=source.camera,
+        lights=lights,
+    )
     with SessionWriter.create(folder, manifest) as writer:
-        for led, frame in enumerate(source.frames):
-            line = writer.write_frame(
-                PlannedShot("light", led, 0, 0, frame.exposure_us),
-                _sixteen_bit(frame.read(), frame.path),
-                origin=frame.path.name,
+        try:
+            _write_maps(source, writer.folder)
+            for led, frame in enumerate(source.frames):
+                line = writer.write_frame(
+                    PlannedShot("light", led, 0, 0, frame.exposure_us),
+                    _sixteen_bit(frame.read(), frame.path),
+                    origin=frame.path.name,
+                )
+                if on_frame is not None:
+                    on_frame(line, led + 1, len(source.frames))
+            writer.complete()
+        except BaseException as error:
+            error.add_note(
+                f"{folder}: an incomplete session stays behind: delete it, then import again"
             )
-            if on_frame is not None:
-                on_frame(line, led + 1, len(source.frames))
-        writer.complete()
+            raise
     return Session.open(folder)
 
 
-def _led_id(led: int) -> str:
-    return f"L{led:02d}"
+def _write_maps(source: Source, folder: Path) -> None:
+    if source.mask is not None:
+        make_folder((folder / MASK).parent)
+        write_png(folder / MASK, source.mask.astype(np.uint8) * 255)
+    if source.normals_truth is not None:
+        make_folder((folder / TRUE_NORMALS).parent)
+        write_exr(folder / TRUE_NORMALS, source.normals_truth)
 
 
 def _sixteen_bit(pixels: Image, path: Path) -> npt.NDArray[np.uint16]:

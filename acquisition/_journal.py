@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, Valid
 
 from acquisition._plan import Role, ShotKey
 from acquisition._storage import sha256_of
-from acquisition._toml import first_complaint
+from rig import first_complaint
 
 GENESIS = "0" * 64
 

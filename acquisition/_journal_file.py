@@ -21,7 +21,7 @@ from acquisition._journal import (
     parse_journal,
 )
 from acquisition._storage import append_durably, disk, write_durably
-from acquisition._toml import first_complaint
+from rig import first_complaint
 
 Clock = Callable[[], datetime]
 AnyLine = TypeVar("AnyLine", bound=Line)

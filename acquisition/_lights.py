@@ -5,26 +5,37 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import PureWindowsPath
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
+from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
 
 Array = npt.NDArray[np.float64]
 
+_SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
+# Where a point coincides with a light, so that no direction leads to it.
+_TOUCHING_MM = 1e-9
 
-# A suffix that begins with a letter is a file type; `chrome.0` ends in a number, not in a type.
-_FILE_TYPE = re.compile(r"\.[a-z][a-z0-9]{1,4}$")
+
+def led_id(led: int) -> str:
+    """Return the name of the light that an LED makes: ``L07`` for LED 7."""
+    return f"L{led:02d}"
 
 
 def light_id(name: str) -> str:
     r"""Reduce a file name or path to what identifies a light: its stem, any separator, any case.
 
     Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` are all ``chrome.0``.
+    Only suffixes of images and camera RAW are taken off: ``scan.left`` stays whole.
     """
-    return _FILE_TYPE.sub("", PureWindowsPath(name).name.casefold())
+    stem = re.split(r"[\\/]", name.rstrip("\\/"))[-1].casefold()
+    while True:
+        shorter, _, suffix = stem.rpartition(".")
+        if not shorter or f".{suffix}" not in _SUFFIXES:
+            return stem
+        stem = shorter
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +80,7 @@ class Lights:
             raise DataError("lights need either directions or positions, and not both")
         vectors = _finite(given, "direction" if self.positions_mm is None else "position")
         count = len(vectors)
-        ids = tuple(self.ids) or tuple(f"L{i:02d}" for i in range(count))
+        ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
             raise DataError(f"{count} lights but {len(ids)} ids")
         length = np.linalg.norm(vectors, axis=1)
@@ -142,7 +153,8 @@ class Lights:
         The irradiance of a Lambertian surface is ``intensity * max(n . v, 0)`` with ``v`` from
         here. For near lights ``|v| = (r0 / r)^2 * (cos t / cos t0)^mu``, with distance r and angle
         t to the axis, r0 and t0 those of the origin (the LED model of Queau et al., 2018, scaled
-        to 1 at the origin). Points behind the LED's own plane get no light.
+        to 1 at the origin). Points behind the LED's own plane get no light, nor do points that
+        coincide with the LED.
 
         Parameters
         ----------
@@ -164,6 +176,7 @@ class Lights:
         mu = _known(self.mu).reshape(shape[:-1])
         toward = position - points
         distance = np.linalg.norm(toward, axis=-1)
+        distance = np.where(distance > _TOUCHING_MM, distance, np.inf)
         reference = np.linalg.norm(position, axis=-1)
         cosine = np.clip(-np.sum(toward * axis, axis=-1) / distance, 0.0, None)
         cosine_reference = -np.sum(position * axis, axis=-1) / reference

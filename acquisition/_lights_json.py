@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from acquisition._errors import DataError
 from acquisition._lights import Lights
-from acquisition._toml import first_complaint
+from rig import first_complaint
 
 _Vector = tuple[float, float, float]
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
@@ -85,21 +87,31 @@ class CameraRecord(_Table):
 
 
 class SensorRecord(_Table):
-    """A `NoiseModel`, written out."""
+    """A `NoiseModel`, written out; what is left out has the model's default."""
 
     electrons_per_dn: float
     read_noise_e: float
     black_level_dn: float
     bit_depth: int
+    quantum_efficiency: float | None = None
+    full_well_e: float | None = None
+    dark_current_e_per_s: float | None = None
+    dsnu_e: float | None = None
+    prnu: float | None = None
+    hot_pixel_fraction: float | None = None
+    hot_pixel_e_per_s: float | None = None
 
     @classmethod
     def of(cls, sensor: NoiseModel) -> SensorRecord:
         """Write out a sensor."""
-        return cls.model_validate(sensor.__dict__)
+        values = {item.name: (getattr(sensor, item.name), item.default) for item in fields(sensor)}
+        return cls.model_validate(
+            {name: value for name, (value, default) in values.items() if value != default}
+        )
 
     def value(self) -> NoiseModel:
         """Return the sensor; raises DataError where the numbers make none."""
-        return NoiseModel(**self.model_dump())
+        return NoiseModel(**self.model_dump(exclude_none=True))
 
 
 class CameraModelRecord(_Table):
@@ -178,6 +190,45 @@ class Manifest(_Table):
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
     lights: LightsRecord | None = None
+
+    @classmethod
+    def begin(
+        cls,
+        folder: str | Path,
+        *,
+        camera: dict[str, Any],
+        camera_model: CameraModel | None = None,
+        sensor: NoiseModel | None = None,
+        lights: Lights | None = None,
+        **others: Any,
+    ) -> Manifest:
+        """Describe a session that begins now.
+
+        Parameters
+        ----------
+        folder
+            Of the session, for the message.
+        camera
+            Fields of `CameraRecord`.
+        camera_model, sensor, lights
+            Calibrations to store, where known.
+        others
+            The remaining fields.
+
+        Raises
+        ------
+        DataError
+            If a value is not what the field takes; the message names ``folder`` and the field.
+        """
+        values = {
+            "started_utc": datetime.now(UTC),
+            "camera": camera,
+            "camera_model": None if camera_model is None else CameraModelRecord.of(camera_model),
+            "sensor": None if sensor is None else SensorRecord.of(sensor),
+            "lights": None if lights is None else LightsRecord.of(lights),
+            **others,
+        }
+        return validated(cls, values, Path(folder))
 
 
 def parse_manifest(data: bytes, path: Path) -> Manifest:

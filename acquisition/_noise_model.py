@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,22 @@ class NoiseModel:
     black_level_dn
         Mean grey value without light.
     bit_depth
-        Bits of the converter; the white level is ``2 ** bit_depth - 1``.
+        Bits of the converter, which ends at ``2 ** bit_depth - 1``.
+    quantum_efficiency
+        Electrons per photon, above 0 and at most 1. With 1, photons are counted in electrons.
+    full_well_e
+        Electrons at which a pixel is full, before the converter; None where the converter always
+        ends first.
+    dark_current_e_per_s
+        Electrons per second without light; they have shot noise too.
+    dsnu_e
+        Standard deviation of the offsets of pixels in the dark, electrons.
+    prnu
+        Relative standard deviation of the response of pixels to light, less than 0.3.
+    hot_pixel_fraction
+        Share of pixels whose dark current is far higher, 0 to 1.
+    hot_pixel_e_per_s
+        Mean of what hot pixels have more than the others, electrons per second.
 
     Raises
     ------
@@ -35,22 +51,58 @@ class NoiseModel:
     read_noise_e: float
     black_level_dn: float
     bit_depth: int
+    quantum_efficiency: float = 1.0
+    full_well_e: float | None = None
+    dark_current_e_per_s: float = 0.0
+    dsnu_e: float = 0.0
+    prnu: float = 0.0
+    hot_pixel_fraction: float = 0.0
+    hot_pixel_e_per_s: float = 0.0
 
     def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if value is not None and not math.isfinite(value):
+                raise DataError(f"a sensor needs finite numbers: {item.name} is {value}")
         if not self.electrons_per_dn > 0 or not self.read_noise_e >= 0:
             raise DataError("a sensor needs electrons_per_dn > 0 and read_noise_e >= 0")
+        if not 0 < self.quantum_efficiency <= 1:
+            raise DataError("a sensor has a quantum_efficiency above 0 and at most 1")
+        for name in ("dark_current_e_per_s", "dsnu_e", "hot_pixel_e_per_s"):
+            if getattr(self, name) < 0:
+                raise DataError(f"a sensor needs {name} >= 0, not {getattr(self, name)}")
+        if not 0 <= self.prnu < 0.3 or not 0 <= self.hot_pixel_fraction <= 1:
+            raise DataError("a sensor needs prnu within 0..0.3 and hot_pixel_fraction within 0..1")
         if not 8 <= self.bit_depth <= 16 or not 0 <= self.black_level_dn < self.white_level_dn:
-            raise DataError("a sensor has 8 to 16 bits and a black level below its white level")
+            raise DataError(
+                "a sensor has 8 to 16 bits and a black level below its white level, at which the "
+                "converter ends or the pixel is full"
+            )
+
+    @property
+    def converter_end_dn(self) -> int:
+        """The greatest grey value there is."""
+        return int(2**self.bit_depth - 1)
 
     @property
     def white_level_dn(self) -> int:
-        """The grey value at which a sample counts as saturated."""
-        return int(2**self.bit_depth - 1)
+        """The grey value from which a sample counts as saturated.
+
+        The end of the converter or, where that comes first, what a full pixel gives without
+        analogue gain, less four standard deviations of its noise: a full pixel reads higher.
+        """
+        if self.full_well_e is None:
+            return self.converter_end_dn
+        noise_e = math.hypot(self.read_noise_e, self.dsnu_e)
+        full = (self.full_well_e - 4 * noise_e) / self.electrons_per_dn
+        return min(self.converter_end_dn, math.floor(self.black_level_dn + full))
 
     def variance_dn(self, grey_dn: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the temporal variance (grey values squared) at mean grey values.
 
-        Shot and read noise plus the quantisation of one grey value, EMVA 1288 equation 10.
+        Shot and read noise plus the quantisation of one grey value, EMVA 1288 equation 10. Dark
+        current is part of the grey value and so of its shot noise. Fixed patterns are no temporal
+        noise.
         """
         electrons = np.clip(np.asarray(grey_dn, np.float64) - self.black_level_dn, 0.0, None)
         electrons *= self.electrons_per_dn

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from acquisition._errors import DataError
+from acquisition._lights import led_id
 from acquisition._toml import read_toml
 
 Role = Literal["light", "dark", "ambient", "flat"]
@@ -58,8 +59,8 @@ class PlannedShot:
         return f"{self._stem()}{f'_R{number}' if number else ''}.tif"
 
     def _stem(self) -> str:
-        if self.role == "light":
-            return f"L{self.led:02d}_E{self.bracket}"
+        if self.led is not None:
+            return f"{led_id(self.led)}_E{self.bracket}"
         if self.role == "flat":
             return f"F_E{self.bracket}"
         if self.exposure_us is None:
@@ -79,7 +80,7 @@ class CapturePlan(BaseModel):
     exposures_us
         One exposure time per bracket, microseconds, all different.
     repeats
-        Shots of each LED and bracket, at least 1.
+        Shots of each LED and bracket, 1 to 1000.
     dark
         Take one dark frame for each exposure, before the lights. The LEDs are off; that no other
         light falls on the sensor is up to the operator.
@@ -93,7 +94,7 @@ class CapturePlan(BaseModel):
 
     leds: Annotated[tuple[_Led, ...], Field(min_length=1)]
     exposures_us: Annotated[tuple[_Exposure, ...], Field(min_length=1)]
-    repeats: Annotated[int, Field(strict=True, ge=1)] = 1
+    repeats: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
     dark: bool = True
     ambient: bool = False
     gain_db: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0

@@ -10,13 +10,7 @@ import numpy.typing as npt
 import rawpy
 
 from acquisition._errors import DataError, MissingPathError
-
-# By suffix, not by content: many RAW files are also valid TIFF files that hold a thumbnail.
-_SUFFIXES = frozenset(
-    {".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".k25"}
-    | {".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2"}
-    | {".rwl", ".sr2", ".srf", ".srw", ".x3f"}
-)
+from acquisition._suffixes import RAW_SUFFIXES
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +38,7 @@ class RawFrame:
 
 def is_raw(path: Path) -> bool:
     """Say whether a file's suffix is one of camera RAW."""
-    return path.suffix.lower() in _SUFFIXES
+    return path.suffix.lower() in RAW_SUFFIXES
 
 
 def read_raw(path: str | Path) -> RawFrame:

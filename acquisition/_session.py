@@ -23,6 +23,10 @@ JOURNAL = "journal.jsonl"
 COMPLETE = "COMPLETE"
 FRAMES = "frames"
 DERIVED = "derived"
+# Not part of the recording, but read with it.
+MASK = f"{DERIVED}/mask.png"
+TRUE_MASK = f"{DERIVED}/truth/mask.png"
+TRUE_NORMALS = f"{DERIVED}/truth/normals.exr"
 COMPACTED = "compacted"
 
 

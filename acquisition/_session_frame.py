@@ -11,6 +11,7 @@ import numpy.typing as npt
 from acquisition._errors import DataError, MissingPathError
 from acquisition._images import read_image
 from acquisition._journal import FrameLine
+from acquisition._lights import led_id
 from acquisition._plan import Role
 from acquisition._storage import sha256_of
 
@@ -50,7 +51,7 @@ class SessionFrame:
     @property
     def light_id(self) -> str:
         """``L07`` for a frame lit by LED 7, otherwise the stem of the file."""
-        return Path(self.line.file).stem if self.led is None else f"L{self.led:02d}"
+        return Path(self.line.file).stem if self.led is None else led_id(self.led)
 
     @property
     def bracket(self) -> int:

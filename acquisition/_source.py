@@ -90,9 +90,12 @@ class Source:
     cfa
         Colour filter pattern of mosaic frames, row by row from the top left; None elsewhere.
     black_level, white_level
-        Grey values without light and at saturation, in the unit of the files.
+        Grey values without light and at saturation, in the unit of the files. The white level of
+        float images is infinite: no sample is saturated, and their values are taken as they are.
+    files
+        Every file that was read, or is read through `frames`.
     ignored
-        Names in the folder that were not used.
+        Names in the folder that were not used. Of a session nothing is told.
     warnings
         What was assumed, one line each.
     """
@@ -107,6 +110,7 @@ class Source:
     cfa: str | None = None
     black_level: float = 0.0
     white_level: float = 1.0
+    files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._lights_files import read_lights
-from acquisition._lights_text import DIRECTIONS_FILE, FILENAMES_FILE
+from acquisition._lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition._source import Source
-from acquisition._source_images import images_source
+from acquisition._source_images import images_source, with_ignored
 from acquisition._text_files import numbered_lines, read_text
 
 _TRUTH_FILE = "Normal_gt.mat"
@@ -48,12 +48,21 @@ def read_diligent(folder: Path, mask_path: Path | None = None) -> Source:
     source = images_source(folder, [folder / name for name in names], masks)
     lights = read_lights(folder) if (folder / DIRECTIONS_FILE).is_file() else None
     truth = folder / _TRUTH_FILE
-    return replace(
+    others = [FILENAMES_FILE, _TRUTH_FILE]
+    if lights is not None:
+        others += [DIRECTIONS_FILE, INTENSITIES_FILE]
+    warnings = source.warnings
+    if lights is not None and not (folder / INTENSITIES_FILE).is_file():
+        warnings += (f"{folder}: no {INTENSITIES_FILE}: all lights are taken as equally strong",)
+    source = replace(
         source,
         kind="diligent",
+        warnings=warnings,
         lights=lights,
         normals_truth=_true_normals(truth, source.size) if truth.exists() else None,
+        files=(*source.files, *(folder / name for name in others if (folder / name).exists())),
     )
+    return with_ignored(source, folder)
 
 
 def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:

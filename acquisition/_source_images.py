@@ -18,11 +18,7 @@ from acquisition._lights_files import read_lights
 from acquisition._mask_files import read_mask
 from acquisition._raw import is_raw, read_raw
 from acquisition._source import Frame, Source
-
-_IMAGE_SUFFIXES = frozenset(
-    {".bmp", ".dpx", ".exr", ".hdr", ".jp2", ".jpeg", ".jpg", ".jxl", ".pgm", ".png", ".pnm"}
-    | {".ppm", ".tga", ".tif", ".tiff", ".webp"}
-)
+from acquisition._suffixes import IMAGE_SUFFIXES
 
 
 def read_images(folder: Path, mask_path: Path | None = None) -> Source:
@@ -34,7 +30,8 @@ def read_images(folder: Path, mask_path: Path | None = None) -> Source:
         raise DataError(
             f"{folder}: no numbered images (such as name.0.png, name.1.png): name another folder"
         )
-    return images_source(folder, series, [mask_path] if mask_path else masks, files)
+    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    return with_ignored(source, folder)
 
 
 def lp_files(folder: Path) -> list[Path]:
@@ -63,14 +60,12 @@ def read_lp_folder(folder: Path, lp: Path, mask_path: Path | None = None) -> Sou
     series = found or numbered_series(images)
     if not series:
         raise DataError(f"{folder}: no images for the {len(lights)} lights of {lp.name}")
-    others = [path for path in files if path != lp]
-    source = images_source(folder, series, [mask_path] if mask_path else masks, others)
-    return replace(source, kind="lp", lights=lights)
+    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
+    return with_ignored(source, folder)
 
 
-def images_source(
-    path: Path, series: Sequence[Path], masks: Sequence[Path] = (), others: Sequence[Path] = ()
-) -> Source:
+def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()) -> Source:
     """Build a source from image files that belong together.
 
     Parameters
@@ -81,8 +76,6 @@ def images_source(
         The images, in order.
     masks
         Their mask, if any; more than one cannot be meant.
-    others
-        All files of the folder, of which the unused ones are told.
 
     Raises
     ------
@@ -99,13 +92,12 @@ def images_source(
         )
     else:
         shape, dtype = _same_form(series)
-        white = 1.0 if dtype.kind == "f" else float(np.iinfo(dtype.name).max)
+        white = np.inf if dtype.kind == "f" else float(np.iinfo(dtype.name).max)
         frames = tuple(Frame(file, file.stem, shape) for file in series)
     if len(masks) > 1:
         raise DataError(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: say which one is meant"
         )
-    used = {*series, *masks}
     return Source(
         path=path,
         kind="images",
@@ -114,8 +106,14 @@ def images_source(
         cfa=cfa,
         black_level=black,
         white_level=white,
-        ignored=tuple(file.name for file in others if file not in used),
+        files=(*series, *masks),
     )
+
+
+def with_ignored(source: Source, folder: Path) -> Source:
+    """Name what the folder holds and the source does not use."""
+    used = {path for file in source.files for path in (file, *file.parents)}
+    return replace(source, ignored=tuple(path.name for path in _files(folder) if path not in used))
 
 
 def numbered_series(files: Sequence[Path]) -> list[Path]:
@@ -175,7 +173,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _is_image(path: Path) -> bool:
-    return (path.suffix.lower() in _IMAGE_SUFFIXES or is_raw(path)) and path.is_file()
+    return (path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)) and path.is_file()
 
 
 def _is_mask(path: Path) -> bool:

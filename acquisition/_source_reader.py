@@ -87,17 +87,14 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
     ids = source.light_ids
     if lights is None or not ids:
         return replace(source, lights=None)
-    # By file name, because of a stem with a dot in it the end could pass for a file type.
-    names = {f.light_id: f.path.name for f in source.frames if f.role == "light"}
-    wanted = ids if source.kind == "session" else tuple(names[light] for light in ids)
     try:
-        indices, by_name = lights.match(wanted)
+        indices, by_name = lights.match(ids)
     except DataError as error:
         raise DataError(f"{source.path}: {error}") from error
     warnings = source.warnings
     if not by_name:
         warnings += (
             f"{source.path}: lights are matched to images by order, as their names differ "
-            f"({lights.ids[0]} to {wanted[0]} and so on)",
+            f"({lights.ids[0]} to {ids[0]} and so on)",
         )
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)

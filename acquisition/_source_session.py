@@ -4,14 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from acquisition._errors import DataError
+from acquisition._images import read_image
 from acquisition._mask_files import read_mask
-from acquisition._session import Session
+from acquisition._session import (
+    COMPLETE,
+    JOURNAL,
+    MANIFEST,
+    MASK,
+    TRUE_MASK,
+    TRUE_NORMALS,
+    Session,
+)
 from acquisition._source import Frame, Source
 
 
 def read_session(folder: Path, mask_path: Path | None = None) -> Source:
     """Read a session, complete or not: what is missing becomes a warning.
+
+    Mask and true normals are those in ``derived/``, where they are.
 
     Raises
     ------
@@ -43,15 +57,37 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
             f"{folder}: {len(session.missing)} planned frames are missing, first "
             f"{session.missing[0].file}"
         )
+    size = (device.height, device.width)
+    if mask_path is None:
+        masks = (folder / MASK, folder / TRUE_MASK)
+        mask_path = next((path for path in masks if path.exists()), None)
+    truth = folder / TRUE_NORMALS
+    others = [folder / name for name in (MANIFEST, JOURNAL, COMPLETE)] + [truth]
     return Source(
         path=folder,
         kind="session",
         frames=frames,
         lights=session.lights,
-        mask=read_mask(mask_path, (device.height, device.width)) if mask_path else None,
+        mask=read_mask(mask_path, size) if mask_path else None,
         camera=session.camera_model,
+        normals_truth=_true_normals(truth, size) if truth.exists() else None,
         cfa=device.cfa,
         black_level=device.black_level_dn,
         white_level=device.white_dn,
+        files=(
+            *(frame.path for frame in frames),
+            *([mask_path] if mask_path else []),
+            *(path for path in others if path.exists()),
+        ),
         warnings=tuple(warnings),
     )
+
+
+def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    normals = read_image(path)
+    if normals.dtype != np.float32 or normals.shape != (*size, 3):
+        raise DataError(
+            f"{path}: {normals.dtype} of shape {normals.shape} are no normals of images of "
+            f"{size[1]} x {size[0]} pixels: delete the file"
+        )
+    return normals.astype(np.float32, copy=False)

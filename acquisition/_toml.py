@@ -10,19 +10,9 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from acquisition._errors import DataError, MissingPathError
+from rig import first_complaint
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-def first_complaint(error: ValidationError) -> str:
-    """Return the first thing pydantic objects to as ``where: what``, in one line."""
-    first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"])
-    what = str(first["msg"]).removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        what = "is not a known key"
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return (f"{where}: {what}" if where else what).replace("\n", " ") + more
 
 
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
@@ -38,7 +28,8 @@ def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise DataError(f"{path}: {first_complaint(error)}") from error
+        complaint = first_complaint(error, known=model.model_fields)
+        raise DataError(f"{path}: {complaint}") from error
 
 
 def read_toml(model: type[Model], path: Path) -> Model:

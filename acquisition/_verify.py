@@ -137,6 +137,8 @@ def _check_files(
         if is_part(path):
             warnings.append(f"{path}: is the rest of a write that never finished; it may go")
         elif complete:
-            problems.append(f"{path}: is in no line of the journal; take it out of the session")
+            problems.append(
+                f"{path}: is in no line of the journal; restore the journal if that is not whole"
+            )
         else:
-            warnings.append(f"{path}: was written but not recorded; resuming sets it aside")
+            warnings.append(f"{path}: was written but not recorded; it does not count")

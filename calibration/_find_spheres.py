@@ -44,6 +44,11 @@ class SphereImage:
     coverage: float
     highlights: Highlights
 
+    @property
+    def rms_px(self) -> float:
+        """Scatter of the outline points about the outline, robust."""
+        return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
+
 
 def find_spheres(
     values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()
@@ -73,7 +78,8 @@ def find_spheres(
         If none is found; the message says what was looked at.
     """
     image = outline_image(values)
-    circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
+    everywhere = _circles(image)
+    circles = [circle for circle in everywhere if _expected(circle, radii_px)]
     found: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
         if any(_overlap(circle, sphere.outline) for sphere in found):
@@ -84,9 +90,12 @@ def find_spheres(
         if not any(_overlap(sphere.outline, s.outline) for s in found):
             found.append(sphere)
     if not found:
+        sizes = ", ".join(f"{radius:.0f}" for radius in sorted(set(radii_px)))
+        sized = f", {len(circles)} of them of a radius near {sizes} px" if sizes else ""
         raise EstimateError(
-            f"no mirror sphere found: {len(circles)} round outlines in the mean image, none with a "
-            "compact highlight that moves with the light; give masks or circles"
+            f"no mirror sphere found: {len(everywhere)} round outlines in the mean image{sized}, "
+            "none with a compact highlight that moves with the light; "
+            f"{'check the radius, or ' if sizes else ''}give masks or circles"
         )
     return sorted(found, key=lambda sphere: sphere.outline.centre_px)
 

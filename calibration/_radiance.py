@@ -34,8 +34,8 @@ class Stack:
     ----------
     values
         ``(N, H, W)`` or ``(N, H, W, 3)`` float32 radiance divided by the light's intensity and the
-        relative exposure: 1 is the white level at the longest exposure under intensity 1. NaN where
-        every exposure is saturated.
+        relative exposure: 1 is the white level at the longest exposure under intensity 1, of float
+        images the value 1. NaN where every exposure is saturated.
     ids
         N names of the lights.
     lights
@@ -59,13 +59,14 @@ def linear_stack(
 ) -> Stack:
     """Read a source and return its linear stack.
 
-    Every frame becomes ``(dn - offset) / (white - black) / relative exposure``. The offset is the
-    mean of the ambient frames of the same exposure, else of its dark frames, else the black
-    level. Samples at the white level are saturated and left out; of several exposures each sample
-    comes from the longest in which it is not saturated; repeats are averaged. Bayer frames are
-    demosaiced bilinearly. Each channel is divided by the light's intensity, an image of one
-    channel by the mean of the three; gray is ``.2989 R + .587 G + .114 B`` after that. Flat frames
-    are not used.
+    Every frame becomes ``linear = ((dn - black) / (white - black)) ** gamma``. From it is taken off
+    the mean of the ambient frames of the same exposure, or else of its dark frames, linear too. The
+    difference is divided by the frame's own relative exposure. Samples at the white level are
+    saturated and left out, where the source has one: float images have none and keep their scale.
+    Of several brackets each sample comes from the longest in which it is not saturated; repeats
+    within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
+    by the light's intensity, an image of one channel by the mean of the three; gray is
+    ``.2989 R + .587 G + .114 B`` after that. Flat frames are not used.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def linear_stack(
     lit = [frame for frame in source.frames if frame.role == "light"]
     if not lit:
         raise DataError(f"{source.path}: no images under a light")
-    if not (np.isfinite(source.white_level) and source.white_level > source.black_level >= 0):
+    if not source.white_level > source.black_level >= 0:
         raise DataError(
             f"{source.path}: a white level of {source.white_level} does not lie above the black "
             f"level of {source.black_level}"
@@ -140,15 +141,20 @@ class _Developer:
             path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
             raise DataError(f"{path}: its exposure time is missing; the other images have theirs")
         self._longest = max(known, default=1.0)
+        self._scale = source.white_level - source.black_level
+        if not np.isfinite(self._scale):
+            self._scale = 1.0
         self.warnings: list[str] = []
-        self._offsets: dict[float, FloatImage | np.float32] = {}
-        for exposure in sorted(set(known)):
-            offset = self._measured_offset(exposure)
-            if offset is not None:
-                self._offsets[exposure] = offset
-            elif any(frame.role in ("dark", "ambient") for frame in source.frames):
+        self._offsets: list[tuple[float, FloatImage | None]] = []
+        unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
+        for exposure_us in sorted(set(known)) if unlit else ():
+            if self._offsets and _alike(exposure_us, self._offsets[-1][0]):
+                continue
+            offset = self._measured_offset(exposure_us)
+            self._offsets.append((exposure_us, offset))
+            if offset is None:
                 self.warnings.append(
-                    f"no dark frame of {exposure:g} us: the black level was subtracted there"
+                    f"no dark frame of {exposure_us:g} us: the black level was subtracted there"
                 )
 
     def _measured_offset(self, exposure_us: float) -> FloatImage | None:
@@ -159,14 +165,15 @@ class _Developer:
                 for frame in self._source.frames
                 if frame.role == role
                 and frame.exposure_us is not None
-                and abs(frame.exposure_us / exposure_us - 1) < _SAME_EXPOSURE
+                and _alike(frame.exposure_us, exposure_us)
             ]
             if frames:
-                total = self._read(frames[0]).astype(np.float64)
-                for frame in frames[1:]:
-                    total += self._read(frame)
-                return (total / len(frames)).astype(np.float32)
+                total = sum(self._linear(self._read(frame)).astype(np.float64) for frame in frames)
+                return np.asarray(total / len(frames), np.float32)
         return None
+
+    def _offset(self, exposure_us: float) -> FloatImage | None:
+        return next((image for t, image in self._offsets if _alike(exposure_us, t)), None)
 
     def _read(self, frame: Frame) -> FloatImage:
         pixels = frame.read()
@@ -177,34 +184,41 @@ class _Developer:
 
     def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
         """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""
-        exposures = sorted({frame.exposure_us or 0.0 for frame in frames}, reverse=True)
-        merged = self._mean(frames, exposures[0])
-        for shorter in exposures[1:]:
+        # By bracket: exposures read back from a camera may differ by a hair between repeats.
+        brackets: dict[int, list[Frame]] = {}
+        for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
+            brackets.setdefault(frame.bracket, []).append(frame)
+        longest, *shorter = brackets.values()
+        merged = self._mean(longest)
+        for repeats in shorter:
             if not np.isnan(merged).any():
                 break
-            merged = np.where(np.isnan(merged), self._mean(frames, shorter), merged)
+            merged = np.where(np.isnan(merged), self._mean(repeats), merged)
         return self._colour(merged, intensity, frames[0])
 
-    def _mean(self, frames: list[Frame], exposure_us: float) -> FloatImage:
-        """Average the repeats of one exposure."""
-        alike = [frame for frame in frames if (frame.exposure_us or 0.0) == exposure_us]
-        image = self._linear(alike[0])
-        for frame in alike[1:]:
-            image += self._linear(frame)
-        image /= np.float32(len(alike))
+    def _mean(self, repeats: list[Frame]) -> FloatImage:
+        image = self._radiance(repeats[0])
+        for frame in repeats[1:]:
+            image += self._radiance(frame)
+        image /= np.float32(len(repeats))
         return image
 
-    def _linear(self, frame: Frame) -> FloatImage:
+    def _radiance(self, frame: Frame) -> FloatImage:
         dn = self._read(frame)
-        source = self._source
         exposure_us = frame.exposure_us or self._longest
-        base = self._offsets.get(exposure_us, np.float32(source.black_level))
-        linear: FloatImage = (dn - base) / np.float32(source.white_level - source.black_level)
+        radiance = self._linear(dn)
+        offset = self._offset(exposure_us)
+        if offset is not None:
+            radiance -= offset
+        radiance /= np.float32(exposure_us / self._longest)
+        radiance[dn >= self._source.white_level] = np.nan
+        return radiance
+
+    def _linear(self, dn: FloatImage) -> FloatImage:
+        linear: FloatImage = (dn - np.float32(self._source.black_level)) / np.float32(self._scale)
         if self._gamma is not None:
             np.clip(linear, 0, None, out=linear)
             np.power(linear, self._gamma, out=linear)
-        linear /= np.float32(exposure_us / self._longest)
-        linear[dn >= source.white_level] = np.nan
         return linear
 
     def _colour(
@@ -220,8 +234,13 @@ class _Developer:
         return colour if self._channel == "rgb" else np.asarray(colour @ _LUMA, np.float32)
 
 
+def _alike(exposure_us: float, other_us: float) -> bool:
+    return abs(exposure_us / other_us - 1) < _SAME_EXPOSURE
+
+
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:
-    brightest = max(float(np.fmax.reduce(image, axis=None)) for image in values)
+    # fmax skips an image without any sample, which max would hand on from the first place.
+    brightest = np.fmax.reduce([np.fmax.reduce(image, axis=None) for image in values])
     if np.isnan(brightest):
         raise EstimateError(
             f"{source.path}: every sample of all {len(ids)} images is saturated: "

@@ -9,21 +9,28 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import block_diag
 
-from acquisition import CameraModel, DataError, Lights
-from calibration._conic import Array, Cone, Ellipse, fit_cone, fit_ellipse
+from acquisition import CameraModel, DataError, Lights, led_id
+from calibration._conic import Array, Cone, Ellipse, fit_cone
 from calibration._errors import EstimateError
-from calibration._find_spheres import SphereImage, find_spheres
-from calibration._highlights import find_highlights
+from calibration._find_spheres import SphereImage
 from calibration._light_positions import KnownSpheres, locate_lights, observed_rays
-from calibration._outline import mask_outlines, outline_image, refine_outline
 from calibration._radiance import Stack
 from calibration._reflection import orthographic_directions, reflected_rays
+from calibration._sphere_images import (
+    Mask,
+    drop_blurred,
+    expected_radii_px,
+    places,
+    saturation_warning,
+    sphere_images,
+)
 
 _DISAGREEMENT_DEG = 3.0
 _OUTLINE_SIGMA_PX = 0.05
 _POOR_RESIDUAL_DEG = 0.2
-
-Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
+# Refining moves wrong spheres until they nearly agree: half a degree left is many at the lights.
+_UNTRUSTED_DEG = 0.5
+_LEAST_AGREEING = 0.5
 
 
 @dataclass(frozen=True)
@@ -104,8 +111,9 @@ def calibrate_spheres(
         ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere.
     circles
         Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
-        the spheres are found; with camera and radius only those
-        of the right size, if they lay about the working plane.
+        the spheres are found; with camera and radius only those of the right size, if they lay
+        about the working plane. What was found is left out, with a warning, where its outline is
+        far less sharp than that of the others, or most of its highlights disagree with them.
     camera
         Camera model; positions need its working distance.
     radius_mm
@@ -124,8 +132,8 @@ def calibrate_spheres(
     DataError
         If shapes or radii disagree with each other, or the camera with the images.
     EstimateError
-        If no sphere is found, a light has no highlight, or fewer than two spheres show it where
-        positions are wanted. The message names the light and the spheres.
+        If no sphere is found, a light has no highlight, fewer than two spheres show it where
+        positions are wanted. The message names the light or the spheres.
     """
     values, names = _values(stack, ids)
     if camera is not None and camera.size != values.shape[1:]:
@@ -133,7 +141,11 @@ def calibrate_spheres(
             f"the camera is {camera.width} x {camera.height} pixels, the images are "
             f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
         )
-    images = _sphere_images(values, masks, circles, _radii_px(camera, radius_mm))
+    found = masks is None and circles is None
+    images = sphere_images(values, masks, circles, expected_radii_px(camera, radius_mm))
+    blurred: list[str] = []
+    if found:
+        images, blurred = drop_blurred(images)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     missing = [
         name
@@ -143,9 +155,9 @@ def calibrate_spheres(
     if missing:
         raise EstimateError(
             f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
-            f"lights) on {_places(images)}: check that the light was on and the outline is right"
+            f"lights) on {places(images)}: check that the light was on and the outline is right"
         )
-    warnings = _saturation_warning(images)
+    warnings = [*blurred, *saturation_warning(images)]
     if camera is None:
         if radius_mm is not None:
             raise DataError("a sphere radius needs a camera: add one, or leave the radius out")
@@ -167,18 +179,48 @@ def calibrate_spheres(
         )
         spheres = [_sphere(image) for image in images]
         return _distant(names, spheres, highlights, rays, warnings)
-    radii = _radii(radius_mm, images, found=masks is None and circles is None)
-    known = _place(cones, radii, camera)
-    spheres = [
-        _sphere(image, centre, radius)
-        for image, centre, radius in zip(images, known.centres_mm, radii, strict=True)
-    ]
+    radii = _radii(radius_mm, images, found=found)
     if len(images) == 1:
+        if blurred:
+            raise EstimateError(
+                f"{'; '.join(blurred)}; positions need two spheres: give masks or circles, or "
+                "leave the radius out to get directions"
+            )
         warnings.append("one sphere gives directions only: positions need two")
+        known = _place(cones, radii, camera)
         _, rays = observed_rays(camera, known, highlights)
+        spheres = [_sphere(images[0], known.centres_mm[0], radii[0])]
         return _distant(names, spheres, highlights, rays, warnings)
+    return _located(names, images, cones, radii, camera, warnings, found=found)
+
+
+def _located(
+    names: tuple[str, ...],
+    images: list[SphereImage],
+    cones: list[Cone],
+    radii: Array,
+    camera: CameraModel,
+    warnings: list[str],
+    *,
+    found: bool,
+) -> SphereCalibration:
+    """Find positions; leave out what was found as a sphere and contradicts the others."""
+    known = _place(cones, radii, camera)
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     saturated = np.stack([image.highlights.saturated for image in images], axis=1)
     positions, centres, used = locate_lights(camera, known, highlights, saturated, names)
+    seen = np.isfinite(highlights[..., 0])
+    share = used.sum(axis=0) / seen.sum(axis=0)
+    worst = int(np.argmin(share))
+    # Of two spheres none is the odd one: their residuals tell.
+    if found and len(images) > 2 and share[worst] < _LEAST_AGREEING:
+        warnings.append(
+            f"{places([images[worst]])} was left out: {used[:, worst].sum()} of its "
+            f"{seen[:, worst].sum()} highlights agree with the other spheres"
+        )
+        kept = [k for k in range(len(images)) if k != worst]
+        images, cones = [images[k] for k in kept], [cones[k] for k in kept]
+        return _located(names, images, cones, radii[kept], camera, warnings, found=found)
     spheres = [
         _sphere(image, centre, radius)
         for image, centre, radius in zip(images, centres, radii, strict=True)
@@ -187,12 +229,17 @@ def calibrate_spheres(
     toward = positions[:, None] - points
     residuals = _rms(_angle_deg(toward, rays), used)
     disagreement = float(np.median(residuals))
-    if disagreement > _POOR_RESIDUAL_DEG:
+    if disagreement > _UNTRUSTED_DEG:
+        warnings.append(
+            f"the spheres contradict each other by {disagreement:.1f} degrees: these lights are "
+            "not to be trusted; check outlines, radii and camera"
+        )
+    elif disagreement > _POOR_RESIDUAL_DEG:
         warnings.append(
             f"the spheres agree about the lights to {disagreement:.1f} degrees only: "
             "check outlines, radii and camera"
         )
-    dropped = int(np.sum(np.isfinite(highlights[..., 0]) & ~used))
+    dropped = int(np.sum(seen & ~used))
     if dropped:
         warnings.append(f"{dropped} highlights disagree with the other spheres and were left out")
     return SphereCalibration(
@@ -214,56 +261,10 @@ def _values(
     if values.ndim != 3 or 0 in values.shape:
         raise DataError(f"a stack for spheres must be (N, H, W[, 3]), not {values.shape}")
     names = tuple(ids) or (stack.ids if isinstance(stack, Stack) else ())
-    names = names or tuple(f"L{i:02d}" for i in range(len(values)))
+    names = names or tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
         raise DataError(f"{len(names)} names for {len(values)} images: every image needs one light")
     return values, names
-
-
-def _sphere_images(
-    values: npt.NDArray[np.float32],
-    masks: Sequence[Mask] | None,
-    circles: Sequence[tuple[float, float, float]] | None,
-    radii_px: list[float],
-) -> list[SphereImage]:
-    """Outlines and highlights of the spheres: from masks, near circles, or found."""
-    images = []
-    if masks is not None:
-        for mask in masks:
-            if mask.shape != values.shape[1:]:
-                raise DataError(
-                    f"a sphere mask of {mask.shape} does not fit images of {values.shape[1:]}"
-                )
-            outlines = mask_outlines(mask)
-            if not outlines:
-                raise EstimateError("a sphere mask is empty: mark the sphere in it")
-            for points in outlines:
-                outline, _ = fit_ellipse(points)
-                coverage = min(len(points) / (8 * outline.radius_px), 1.0)
-                images.append(
-                    SphereImage(outline, points, coverage, find_highlights(values, outline))
-                )
-        return images
-    if circles is None:
-        return find_spheres(values, radii_px)
-    picture = outline_image(values)
-    for x, y, radius in circles:
-        if not radius > 0:
-            raise DataError(f"a sphere circle of radius {radius:g} px is not a circle")
-        guess = Ellipse((float(x), float(y)), (float(radius), float(radius)))
-        outline, points, coverage = refine_outline(picture, guess, max(4.0, 0.1 * radius))
-        images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
-    return images
-
-
-def _radii_px(camera: CameraModel | None, radius_mm: float | Sequence[float] | None) -> list[float]:
-    """Return how large spheres that lie on the working plane appear."""
-    if camera is None or camera.working_distance_mm is None or radius_mm is None:
-        return []
-    focal = float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
-    radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
-    distances = np.maximum(camera.working_distance_mm - radii, radii)
-    return [float(size) for size in focal * radii / distances]
 
 
 def _radii(radius_mm: float | Sequence[float], images: list[SphereImage], *, found: bool) -> Array:
@@ -274,7 +275,7 @@ def _radii(radius_mm: float | Sequence[float], images: list[SphereImage], *, fou
         return np.repeat(radii, len(images))
     if found and len(radii) != len(images):
         raise EstimateError(
-            f"{len(images)} spheres found for {len(radii)} radii, {_places(images)}: "
+            f"{len(images)} spheres found for {len(radii)} radii, {places(images)}: "
             "give masks or circles"
         )
     if len(radii) != len(images):
@@ -303,7 +304,6 @@ def _place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres
 def _sphere(
     image: SphereImage, centre_mm: Array | None = None, radius_mm: float | None = None
 ) -> Sphere:
-    scatter = np.median(np.abs(image.outline.distance_px(image.points_px)))
     centre = (
         None
         if centre_mm is None
@@ -312,7 +312,7 @@ def _sphere(
     return Sphere(
         image.outline,
         image.coverage,
-        1.4826 * float(scatter),
+        image.rms_px,
         centre,
         None if radius_mm is None else float(radius_mm),
     )
@@ -349,23 +349,6 @@ def _distant(
         residuals,
         tuple(warnings),
     )
-
-
-def _saturation_warning(images: list[SphereImage]) -> list[str]:
-    share = np.mean(
-        np.concatenate([image.highlights.saturated[image.highlights.found] for image in images])
-    )
-    if share == 0:
-        return []
-    return [
-        f"{100 * share:.0f} % of the highlights are saturated, their middle may be a degree off: "
-        "add a short exposure"
-    ]
-
-
-def _places(images: list[SphereImage]) -> str:
-    places = [f"({i.outline.centre_px[0]:.0f}, {i.outline.centre_px[1]:.0f})" for i in images]
-    return ("the sphere at " if len(places) == 1 else "the spheres at ") + ", ".join(places) + " px"
 
 
 def _angle_deg(a: Array, b: Array) -> Array:

@@ -172,10 +172,13 @@ def write_mesh(
     if encode is None:
         raise DataError(f"{path}: no mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb")
     chunks = encode(height_mesh(height_map, normals=normals, colours=colours))
+    part = path.with_name(f".{path.name}.part")
     try:
-        with path.open("wb") as file:
+        with part.open("wb") as file:
             file.writelines(chunks)
+        part.replace(path)
     except OSError as error:
+        part.unlink(missing_ok=True)
         raise StorageError(f"{path}: cannot write the mesh: {error.strerror}") from error
 
 

@@ -139,8 +139,11 @@ class Board:
             ) from error
         try:
             self.identity = self._handshake(handshake_timeout_s)
-        except BaseException:
-            self.close()
+        except BaseException as error:
+            try:
+                self.close()
+            except BoardError as failure:
+                error.add_note(f"on closing: {failure}")
             raise
 
     def on(self, led: int, hold_ms: int) -> BoardEcho:

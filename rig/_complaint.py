@@ -19,7 +19,7 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
     noun
         What a field is called where it comes from: a key of a file, an option.
     known
-        Names that an unknown one may have been meant for.
+        Names that an unknown one at the top may have been meant for.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
     where = f"{noun} {'.'.join(str(part) for part in first['loc'])!r}"
     match first["type"]:
         case "extra_forbidden":
-            names = ", ".join(known)
+            names = ", ".join(known) if len(first["loc"]) == 1 else ""
             said = f"unknown {where}" + (f"; known are {names}" if names else "")
         case "missing":
             said = f"the {where} is missing"

@@ -114,12 +114,13 @@ class Rig:
         """
         self._check_led(led)
         self._configure(exposure_us, gain_db)
+        hold_ends_s = math.inf
         try:
             if led is None:
                 self.board.off()
             else:
                 hold_ms = self._hold_ms()
-                before = time.monotonic()
+                hold_ends_s = time.monotonic() + hold_ms / 1000
                 self.board.on(led, hold_ms)
             time.sleep(self.config.settle_ms / 1000)
             frame = self._expose(led)
@@ -129,11 +130,11 @@ class Rig:
             raise
         # The port is ours alone and one ON means one spell of light: an LED that burns now has
         # burned since its ON.
-        if led is not None and echo.led is None and time.monotonic() - before >= hold_ms / 1000:
+        if echo.led is None and time.monotonic() >= hold_ends_s:
             raise BoardError(
-                f"LED board on {self.board.port}: the hold of {hold_ms} ms ended before the frame "
-                f"with {_name(led)} was there, so its light is not confirmed; shoot again, expose "
-                "shorter, or find out why frames come so late"
+                f"LED board on {self.board.port}: the hold of {_name(led)} ended while its frame "
+                "was awaited, so the frame is thrown away; find out why it came so late, or expose "
+                "shorter, and shoot again"
             )
         if echo.led != led:
             raise BoardError(
@@ -170,7 +171,7 @@ class Rig:
                 if first is None:
                     first = error
                 else:
-                    first.add_note(str(error))
+                    _note(first, "on closing", error)
             del self._closing[0]
         atexit.unregister(self.close)
         if first is not None:
@@ -236,13 +237,19 @@ class Rig:
         try:
             self.board.off()
         except RigError as failure:
-            error.add_note(f"LEDs not confirmed off: {failure}")
+            _note(error, "LEDs not confirmed off", failure)
 
     def _close_after(self, error: BaseException) -> None:
         try:
             self.close()
         except RigError as failure:
-            error.add_note(f"on closing: {failure}")
+            _note(error, "on closing", failure)
+
+
+def _note(error: BaseException, what: str, failure: RigError) -> None:
+    """Tell of a failure, and of what it notes itself, beside the error that came first."""
+    for said in (str(failure), *getattr(failure, "__notes__", ())):
+        error.add_note(f"{what}: {said}")
 
 
 def _name(led: int | None) -> str:

@@ -1,3 +1,23 @@
 """The front door: commands, plots, reports and the demo. Everything a person sees."""
 
 __version__ = "0.1.0"
+
+
+def main() -> None:
+    """Entry point of ``sgp``."""
+    _enter("main")
+
+
+def capture() -> None:
+    """Entry point of ``capture``, the same as ``sgp capture``."""
+    _enter("capture")
+
+
+def _enter(name: str) -> None:
+    # Ctrl-C may come while the program is still being loaded.
+    try:
+        from sgp import app
+
+        getattr(app, name)()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None

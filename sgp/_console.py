@@ -22,7 +22,7 @@ def note(text: str) -> None:
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
     """Show a bar on a terminal, nothing elsewhere; yields ``advance(done, total)``."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda done, total: None
         return
     columns = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from acquisition import DataError, MissingPathError, StorageError
 from calibration import EstimateError
-from rig import RigError
+from rig import RigError, RigNotFoundError
 
 
 class UsageError(Exception):
@@ -17,6 +17,7 @@ INTERRUPTED = 130
 _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),
     (MissingPathError, 2),
+    (RigNotFoundError, 2),
     # What the rooms let through is an output place that cannot be used.
     (OSError, 2),
     (RigError, 3),

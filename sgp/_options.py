@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
 from processing import Method
 from sgp._exit import UsageError
 
-Seed = Annotated[int, Parameter(validator=Number(gte=0, lt=2**63))]
-Count = Annotated[int, Parameter(validator=Number(gte=1))]
-Positive = Annotated[float, Parameter(validator=Number(gt=0, lt=float("inf")))]
+
+def _whole(kind: object, tokens: Sequence[Token]) -> int:
+    """Read a whole number; the parser's own reading would round 1.5."""
+    return int(tokens[0].value)
+
+
+Whole = Annotated[int, Parameter(converter=_whole)]
+Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
+Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=65536))]
+Order = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=64))]
+Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=100))]
+Positive = Annotated[float, Parameter(validator=Number(gt=0, lte=1e6))]
+Gamma = Annotated[float, Parameter(validator=Number(gte=0.1, lte=10))]
+Factor = Annotated[float, Parameter(validator=Number(gte=-1000, lte=1000))]
 
 
 @Parameter(name="*")
@@ -43,7 +55,7 @@ class SourceOptions:
     mask: Path | None = None
     method: Method = "cauchy"
     distant: bool = False
-    gamma: Positive | None = None
+    gamma: Gamma | None = None
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

@@ -12,7 +12,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from sgp import __version__
+from acquisition import SOFTWARE, software_version
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -103,8 +103,8 @@ def _is_derived(target: Path) -> bool:
     )
 
 
-def check_folder(out: Path, *, force: bool) -> None:
-    """Refuse an output folder that holds anything, unless ``force``.
+def check_folder(out: Path, *, force: bool | None = None) -> None:
+    """Refuse an output folder that holds anything, unless ``force``; None where there is no force.
 
     Raises
     ------
@@ -114,7 +114,8 @@ def check_folder(out: Path, *, force: bool) -> None:
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is a file: give --out a folder")
     if out.is_dir() and any(out.iterdir()) and not force:
-        raise UsageError(f"{out} already holds files: choose another --out, or add --force")
+        instead = "" if force is None else ", or add --force"
+        raise UsageError(f"{out} already holds files: choose another folder{instead}")
 
 
 def check_file(out: Path, suffix: str, *, force: bool) -> None:
@@ -157,12 +158,13 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
     """Return what a result was made by and from: command, version, parameters, input hashes."""
     return {
         "command": command,
-        "software": {"name": "surface-geometry-processing", "version": __version__},
+        "software": {"name": SOFTWARE, "version": software_version()},
         "parameters": plain(parameters),
-        "inputs": {str(file): _sha256(file) for file in inputs},
+        "inputs": {str(file): sha256(file) for file in inputs},
     }
 
 
-def _sha256(path: Path) -> str:
+def sha256(path: Path) -> str:
+    """Return the hex digest of a file's bytes."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -38,7 +38,12 @@ def write_overview(path: Path, title: str, panels: Sequence[Panel], columns: int
         axes = figure.add_subplot(rows, columns, index + 1)
         axes.set_title(panel.title, fontsize=11)
         panel.draw(axes)
-    figure.savefig(path, metadata={"Software": None})
+    part = path.with_name(f".{path.name}.part")
+    try:
+        figure.savefig(part, format="png", metadata={"Software": None})
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def image_panel(title: str, image: Image) -> Panel:

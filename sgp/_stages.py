@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, read_camera, read_lights, read_source
-from calibration import linear_stack
+from calibration import EstimateError, linear_stack
 from processing import (
     AngularError,
     PhotometricStereoResult,
@@ -22,6 +22,9 @@ from processing import (
 )
 from sgp._console import progress
 from sgp._options import SourceOptions
+
+# An image whose brightest parts stay below this share of the others' is not lit at all.
+_BLACK = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,7 @@ def open_source(
         told = f"{path}: not used: {', '.join(source.ignored)}"
         source = replace(source, warnings=(*source.warnings, told))
     options = [option for option in (lights, camera, mask) if option is not None]
-    return source, [*(frame.path for frame in source.frames), *filter(Path.is_file, options)]
+    return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 
 def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
@@ -98,20 +101,31 @@ def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
                 "give --camera, or --distant to use their directions alone"
             )
         points = source.camera.points_on_plane()
+    values = stack.values
     warnings = [*source.warnings, *stack.warnings]
     mask = source.mask
     if mask is None:
-        found = object_mask(stack.values)
+        found = object_mask(values)
         mask = found.mask
         warnings.append(
             f"no mask came with the images: one was made, the object is {found.contrast:.0f} times "
             "as bright as its background"
         )
+    lit = _lit(values, mask)
+    if not lit.all():
+        names = [name for name, on in zip(lights.ids, lit, strict=True) if not on]
+        warnings.append(f"left out, since nothing is lit in them: {', '.join(names)}")
+        values, lights = values[lit], lights.take([int(i) for i in np.flatnonzero(lit)])
     with progress("normals") as advance:
         solved = photometric_stereo(
-            stack.values, lights, mask, method=options.method, points_mm=points,
+            values, lights, mask, method=options.method, points_mm=points,
             on_progress=advance,
         )  # fmt: skip
+    if float(np.mean(solved.normal_map.normals[solved.normal_map.mask, 2])) < 0:
+        raise EstimateError(
+            f"{source.path}: the normals face away from the camera: do the light directions point "
+            "from the object toward the lights, with z toward the camera?"
+        )
     truth = source.normals_truth
     return NormalsStage(
         source=source,
@@ -119,9 +133,19 @@ def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
         mask=mask,
         solved=solved,
         error=None if truth is None else angular_error(solved.normal_map, truth, mask),
-        previews=(stack.values[0].copy(), stack.values[-1].copy()),
+        previews=(values[0].copy(), values[-1].copy()),
         warnings=(*warnings, *solved.warnings),
     )
+
+
+def _lit(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Tell images with light on the object from black ones: a dead LED, a lost trigger."""
+    bright = np.zeros(len(values))
+    for i, image in enumerate(values):
+        inside = image[mask]
+        bright[i] = np.quantile(np.nan_to_num(inside, nan=1.0), 0.99)
+    lit: npt.NDArray[np.bool_] = bright > _BLACK * np.median(bright)
+    return lit
 
 
 class Stopwatch:

@@ -14,7 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from sgp import __version__
 
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
-_TOP = ("demo", "run", "normals", "surface", "compare")
+_TOP = ("demo", "run", "normals", "surface", "compare", "simulate")
 _GROUPS = {
     "capture": (
         "Record sessions, check them and bring in others.",

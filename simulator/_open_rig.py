@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from dataclasses import asdict, replace
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from acquisition import DataError
+from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, first_complaint
+from simulator._lamps import Lamps
 from simulator._render import Rendering, render
 from simulator._rig_scenes import SCENES, scene_named
+from simulator._scene import Scene
+from simulator._scene_file import read_scene
+from simulator._scene_tables import build
 from simulator._simulated_rig import simulated_rig
 
 _Pixels = Annotated[int, Field(ge=1, le=16384)]
@@ -21,25 +26,39 @@ class RigOptions(BaseModel):
     Parameters
     ----------
     scene
-        What lies under the camera, a name of ``SCENES``.
+        What lies under the camera: a name of ``SCENES``, or the path of a scene file, which ends
+        in ``.toml`` and has as many LEDs as the rig.
     width, height
-        Image size in pixels.
+        Image size in pixels, both or none: 640 x 512, or what the scene file says.
     seed
-        Of lights, texture, paint and noise.
+        Of noise, lights, texture and paint; a scene file has its own for all but the noise, unless
+        this one is given.
     noise
         False leaves shot and read noise out.
     realtime
         False does not wait for exposures to pass.
+    sensor
+        Values of `NoiseModel` that differ from the scene's.
+    sensor_seed
+        Of the fixed pattern of the sensor.
+    lamps
+        Values of `Lamps` that differ from the scene's.
+    shake_px
+        Standard deviation, along each axis, of where the image lies in a frame.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
-    scene: str = SCENES[0]
-    width: _Pixels = 640
-    height: _Pixels = 512
+    scene: str = next(iter(SCENES))
+    width: _Pixels | None = None
+    height: _Pixels | None = None
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     noise: bool = True
     realtime: bool = True
+    sensor: dict[str, Any] = {}
+    sensor_seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    lamps: dict[str, Any] = {}
+    shake_px: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 0.0
 
 
 def open_rig(config: RigConfig) -> Rig:
@@ -68,15 +87,11 @@ def open_rig(config: RigConfig) -> Rig:
         complaint = first_complaint(error, noun="option", known=RigOptions.model_fields)
         raise RigConfigError(f"rig {config.name}: {complaint}") from error
     try:
-        scene = scene_named(
-            options.scene,
-            width=options.width,
-            height=options.height,
-            leds=config.leds,
-            seed=options.seed,
-        )
-        rendering = render(scene)
-    except DataError as error:
+        scene = _scene(options, config.leds)
+        sensor = build(NoiseModel, asdict(scene.noise) | options.sensor, "sensor")
+        lamps = build(Lamps, asdict(scene.lamps) | options.lamps, "lamps")
+        rendering = render(replace(scene, noise=sensor, lamps=lamps))
+    except (DataError, MissingPathError) as error:
         raise RigConfigError(f"rig {config.name}: {error}") from error
     return rig_for(
         rendering,
@@ -84,7 +99,22 @@ def open_rig(config: RigConfig) -> Rig:
         seed=options.seed,
         noisy=options.noise,
         realtime=options.realtime,
+        shake_px=options.shake_px,
+        sensor_seed=options.sensor_seed,
     )
+
+
+def _scene(options: RigOptions, leds: int) -> Scene:
+    size = None
+    if options.width is not None and options.height is not None:
+        size = options.width, options.height
+    elif (options.width, options.height) != (None, None):
+        raise DataError("option 'width' or 'height' is missing: give both or none")
+    if options.scene.endswith(".toml"):
+        seed = options.seed if "seed" in options.model_fields_set else None
+        return read_scene(options.scene, size=size, seed=seed)
+    width, height = size or (640, 512)
+    return scene_named(options.scene, width=width, height=height, leds=leds, seed=options.seed)
 
 
 def rig_for(
@@ -94,6 +124,9 @@ def rig_for(
     seed: int = 0,
     noisy: bool = True,
     realtime: bool = True,
+    lamps: Lamps | None = None,
+    shake_px: float = 0.0,
+    sensor_seed: int = 0,
 ) -> Rig:
     """Open a simulated rig on what has been rendered, so that its truth is at hand.
 
@@ -103,12 +136,10 @@ def rig_for(
         What the camera sees.
     config
         Its LED count must be the rendering's. By default a rig called ``simulated``.
-    seed
-        Of the noise.
-    noisy
-        False leaves shot and read noise out.
-    realtime
-        False does not wait for exposures to pass.
+    lamps
+        Instead of the scene's.
+    seed, noisy, realtime, shake_px, sensor_seed
+        See `VirtualCamera`.
 
     Returns
     -------
@@ -118,7 +149,7 @@ def rig_for(
     Raises
     ------
     RigConfigError
-        If the LED counts differ.
+        If the LED counts differ, or a dead LED is none of them.
     RigError
         If the rig does not come up.
     """
@@ -127,12 +158,22 @@ def rig_for(
         config = RigConfig(name="simulated", driver="simulated", leds=leds)
     if config.leds != leds:
         raise RigConfigError(f"rig {config.name} has {config.leds} LEDs, its scene {leds}")
+    scene = rendering.scene
+    lamps = lamps or scene.lamps
+    if any(led >= leds for led in lamps.dead):
+        raise RigConfigError(
+            f"rig {config.name}: dead LEDs {list(lamps.dead)} must be of 0 to {leds - 1}"
+        )
     return simulated_rig(
         rendering.plane,
         config,
-        size=rendering.truth.camera.size,
-        noise=rendering.truth.noise,
+        size=scene.lens.size,
+        noise=scene.noise,
         seed=seed,
         noisy=noisy,
         realtime=realtime,
+        cfa=scene.lens.cfa,
+        lamps=lamps,
+        shake_px=shake_px,
+        sensor_seed=sensor_seed,
     )

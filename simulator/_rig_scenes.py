@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
+from simulator._body import Body
+from simulator._carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
 from simulator._coin import Coin
-from simulator._scene import ChromeSphere, Paint, Scene
+from simulator._lens import Lens
+from simulator._patterns import ChArUco, Checker, Even, Paint, Pattern
+from simulator._scene import ChromeSphere, Scene
+from simulator._surface import BandNoise, Plane, Ripples, SphericalCap
 
 # Rings of LEDs from low to high. None is so low that the relief shadows itself widely, none so
 # high that it stands in the camera's view.
@@ -16,7 +22,45 @@ _RINGS_DEG = (32.0, 46.0, 60.0, 74.0)
 _WORKING_DISTANCE_MM = 600.0
 _FOCAL_PER_WIDTH = 5000.0 / 2448.0
 
-SCENES = ("coin", "spheres", "coin-with-spheres")
+_RADIUS_MM = 80.0
+_WHOLE_FIELD_MM = 250.0
+
+# Name and what it shows. The first is the one that a rig shows unless told otherwise.
+SCENES: dict[str, str] = {
+    "coin": "a domed plaque with sun, sea and letters on velvet",
+    "spheres": "four chrome spheres on a grey card, to find the lights by",
+    "coin-with-spheres": "the plaque and a small chrome sphere in each corner",
+    "plane": "a flat disc, painted as a checkerboard",
+    "tilted-plane": "a flat disc, tilted",
+    "sphere": "half a sphere, upright at its rim",
+    "ripples": "circular waves",
+    "scales": "overlapping scales, like a lizard's skin",
+    "textile": "a woven cloth",
+    "woodcarving": "a rosette carved into grained wood",
+    "leather": "cracked leather",
+    "noise": "random waves of one length",
+    "step-gauge": "a staircase of known heights",
+    "white-plane": "an even white plane over the whole field, to measure the lights by",
+    "charuco": "a ChArUco board, to calibrate the camera by",
+}
+
+# The object from its relief's scale in mm and the seed, and the scale it has unless told otherwise.
+_RELIEFS: dict[str, tuple[Callable[[float, int], Body], float]] = {
+    "coin": (lambda mm, seed: Coin(_RADIUS_MM, relief_mm=mm, seed=seed), 0.5),
+    "tilted-plane": (lambda mm, _: _tilted(mm), 24.0),
+    "sphere": (lambda mm, _: SphericalCap(60.0, mm), 60.0),
+    "ripples": (lambda mm, _: Ripples(_RADIUS_MM, mm, 10.0), 0.4),
+    "scales": (lambda mm, seed: LizardScales(_RADIUS_MM, mm, seed), 1.6),
+    "textile": (lambda mm, seed: Textile(_RADIUS_MM, mm, seed), 1.0),
+    "woodcarving": (lambda mm, seed: WoodCarving(_RADIUS_MM, mm, seed), 2.0),
+    "leather": (lambda mm, seed: CrackedLeather(_RADIUS_MM, mm, seed), 1.2),
+    "noise": (lambda mm, seed: BandNoise(_RADIUS_MM, mm, 8.0, 2.0, seed), 0.15),
+    "step-gauge": (
+        lambda mm, _: StepGauge(_RADIUS_MM, tuple(mm / part for part in (16, 8, 4, 2, 1))),
+        8.0,
+    ),
+}
+_RELIEFS["coin-with-spheres"] = _RELIEFS["coin"]
 
 
 def dome_lights(
@@ -95,7 +139,13 @@ def bench_sensor() -> NoiseModel:
 
 
 def scene_named(
-    name: str, *, width: int = 640, height: int = 512, leds: int = 36, seed: int = 0
+    name: str,
+    *,
+    width: int = 640,
+    height: int = 512,
+    leds: int = 36,
+    seed: int = 0,
+    amplitude_mm: float | None = None,
 ) -> Scene:
     """Build one of the scenes.
 
@@ -105,14 +155,16 @@ def scene_named(
     Parameters
     ----------
     name
-        ``coin``: the plaque on velvet. ``spheres``: four chrome spheres on a grey card.
-        ``coin-with-spheres``: the plaque and a small sphere in each corner.
+        One of `SCENES`.
     width, height
         Image size in pixels; the field stays 293 mm wide.
     leds
         Number of LEDs on the dome.
     seed
         Of lights, texture and paint. The same seed gives the same dome in every scene.
+    amplitude_mm
+        Scale of the relief: the parameter of its surface that is a height (``relief_mm``,
+        ``rms_mm``, ``amplitude_mm``), how far the tilted plane rises, the highest of the steps.
 
     Returns
     -------
@@ -122,31 +174,56 @@ def scene_named(
     Raises
     ------
     DataError
-        If the name is unknown or a value out of range.
+        If the name is unknown, a value out of range, or there is no relief to scale.
     """
     if name not in SCENES:
         raise DataError(f"no scene is called {name!r}: take one of {', '.join(SCENES)}")
-    spheres: tuple[ChromeSphere, ...] = ()
+    if amplitude_mm is not None and name not in _RELIEFS:
+        raise DataError(f"scene {name} has no relief: leave its amplitude away")
+    if amplitude_mm is not None and not (math.isfinite(amplitude_mm) and amplitude_mm > 0):
+        raise DataError(f"scene {name}: an amplitude of {amplitude_mm} mm is not a height")
+    body: Body | None = None
+    pattern: Pattern = Paint(0.35, 0.75, wavelength_mm=70.0, seed=seed)
+    board, spheres = Even(0.02), _NO_SPHERES
+    if name in _RELIEFS:
+        make, usual_mm = _RELIEFS[name]
+        body = make(usual_mm if amplitude_mm is None else amplitude_mm, seed)
+    elif name == "plane":
+        body, pattern = Plane(_RADIUS_MM, 2.0), Checker(0.3, 0.7)
+    elif name == "white-plane":
+        body, pattern = Plane(_WHOLE_FIELD_MM), Even(0.85)
+    elif name == "charuco":
+        body, pattern = Plane(_WHOLE_FIELD_MM), ChArUco(10, 8, 26.0)
     if name == "spheres":
-        spheres = (
-            _resting(-92.0, 58.0, 20.0),
-            _resting(84.0, 66.0, 16.0),
-            _resting(-70.0, -62.0, 14.0),
-            _resting(96.0, -54.0, 20.0),
-        )
+        board, spheres = Even(0.4), _CALIBRATION_SPHERES
     elif name == "coin-with-spheres":
         spheres = tuple(_resting(x, y, 12.0) for x in (-112.0, 112.0) for y in (-86.0, 86.0))
     return Scene(
-        surface=None if name == "spheres" else Coin(80.0, seed=seed),
+        body=body,
         lights=dome_lights(leds, seed=seed),
-        camera=bench_camera(width, height),
+        lens=Lens.of(bench_camera(width, height)),
         noise=bench_sensor(),
         electrons_per_us=0.42,
-        paint=Paint(0.35, 0.75, wavelength_mm=70.0, seed=seed),
-        board_albedo=0.4 if name == "spheres" else 0.02,
+        pattern=pattern,
+        board=board,
         spheres=spheres,
     )
 
 
+def _tilted(rise_mm: float) -> Plane:
+    """Return a disc that rises by so much from its lowest to its highest place."""
+    slope = rise_mm / (2 * _RADIUS_MM)
+    return Plane(_RADIUS_MM, 0.5 + rise_mm / 2, 0.8 * slope, 0.6 * slope)
+
+
 def _resting(x_mm: float, y_mm: float, radius_mm: float) -> ChromeSphere:
     return ChromeSphere((x_mm, y_mm, radius_mm), radius_mm)
+
+
+_NO_SPHERES: tuple[ChromeSphere, ...] = ()
+_CALIBRATION_SPHERES = (
+    _resting(-92.0, 58.0, 20.0),
+    _resting(84.0, 66.0, 16.0),
+    _resting(-70.0, -62.0, 14.0),
+    _resting(96.0, -54.0, 20.0),
+)

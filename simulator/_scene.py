@@ -1,54 +1,25 @@
-"""A scene: an object on a backing board, chrome spheres, near lights, a camera and its sensor."""
+"""A scene: an object on a board, chrome spheres, lights, and the camera that sees them."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
-from simulator._optics import check_camera
-from simulator._surface import Surface, random_waves
+from simulator._body import Body
+from simulator._lamps import Lamps
+from simulator._lens import Lens
+from simulator._patterns import Even, Pattern
+from simulator._reflectance import Lambert, Material
 
 Array = npt.NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Paint:
-    """An albedo that wanders smoothly between two values, or one value where both are equal.
-
-    Parameters
-    ----------
-    low, high
-        Bounds, ``0 <= low <= high <= 1``.
-    wavelength_mm
-        Typical length of the variation.
-    seed
-        Of the pattern.
-    """
-
-    low: float
-    high: float
-    wavelength_mm: float = 60.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.low <= self.high <= 1 or not self.wavelength_mm > 0:
-            raise DataError(
-                f"an albedo runs from low to high within 0..1 over a positive wavelength, "
-                f"not {self.low}..{self.high} over {self.wavelength_mm} mm"
-            )
-
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
-        """Return the albedo at positions of any one shape."""
-        waves = random_waves(self.wavelength_mm, self.seed, count=5)
-        swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
-        # Five waves seldom meet: tanh spreads their sum to the bounds and never past them.
-        albedo: Array = self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing))
-        return albedo
+_MOST_PARTS = 1024
+_RINGS, _SPOKES = 12, 48
 
 
 @dataclass(frozen=True)
@@ -63,6 +34,11 @@ class ChromeSphere:
         Greater than 0.
     reflectance
         Fraction of the light that is mirrored, 0 to 1, the same at all angles.
+
+    Raises
+    ------
+    DataError
+        If a value is out of range.
     """
 
     centre_mm: tuple[float, float, float]
@@ -84,21 +60,23 @@ class Scene:
 
     Parameters
     ----------
-    surface
+    body
         The object, or None for a bare board.
     lights
-        Near lights. An intensity is the irradiance at the origin on a surface that faces the
-        light; the mean of its three channels is used, the camera is monochrome.
-    camera
-        A pinhole without distortion, with a working distance.
+        Near or distant. An intensity is the irradiance at the origin on a surface that faces the
+        light. A monochrome camera sees the mean of the three channels of intensity times albedo,
+        a pixel of a Bayer mosaic its own.
+    lens
+        How the camera sees; one without distortion is made of a bare `CameraModel` by `Lens.of`.
     noise
         The sensor, passed on to the virtual camera; the renderer itself is without noise.
     electrons_per_us
         Signal of a white Lambertian surface (albedo 1) under irradiance 1: the exposure scale.
-    paint
-        Albedo of the object.
-    board_albedo, board_radius_mm
-        The board is a disc at z = 0 around the origin; beyond it all is black.
+    pattern, material
+        Albedo and reflectance of the object.
+    board, board_radius_mm
+        The board is a Lambertian disc with this albedo at z = 0 around the origin; beyond it all
+        is black.
     spheres
         Chrome spheres, beside the object and beside each other.
     ambient
@@ -107,83 +85,99 @@ class Scene:
         What a sphere mirrors where neither board nor LED is, as an albedo under the LED's
         irradiance at the origin.
     led_radius_mm
-        Radius of the luminous disc of an LED.
-    psf_sigma_px
-        Gaussian blur of the lens, applied to the mirrored LEDs only.
+        Radius of the luminous disc of an LED; distant lights are points.
+    shadows
+        False lets the object cast none; attached shadows, and those of the spheres, remain.
+    soft_shadow_samples
+        Points on an LED's disc that shadows are drawn from: 1 for hard shadows.
+    lamps
+        How the LEDs behave over time, passed on to the virtual camera.
 
     Raises
     ------
     DataError
-        If a value is out of range, a camera or LED is inside or below something, or two things
+        If a value is out of range, a camera or light is inside or below something, or two things
         overlap.
     """
 
-    surface: Surface | None
+    body: Body | None
     lights: Lights
-    camera: CameraModel
+    lens: Lens
     noise: NoiseModel
     electrons_per_us: float
-    paint: Paint
-    board_albedo: float = 0.02
+    pattern: Pattern = field(default_factory=lambda: Even(1.0))
+    material: Material = field(default_factory=Lambert)
+    board: Pattern = field(default_factory=lambda: Even(0.02))
     board_radius_mm: float = 260.0
     spheres: tuple[ChromeSphere, ...] = ()
     ambient: float = 0.002
     surroundings: float = 0.004
     led_radius_mm: float = 2.0
-    psf_sigma_px: float = 0.7
+    shadows: bool = True
+    soft_shadow_samples: int = 1
+    lamps: Lamps = field(default_factory=Lamps)
 
     def __post_init__(self) -> None:
-        check_camera(self.camera)
-        for name in ("electrons_per_us", "board_radius_mm", "led_radius_mm", "psf_sigma_px"):
+        for name in ("electrons_per_us", "board_radius_mm", "led_radius_mm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise DataError(f"scene: {name} is {value}, it must be positive")
-        for name in ("board_albedo", "ambient", "surroundings"):
+        for name in ("ambient", "surroundings"):
             if not 0 <= getattr(self, name) <= 1:
                 raise DataError(f"scene: {name} is {getattr(self, name)}, it must be within 0..1")
+        if not 1 <= self.soft_shadow_samples <= _MOST_PARTS:
+            raise DataError(
+                f"scene: soft_shadow_samples is {self.soft_shadow_samples}, it must be within "
+                f"1..{_MOST_PARTS}"
+            )
         self._check_spheres()
         self._check_camera_place()
         self._check_lights()
 
     def _check_spheres(self) -> None:
         for i, sphere in enumerate(self.spheres):
-            x, y, z = sphere.centre_mm
-            if z < sphere.radius_mm - 1e-9:
+            if sphere.centre_mm[2] < sphere.radius_mm - 1e-9:
                 raise DataError(
                     f"sphere {i} is sunk into the board: raise its centre to its radius"
                 )
-            apart = math.hypot(x, y) - sphere.radius_mm
-            if self.surface is not None and apart < self.surface.radius_mm:
+            if self._covers(sphere):
                 raise DataError(f"sphere {i} overlaps the object: move it outward")
         for (i, a), (j, b) in combinations(enumerate(self.spheres), 2):
             if math.dist(a.centre_mm, b.centre_mm) < a.radius_mm + b.radius_mm:
                 raise DataError(f"spheres {i} and {j} overlap: move them apart")
 
+    def _covers(self, sphere: ChromeSphere) -> bool:
+        """Return whether the object reaches under a sphere, as seen from above."""
+        if self.body is None:
+            return False
+        x, y, _ = sphere.centre_mm
+        if math.hypot(x, y) >= self.body.radius_mm + sphere.radius_mm:
+            return False
+        reach = sphere.radius_mm * np.linspace(0, 1, _RINGS)[:, None]
+        turn = np.linspace(0, 2 * math.pi, _SPOKES, endpoint=False)
+        return bool(self.body.inside(x + reach * np.cos(turn), y + reach * np.sin(turn)).any())
+
     def _check_camera_place(self) -> None:
-        height = float(self.camera.working_distance_mm or 0.0)
-        if self.surface is not None:
-            span = np.linspace(-self.surface.radius_mm, self.surface.radius_mm, 65)
-            x, y = np.meshgrid(span, span)
-            top = float(self.surface.evaluate(x, y)[0][self.surface.inside(x, y)].max())
-            if top >= height:
-                raise DataError(
-                    f"the camera at {height:g} mm is inside the object, {top:g} mm high: "
-                    f"raise the working distance"
-                )
+        height = self.lens.camera_z_mm
+        if self.body is not None and self.body.top_mm >= height:
+            raise DataError(
+                f"the camera at {height:g} mm is inside the object, {self.body.top_mm:g} mm high: "
+                f"raise the working distance"
+            )
         for i, sphere in enumerate(self.spheres):
             if sphere.centre_mm[2] + sphere.radius_mm >= height:
                 raise DataError(f"sphere {i} reaches the camera: raise the working distance")
 
     def _check_lights(self) -> None:
-        positions, axes = self.lights.positions_mm, self.lights.axes
-        if positions is None or axes is None:
-            raise DataError("a simulated scene needs lights with positions")
-        for name, place, axis in zip(self.lights.ids, positions, axes, strict=True):
-            floor = 0.0
-            if self.surface is not None:
-                x, y = place[:1], place[1:2]
-                if self.surface.inside(x, y)[0]:
-                    floor = max(floor, float(self.surface.evaluate(x, y)[0][0]))
+        if not self.lights.near:
+            below = np.asarray(self.lights.directions)[:, 2] <= 0
+            if below.any():
+                name = self.lights.ids[int(np.argmax(below))]
+                raise DataError(f"light {name} comes from below the surface: turn its direction up")
+            return
+        positions, axes = np.asarray(self.lights.positions_mm), np.asarray(self.lights.axes)
+        floors = self._floors(positions)
+        for name, place, axis, floor in zip(self.lights.ids, positions, axes, floors, strict=True):
             if place[2] <= floor:
                 raise DataError(f"LED {name} is below the surface: raise its position")
             if place @ axis >= 0:
@@ -192,21 +186,46 @@ class Scene:
                 if math.dist(place, sphere.centre_mm) <= sphere.radius_mm:
                     raise DataError(f"LED {name} is inside sphere {i}: move one of them")
 
-    def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
-        """Return which positions lie within the object's outline: none without an object."""
-        if self.surface is None:
-            return np.zeros(x_mm.shape, np.bool_)
-        return self.surface.inside(x_mm, y_mm)
+    def _floors(self, positions: Array) -> Array:
+        """Return the height of what lies under each position."""
+        floors = np.zeros(len(positions))
+        if self.body is not None:
+            above = positions.copy()
+            above[:, 2] = self.body.top_mm + 1.0
+            hits = self.body.trace(above, np.array([0.0, 0.0, -1.0]))
+            floors[hits.hit] = np.maximum(hits.points_mm[hits.hit, 2], 0.0)
+        return floors
 
-    def albedo(self, x_mm: Array, y_mm: Array, on_object: npt.NDArray[np.bool_]) -> Array:
-        """Return the albedo at positions of the object and of the board, 0 beyond the board."""
-        on_board = x_mm**2 + y_mm**2 <= self.board_radius_mm**2
-        board = np.where(on_board, self.board_albedo, 0.0)
-        return np.where(on_object, self.paint.evaluate(x_mm, y_mm), board)
+    @property
+    def coloured(self) -> bool:
+        """Whether the object's albedo has three channels that differ."""
+        return self.pattern.evaluate(np.zeros(1), np.zeros(1)).ndim == 2
+
+    @property
+    def sharp(self) -> bool:
+        """Whether a pattern has edges, so that it wants averaging over a pixel."""
+        return self.pattern.sharp or self.board.sharp
+
+    def albedo(
+        self, x_mm: Array, y_mm: Array, on_object: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.float32]:
+        """Return the albedo ``(n, 3)`` at points of object and board, 0 beyond the board."""
+        on_board = ~on_object & (x_mm**2 + y_mm**2 <= self.board_radius_mm**2)
+        albedo = np.zeros((len(x_mm), 3), np.float32)
+        for pattern, where in ((self.pattern, on_object), (self.board, on_board)):
+            if where.any():
+                values = pattern.evaluate(x_mm[where], y_mm[where])
+                albedo[where] = values if values.ndim == 2 else values[:, None]
+        return albedo
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The lens's camera; None where it sees in parallel rays."""
+        return self.lens.camera
 
     @property
     def irradiance(self) -> Array:
-        """``(N,)`` irradiance of each LED at the origin, the mean over colours."""
+        """``(N,)`` irradiance of each light at the origin, the mean over colours."""
         intensities: Array = np.asarray(self.lights.intensities).mean(axis=1)
         return intensities
 

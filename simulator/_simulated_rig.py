@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig
 from simulator._bench_state import BenchState
+from simulator._lamps import Lamps
 from simulator._virtual_board import VirtualBoard
 from simulator._virtual_camera import CameraFault, Planes, VirtualCamera
 
@@ -22,6 +23,10 @@ def simulated_rig(
     noisy: bool = True,
     realtime: bool = True,
     camera_name: str = "virtual-camera",
+    cfa: str | None = None,
+    lamps: Lamps | None = None,
+    shake_px: float = 0.0,
+    sensor_seed: int = 0,
     camera_faults: Mapping[int, CameraFault] | None = None,
 ) -> Rig:
     """Start a virtual board in its own process and open a rig on it; closing the rig ends all.
@@ -32,7 +37,7 @@ def simulated_rig(
         What each LED, and the ambient light, yields: see `VirtualCamera`. Have them rendered.
     config
         The rig's configuration; the board has its LED count.
-    size, noise, seed, noisy, realtime, camera_faults
+    size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed, camera_faults
         See `VirtualCamera`.
     camera_name
         The camera's serial number.
@@ -56,6 +61,10 @@ def simulated_rig(
             noisy=noisy,
             realtime=realtime,
             name=camera_name,
+            cfa=cfa,
+            lamps=lamps or Lamps(),
+            shake_px=shake_px,
+            sensor_seed=sensor_seed,
             faults=camera_faults,
         )
         rig = Rig(board, camera, config, on_close=virtual.close)

@@ -1,4 +1,4 @@
-"""Where rays end: on the object, on the board, or by way of the spheres."""
+"""Where camera rays end: on the object, on the board, or by way of the spheres."""
 
 from __future__ import annotations
 
@@ -10,141 +10,118 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from simulator._optics import centre
 from simulator._scene import Scene
-from simulator._surface import Surface
 
 Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
-_TOLERANCE_MM = 1e-10
-_ITERATIONS = 30
-_STEEPEST = 0.9
 _BOUNCES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
-    """Points on object and board: ``points_mm`` and unit ``normals`` (..., 3), ``on_object``."""
+class Seen:
+    """What n camera rays see.
+
+    Parameters
+    ----------
+    points_mm, normals
+        ``(n, 3)`` where each ray ends, and the unit normal there.
+    on_object
+        ``(n,)`` the point has the object's albedo, not the board's.
+    sphere
+        ``(n,)`` the first sphere met, -1 where none.
+    lost
+        ``(n,)`` the ray left the spheres upward, into the surroundings.
+    weight
+        ``(n,)`` product of the reflectances on the way, 1 where no sphere was met.
+    """
 
     points_mm: Array
     normals: Array
-    on_object: npt.NDArray[np.bool_]
+    on_object: Mask
+    sphere: npt.NDArray[np.int64]
+    lost: Mask
+    weight: Array
+
+    @property
+    def direct(self) -> Mask:
+        """``(n,)`` no sphere was met."""
+        return self.sphere < 0
 
 
-def trace_surface(scene: Scene, rays: Array) -> Hits:
-    """Meet camera rays with object and board, spheres left out.
+def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
+    """Follow camera rays to their end.
 
-    Newton's method on ``z = surface(x, y)`` along each ray. A ray meets the surface once as long
-    as the slope along it stays below 1 on the ray's own scale; a steeper surface is refused.
+    The object is no obstacle to rays that a sphere mirrors: they end on the plane of the board, as
+    they would on a picture of the object laid there.
 
     Parameters
     ----------
     scene
         The scene.
-    rays
-        ``(..., 3)`` directions from the camera, scaled to z = -1.
+    origins_mm, rays
+        ``(n, 3)`` each, rays scaled to z = -1.
 
     Returns
     -------
-    Hits
+    Seen
         Points to 1e-9 mm.
 
     Raises
     ------
     DataError
-        If the object is so steep that it may hide parts of itself from the camera.
+        If the object cannot be traced or hides part of a sphere.
     """
-    height = centre(scene.camera)[2]
-    across, up = rays[..., 0], rays[..., 1]
-    z = np.zeros(rays.shape[:-1])
-    normals = np.zeros(rays.shape)
-    normals[..., 2] = 1.0
-    on_object = np.zeros(z.shape, np.bool_)
-    if scene.surface is not None:
-        z, zx, zy = _newton(scene.surface, height, across, up)
-        on_object = scene.surface.inside((height - z) * across, (height - z) * up)
-        slope = np.hypot(zx, zy)
-        tilt = np.max(np.hypot(across, up), initial=0.0)
-        if tilt * np.max(slope, where=on_object, initial=0.0) > _STEEPEST:
-            raise _hidden(scene.surface)
-        z = np.where(on_object, z, 0.0)
-        length = np.sqrt(1 + slope**2)
-        for axis, part in enumerate((-zx, -zy, np.ones_like(z))):
-            normals[..., axis] = np.where(on_object, part / length, normals[..., axis])
-    points = np.stack([(height - z) * across, (height - z) * up, z], axis=-1)
-    return Hits(points, normals, on_object)
-
-
-def _newton(
-    surface: Surface, height: float, across: Array, up: Array
-) -> tuple[Array, Array, Array]:
-    """Return height and gradient where rays meet the surface."""
-    shape = across.shape
-    across, up = across.ravel(), up.ravel()
-    z, zx, zy = (np.zeros(across.size) for _ in range(3))
-    todo = np.arange(across.size)
-    for _ in range(_ITERATIONS):
-        a, b = across[todo], up[todo]
-        value, slope_x, slope_y = surface.evaluate((height - z[todo]) * a, (height - z[todo]) * b)
-        miss = z[todo] - value
-        zx[todo], zy[todo] = slope_x, slope_y
-        steep = 1 + slope_x * a + slope_y * b
-        if np.any(steep < 1 - _STEEPEST):
-            raise _hidden(surface)
-        z[todo] -= miss / steep
-        todo = todo[np.abs(miss) > _TOLERANCE_MM]
-        if not todo.size:
-            return z.reshape(shape), zx.reshape(shape), zy.reshape(shape)
-    raise _hidden(surface)
-
-
-def _hidden(surface: Surface) -> DataError:
-    return DataError(
-        f"{type(surface).__name__} is too steep for this camera: it may hide parts of "
-        f"itself; lower its relief or raise the working distance"
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class MirrorHits:
-    """What rays see by way of the spheres.
-
-    ``sphere`` (n,) is the first sphere met, -1 where none. A ray that met one ends at
-    ``points_mm`` (n, 3) on the plane of the board, or is ``lost`` in the surroundings; ``weight``
-    is the product of the reflectances, 1 where no sphere was met.
-    """
-
-    sphere: npt.NDArray[np.int64]
-    lost: npt.NDArray[np.bool_]
-    points_mm: Array
-    weight: Array
-
-
-def trace_spheres(scene: Scene, rays: Array) -> MirrorHits:
-    """Follow camera rays ``(n, 3)`` from sphere to sphere until they leave them.
-
-    The object is no obstacle to mirrored rays: they end on the plane of the board, as they would
-    on a picture of the object laid there.
-    """
+    # The board, wherever nothing stands before it.
+    points = origins_mm + origins_mm[:, 2:] * rays
+    points[:, 2] = 0.0
+    normals = np.zeros(points.shape)
+    normals[:, 2] = 1.0
+    on_object = np.zeros(len(points), np.bool_)
     count = len(rays)
-    sphere = np.full(count, -1, np.int64)
-    lost, points, weight = np.zeros(count, np.bool_), np.zeros((count, 3)), np.ones(count)
-    _follow(centre(scene.camera), rays, scene.sphere_table, sphere, lost, points, weight)
-    return MirrorHits(sphere, lost, points, weight)
+    sphere, entry_mm = np.full(count, -1, np.int64), np.full(count, -math.inf)
+    lost, weight = np.zeros(count, np.bool_), np.ones(count)
+    if scene.spheres:
+        _follow(origins_mm, rays, scene.sphere_table, sphere, entry_mm, lost, points, weight)
+    if scene.body is not None:
+        hits = scene.body.trace(origins_mm, rays)
+        before = hits.hit & (sphere >= 0) & (hits.points_mm[:, 2] > entry_mm)
+        if before.any():
+            raise DataError(
+                f"the object hides part of sphere {sphere[np.argmax(before)]} from the camera: "
+                "move the sphere outward"
+            )
+        on_object = np.where(sphere < 0, hits.hit, scene.body.inside(points[:, 0], points[:, 1]))
+        met = hits.hit & (sphere < 0)
+        points[met], normals[met] = hits.points_mm[met], hits.normals[met]
+    return Seen(points, normals, on_object, sphere, lost, weight)
+
+
+def meets_sphere(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
+    """Return which camera rays ``(n, 3)`` meet a sphere."""
+    met = np.zeros(len(rays), np.bool_)
+    for sphere in scene.spheres:
+        offset = origins_mm - np.array(sphere.centre_mm)
+        along = (offset * rays).sum(axis=1)
+        squared = (rays**2).sum(axis=1)
+        gap = (offset**2).sum(axis=1) - along**2 / squared
+        met |= (gap < sphere.radius_mm**2) & (along < 0)
+    return met
 
 
 @numba.njit(parallel=True, cache=True)
 def _follow(
-    origin: Array,
+    origins: Array,
     rays: Array,
     spheres: Array,
     first: npt.NDArray[np.int64],
-    lost: npt.NDArray[np.bool_],
+    entry: Array,
+    lost: Mask,
     points: Array,
     weight: Array,
 ) -> None:
     for i in numba.prange(len(rays)):
-        px, py, pz = origin[0], origin[1], origin[2]
+        px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
         norm = math.sqrt(dx * dx + dy * dy + dz * dz)
         dx, dy, dz = dx / norm, dy / norm, dz / norm
@@ -161,10 +138,10 @@ def _follow(
                     best, hit = -b - math.sqrt(root), j
             if hit < 0 or bounce == _BOUNCES:
                 break
-            if bounce == 0:
-                first[i] = hit
-            share *= spheres[hit, 4]
             px, py, pz = px + best * dx, py + best * dy, pz + best * dz
+            if bounce == 0:
+                first[i], entry[i] = hit, pz
+            share *= spheres[hit, 4]
             nx = (px - spheres[hit, 0]) / spheres[hit, 3]
             ny = (py - spheres[hit, 1]) / spheres[hit, 3]
             nz = (pz - spheres[hit, 2]) / spheres[hit, 3]

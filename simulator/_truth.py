@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights, NoiseModel, StorageError
+from acquisition import CameraModel, Lights, NoiseModel
+from simulator._lens import Lens
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +24,7 @@ class Truth:
     height_mm
         ``(H, W)`` z of the surface point at the pixel's centre, NaN outside the mask.
     albedo
-        ``(H, W)``, 0 outside the mask.
+        ``(H, W)``, or ``(H, W, 3)`` where it has colour; 0 outside the mask.
     mask
         ``(H, W)`` pixels whose centre shows the object.
     sphere_masks
@@ -35,10 +33,13 @@ class Truth:
         ``(S, 3)`` and ``(S,)``.
     highlights_px
         ``(S, N, 2)`` position (x, y) of LED n mirrored in sphere s, NaN where it is not seen.
-    lights, camera, noise
+    lights, lens, noise
         As in the scene.
     electrons_per_us
         Signal of a white surface under irradiance 1.
+    shadows
+        ``(N, H, W)`` True where light n does not reach the point at the pixel's centre, because
+        the surface turns away from it or something stands between; None where not rendered.
     """
 
     normals: npt.NDArray[np.float32]
@@ -50,69 +51,35 @@ class Truth:
     sphere_radii_mm: Array
     highlights_px: Array
     lights: Lights
-    camera: CameraModel
+    lens: Lens
     noise: NoiseModel
     electrons_per_us: float
+    shadows: npt.NDArray[np.bool_] | None = None
 
     @property
-    def depth_mm(self) -> Array:
-        """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask."""
-        depth: Array = float(self.camera.working_distance_mm or 0.0) - self.height_mm
-        return depth
+    def camera(self) -> CameraModel | None:
+        """The camera as geometry; None where it sees in parallel rays."""
+        return self.lens.camera
 
-    def save(self, folder: Path | str) -> tuple[Path, Path]:
-        """Write ``truth.npz`` (maps and spheres) and ``truth.json`` (lights, camera, sensor).
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of every map."""
+        height, width = self.mask.shape
+        return height, width
 
-        Parameters
-        ----------
-        folder
-            Made where it is missing. Files of these names are replaced.
+    @property
+    def depth_mm(self) -> Array | None:
+        """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask.
 
-        Returns
-        -------
-        tuple of Path
-            The two files.
-
-        Raises
-        ------
-        StorageError
-            If the disk refuses.
+        None where the camera sees in parallel rays.
         """
-        maps, values = Path(folder) / "truth.npz", Path(folder) / "truth.json"
-        try:
-            maps.parent.mkdir(parents=True, exist_ok=True)
-            np.savez_compressed(
-                maps,
-                normals=self.normals,
-                height_mm=self.height_mm.astype(np.float32),
-                albedo=self.albedo,
-                mask=self.mask,
-                sphere_masks=self.sphere_masks,
-                sphere_centres_mm=self.sphere_centres_mm,
-                sphere_radii_mm=self.sphere_radii_mm,
-                highlights_px=self.highlights_px,
-            )
-            values.write_text(json.dumps(self._values(), indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise StorageError(f"{folder}: the truth cannot be written: {error}") from error
-        return maps, values
+        return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
 
-    def _values(self) -> dict[str, Any]:
-        lights = self.lights
-        return {
-            "lights": {
-                "ids": list(lights.ids),
-                "positions_mm": np.asarray(lights.positions_mm).tolist(),
-                "axes": np.asarray(lights.axes).tolist(),
-                "mu": np.asarray(lights.mu).tolist(),
-                "intensities": np.asarray(lights.intensities).tolist(),
-            },
-            "camera": {
-                "K": self.camera.K.tolist(),
-                "width": self.camera.width,
-                "height": self.camera.height,
-                "working_distance_mm": self.camera.working_distance_mm,
-            },
-            "noise": asdict(self.noise),
-            "electrons_per_us": self.electrons_per_us,
-        }
+    @property
+    def points_mm(self) -> Array:
+        """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
+        height, width = self.size
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        origins, rays = self.lens.origins_and_rays(x, y)
+        points: Array = origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
+        return points

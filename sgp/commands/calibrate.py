@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import DataError, Source, read_lights, write_lights
+from acquisition import DataError, Source, read_lights, read_mask_shares, write_lights
 from calibration import (
     SphereCalibration,
     Stack,
@@ -16,7 +16,7 @@ from calibration import (
     linear_stack,
 )
 from sgp._console import progress
-from sgp._inputs import read_mask_shares
+from sgp._exit import UsageError
 from sgp._options import Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
@@ -66,6 +66,9 @@ def spheres(
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
     opened, files = open_source(source, camera=camera)
     stack = _undivided(opened)
+    largest = max(stack.values.shape[1:])
+    if any(radius > largest for _, _, radius in given):
+        raise UsageError(f"--sphere: a radius beyond the image's {largest} pixels is no outline")
     masks = [read_mask_shares(path, stack.values.shape[1:]) for path in mask]
     if not masks and not given and opened.mask is not None:
         masks = [opened.mask.astype(np.float64)]

@@ -109,7 +109,7 @@ def run(
     lights
         Calibrated lights to store with the session.
     """
-    check_folder(out, force=False)
+    check_folder(out)
     with open_rig(rig) as opened:
         info, config = opened.camera.info, opened.config
         working = tuple(led for led in range(config.leds) if led not in config.dead_leds)
@@ -128,8 +128,8 @@ def run(
                     lights=None if lights is None else read_lights(lights),
                     on_frame=lambda line, done, total: advance(done, total),
                 )
-            except (KeyboardInterrupt, RigError, StorageError, DataError):
-                _tell_what_is_left(out)
+            except (KeyboardInterrupt, RigError, StorageError, DataError) as error:
+                _tell_what_is_left(out, error)
                 raise
     return _describe(session)
 
@@ -188,7 +188,14 @@ def info(session: Path) -> Result:
     session
         The session's folder.
     """
-    return _describe(Session.open(session))
+    opened = Session.open(session)
+    result = _describe(opened)
+    gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
+    if gone:
+        result.warnings.append(
+            f"{len(gone)} frame files are not there, first {gone[0]}: see verify"
+        )
+    return result
 
 
 def import_(
@@ -224,7 +231,7 @@ def import_(
     notes
         Anything worth knowing later.
     """
-    check_folder(out, force=False)
+    check_folder(out)
     opened, _ = open_source(source, lights=lights)
     with progress("importing") as advance:
         session = import_frames(
@@ -246,14 +253,14 @@ def _plan(path: Path | None, leds: tuple[int, ...]) -> CapturePlan:
     return CapturePlan(leds=leds, exposures_us=(_DEFAULT_EXPOSURE_US,))
 
 
-def _tell_what_is_left(out: Path) -> None:
+def _tell_what_is_left(out: Path, error: BaseException) -> None:
     """Say what a capture that stopped has left; why it stopped is said by the error itself."""
     try:
         session = Session.open(out)
     except (DataError, MissingPathError):
         return  # nothing had been recorded
-    dark = any(event.details.get("leds_confirmed_off") for event in session.events)
-    lights = "the LEDs are off" if dark else "the board did NOT confirm that the LEDs are off"
+    # The engine adds a note to the error where the board did not answer.
+    lights = "see below for the LEDs" if hasattr(error, "__notes__") else "the LEDs are off"
     note(f"{out}: incomplete, {len(session.frames)} frames are whole; {lights}")
 
 

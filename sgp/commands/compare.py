@@ -50,13 +50,14 @@ def compare(
     counted = None if mask is None else read_mask(mask, second.normal_map.size)
     error = angular_error(first.normal_map, second.normal_map, counted)
     maps = first.normal_map, second.normal_map
+    where = second.normal_map.mask if counted is None else counted
     result = Result(
         metrics={
             "mae_deg": error.mae_deg,
             "median_deg": error.median_deg,
             "coverage": error.coverage,
-            "ssim": ssim(*maps, counted),
-            "ssim_paper": ssim(*maps, counted, protocol="paper"),
+            "ssim": ssim(*maps, where),
+            "ssim_paper": ssim(*maps, where, protocol="paper"),
         },
         warnings=[*first.warnings, *second.warnings],
         inputs=[*first.files, *second.files, *([] if mask is None else [mask])],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -27,12 +28,12 @@ from processing import angle_deg, angular_error
 from sgp._console import note, progress
 from sgp._exit import UsageError
 from sgp._options import Seed, SourceOptions
-from sgp._output import check_folder, write_record
+from sgp._output import check_folder, sha256, write_record
 from sgp._overview import map_panel, spheres_panel, write_overview
 from sgp._pipeline import Outcome, overview_panels, process
-from sgp._result import Result
+from sgp._result import Result, dumps
 from sgp._stages import Stopwatch
-from simulator import Rendering, Scene, render, rig_for, scene_named
+from simulator import Rendering, Scene, bench_camera, render, rig_for, scene_named
 
 # What a demo makes; a later demo replaces this and nothing else.
 _MARK = ".made-by-sgp-demo"
@@ -70,6 +71,13 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
         Write into a folder that holds other files already.
     """
     _make_room(out, force=force)
+    try:
+        return _demo(out, seed)
+    finally:
+        _write_mark(out)
+
+
+def _demo(out: Path, seed: int) -> Result:
     watch = Stopwatch()
     with watch.stage("render"):
         note("rendering the scenes")
@@ -80,7 +88,7 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
             out / "calibration", scenes["spheres"], truth["spheres"], seed, (_LONG_US, _SHORT_US)
         )
         coin = _capture(out / "recording", scenes["coin"], truth["coin"], seed + 1, (_LONG_US,))
-    write_camera(out / "camera.json", scenes["coin"].camera)
+    write_camera(out / "camera.json", bench_camera())
     with watch.stage("calibrate"):
         found, lights, stack = _calibrate(spheres, scenes["spheres"])
         write_lights(out / "lights.json", lights)
@@ -117,21 +125,45 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
 
 
 def _make_room(out: Path, *, force: bool) -> None:
-    """Clear an earlier demo out of the way; refuse a folder that holds anything else."""
-    if (out / _MARK).is_file():
-        for name in _MADE:
-            path = out / name
-            if path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path)
-            else:
-                path.unlink(missing_ok=True)
-    else:
+    """Clear an earlier demo's own files out of the way; refuse whatever else is in their place."""
+    mark = out / _MARK
+    if not mark.is_file():
         check_folder(out, force=force)
-        taken = [name for name in _MADE if (out / name).exists()]
-        if taken:
-            raise UsageError(f"{out / taken[0]} was not made by a demo: choose another --out")
+    known = _read_mark(mark)
+    for path in _made(out):
+        if known.get(str(path.relative_to(out))) != sha256(path):
+            raise UsageError(
+                f"{path} was not made by a demo, or was changed since: move it away, or choose "
+                "another --out"
+            )
+    for name in _MADE:
+        path = out / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
     out.mkdir(parents=True, exist_ok=True)
-    (out / _MARK).touch()
+    mark.write_text("{}", encoding="utf-8")
+
+
+def _made(out: Path) -> list[Path]:
+    """Return the files that stand where a demo puts its own."""
+    paths = [path for name in _MADE for path in (out / name, *(out / name).rglob("*"))]
+    return [path for path in paths if path.is_file() or path.is_symlink()]
+
+
+def _read_mark(mark: Path) -> dict[str, str]:
+    try:
+        names = json.loads(mark.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {str(name): str(digest) for name, digest in names.items()}
+
+
+def _write_mark(out: Path) -> None:
+    """Note every file this demo made, by its hash, so that the next one can tell them apart."""
+    names = {str(path.relative_to(out)): sha256(path) for path in _made(out)}
+    (out / _MARK).write_text(dumps(names), encoding="utf-8")
 
 
 def _capture(
@@ -145,7 +177,7 @@ def _capture(
             folder,
             operator="sgp demo",
             object_name=folder.name,
-            camera_model=scene.camera,
+            camera_model=bench_camera(),
             sensor=scene.noise,
             on_frame=lambda line, done, total: advance(done, total),
         )
@@ -162,10 +194,11 @@ def _calibrate(
     """Positions from the spheres, intensities from the card that they lie on."""
     with progress("calibration") as advance:
         stack = linear_stack(read_source(session.folder), on_progress=advance)
+    camera = bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
-    found = calibrate_spheres(stack, camera=scene.camera, radius_mm=radii)
-    card = np.ones(scene.camera.size, np.bool_)
-    strong = calibrate_intensities(stack.values, found.lights, scene.camera.points_on_plane(), card)
+    found = calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    card = np.ones(camera.size, np.bool_)
+    strong = calibrate_intensities(stack.values, found.lights, camera.points_on_plane(), card)
     return found, strong.lights, stack.values
 
 

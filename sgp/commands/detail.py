@@ -10,7 +10,7 @@ from processing import FilterKind, read_normals, ssim, write_normals
 from processing import combine as combine_maps
 from processing import separate as separate_map
 from processing import transfer as transfer_detail
-from sgp._options import Count, numbers
+from sgp._options import Count, Factor, Order, Steps, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_separation
@@ -24,7 +24,7 @@ def separate(
     *,
     out: Path,
     filter: FilterKind = "gaussian",  # noqa: A002
-    order: Count = 8,
+    order: Order = 8,
     w: Count = 5,
     green: Green = "up",
     force: bool = False,
@@ -105,10 +105,10 @@ def transfer(
     *,
     out: Path,
     keep_target_detail: bool = False,
-    amplitude: float = 1.0,
-    refine: int = 0,
+    amplitude: Factor = 1.0,
+    refine: Steps = 0,
     filter: FilterKind = "gaussian",  # noqa: A002
-    order: Count = 8,
+    order: Order = 8,
     w: Count = 5,
     at: str | None = None,
     source_green: Green = "up",

@@ -10,7 +10,7 @@ import numpy as np
 from acquisition import write_tiff
 from rig import Rig, open_rig, rig_names
 from sgp._exit import UsageError
-from sgp._options import Positive
+from sgp._options import Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
 
@@ -74,7 +74,7 @@ def check(*, rig: str = "simulated") -> Result:
         )
 
 
-def light(led: int, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
+def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
     """Light one LED for a while; Ctrl-C turns it off.
 
     For example:
@@ -121,7 +121,7 @@ def off(*, rig: str = "simulated") -> Result:
 def snap(
     *,
     out: Path,
-    led: int | None = None,
+    led: Whole | None = None,
     exposure_us: Positive = 20_000.0,
     rig: str = "simulated",
     force: bool = False,

@@ -247,7 +247,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
     bench.on_trigger = fail
     with pytest.raises(CameraError, match="frame 1 did not come") as caught:
         record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert any("not confirmed off" in note for note in caught.value.__notes__)
+    assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
     assert Session.open(tmp_path / "s").events[0].details["leds_confirmed_off"] is False
 
 
@@ -259,6 +259,21 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
         pytest.param({"camera_model": CameraModel(np.eye(3), 9, 7)}, "9 x 7 pixels", id="camera"),
         pytest.param({"sensor": NoiseModel(1.0, 1.0, 0.0, 10)}, "10 bits", id="sensor"),
         pytest.param({"operator": None}, "operator", id="no-operator"),
+        pytest.param(
+            {"lights": Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))},
+            r"lights do not fit the plan: .*L05 is not",
+            id="light missing",
+        ),
+        pytest.param(
+            {"lights": Lights(directions=np.eye(3)[:2])},
+            "lights do not fit the plan: 3 images for 2 lights",
+            id="too few lights",
+        ),
+        pytest.param(
+            {"lights": Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))},
+            "lights are called a.0 .* the plan lights L03",
+            id="lights of something else",
+        ),
         pytest.param({"object_name": "\udc80"}, "object", id="no-text"),
     ],
 )

@@ -480,3 +480,10 @@ def test_real_images(name: str, shape: tuple[int, ...], dtype: type) -> None:
         other = cv2.imread(str(Path(DATA or "") / name), flags)
         other = other[..., ::-1] if other.ndim == 3 else other
         assert np.abs(other.astype(int) - pixels).max() <= (3 if name.endswith("jpg") else 0)
+
+
+def test_png_is_compressed_fast(tmp_path: Path) -> None:
+    write_png(tmp_path / "a.png", np.zeros((4, 6), np.uint16))
+    data = (tmp_path / "a.png").read_bytes()
+    # The two bits of a zlib stream's header that tell the effort: 0 is the fastest.
+    assert data[data.index(b"IDAT") + 5] >> 6 == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,35 @@ def test_what_cannot_be_imported(tmp_path: Path) -> None:
     assert after == before
 
 
+def test_mask_and_true_normals_go_along(tmp_path: Path) -> None:
+    source = replace(
+        read_source(fill(tmp_path / "in")),
+        mask=PIXELS[0, ..., 0] > 30000,
+        normals_truth=np.random.default_rng(9).normal(size=(4, 6, 3)).astype(np.float32),
+    )
+    import_frames(source, tmp_path / "out", operator="", object_name="")
+    assert verify_session(tmp_path / "out").ok
+    again = read_source(tmp_path / "out")
+    assert again.mask is not None
+    assert again.normals_truth is not None
+    np.testing.assert_array_equal(again.mask, source.mask)
+    np.testing.assert_array_equal(again.normals_truth, source.normals_truth)
+
+
+def test_without_a_mask_there_is_none(tmp_path: Path) -> None:
+    source = read_source(fill(tmp_path / "in"))
+    import_frames(source, tmp_path / "out", operator="", object_name="")
+    assert not (tmp_path / "out" / "derived").exists()
+    assert read_source(tmp_path / "out").mask is None
+
+
+def fill(folder: Path) -> Path:
+    folder.mkdir()
+    for index in range(2):
+        write_png(folder / f"a.{index}.png", PIXELS[index])
+    return folder
+
+
 def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     for index in range(3):
@@ -93,8 +123,11 @@ def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     data = (tmp_path / "in" / "a.2.png").read_bytes()
     (tmp_path / "in" / "a.2.png").write_bytes(data[:-40])
     source = read_source(tmp_path / "in")
-    with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short"):
+    with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short") as caught:
         import_frames(source, tmp_path / "out", operator="", object_name="")
+    assert caught.value.__notes__ == [
+        f"{tmp_path / 'out'}: an incomplete session stays behind: delete it, then import again"
+    ]
     session = Session.open(tmp_path / "out")
     assert not session.complete
     assert len(session.frames) == 2

@@ -115,9 +115,7 @@ def changed(**changes: object) -> str:
         pytest.param("[]", "valid dictionary|object", id="a list"),
         pytest.param(changed().replace('"version": 1', '"version": 2'), "version", id="version"),
         pytest.param(changed().replace("sgp-lights", "lights"), "format", id="format"),
-        pytest.param(
-            changed(colour="red"), "lights.1.colour: is not a known key", id="unknown key"
-        ),
+        pytest.param(changed(colour="red"), "unknown key 'lights.1.colour'", id="unknown key"),
         pytest.param(changed(position_mm=[0, 0, 0]), "light L00 is a zero vector", id="zero"),
         pytest.param(
             changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1", id="NaN"

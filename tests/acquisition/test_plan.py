@@ -62,7 +62,9 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         pytest.param("leds=[0]\nexposures_us=[5]\nrepeats=0", "repeats", id="no-repeat"),
         pytest.param("leds=[0]\nexposures_us=[5]\ngain_db=-1", "gain_db", id="negative-gain"),
         pytest.param("leds=[0]", "exposures_us", id="key-missing"),
-        pytest.param("leds=[0]\nexposures_us=[5]\nled=3", "led: is not a known key", id="unknown"),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5]\nled=3", "unknown key 'led'; known are leds", id="unknown"
+        ),
         pytest.param("leds=[0", "is not TOML", id="not-toml"),
         pytest.param("\x00", "is not TOML", id="binary"),
     ],

@@ -120,7 +120,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             toml_with("[camera]", 'colour = "red"\n[camera]'),
             "session.toml",
-            "colour: is not a known key",
+            "unknown key 'plan.colour'",
             id="unknown-key",
         ),
         pytest.param(

@@ -50,6 +50,18 @@ def test_everything_is_read(folder: Path) -> None:
     assert source.mask is not None
     np.testing.assert_array_equal(source.mask, NORMALS[..., 2] > 0)
     assert source.warnings == ()
+    texts = {"filenames.txt", "light_directions.txt", "light_intensities.txt"}
+    assert {path.name for path in source.files} == {*NAMES, "mask.png", "Normal_gt.mat"} | texts
+    assert source.ignored == ()
+
+
+def test_what_is_not_used_is_told(folder: Path) -> None:
+    write_png(folder / "other.mask.png", np.full((4, 6), 255, np.uint8))
+    (folder / "notes.txt").write_text("hello")
+    source = read_source(folder, mask_path=folder / "other.mask.png")
+    assert source.ignored == ("mask.png", "notes.txt")
+    (folder / "light_directions.txt").unlink()
+    assert "light_intensities.txt" in read_source(folder).ignored
 
 
 def test_without_truth_mask_and_lights(folder: Path) -> None:

@@ -59,6 +59,8 @@ def test_natural_order_mask_and_ignored(tmp_path: Path) -> None:
     assert source.ignored == ("chrome.albedo.png", "notes.txt", "results")
     assert source.mask is not None
     assert np.argwhere(source.mask).tolist() == [[2, 2]]
+    names = [f"chrome.{i}.png" for i in (0, 1, 2, 10, 11)]
+    assert source.files == tuple(folder / name for name in [*names, "chrome.mask.png"])
     assert source.size == (4, 6)
     assert (source.black_level, source.white_level, source.cfa) == (0, 255, None)
     assert source.lights is None
@@ -145,7 +147,7 @@ def test_a_frame_that_changes_later_is_named(tmp_path: Path) -> None:
     [
         (write_png, "png", np.zeros((4, 6), np.uint8), 255),
         (write_tiff, "tif", np.zeros((4, 6), np.uint16), 65535),
-        (write_exr, "exr", np.zeros((4, 6), np.float32), 1),
+        (write_exr, "exr", np.zeros((4, 6), np.float32), np.inf),
     ],
 )
 def test_white_level_by_type(
@@ -174,6 +176,19 @@ def test_lights_by_order_with_a_warning(tmp_path: Path) -> None:
     (warning,) = source.warnings
     assert "by order" in warning
     assert "L00" in warning
+
+
+def test_names_with_words_after_dots_find_their_lights(tmp_path: Path) -> None:
+    names = ("scan.left", "scan.up", "IMG_0.v1")
+    folder = fill(tmp_path, *[f"{name}.png" for name in names])
+    rows = "".join(f"{name}.png {i} 0 10\n" for i, name in reversed([*enumerate(names)]))
+    (folder / "dome.lp").write_text(f"3\n{rows}")
+    source = read_source(folder)
+    assert source.light_ids == ("IMG_0.v1", "scan.up", "scan.left")
+    assert indices(source.lights) == [2, 1, 0]
+    again = read_source(folder, lights=cone(3, ("scan.up", "scan.left", "img_0.v1")))
+    assert indices(again.lights) == [2, 0, 1]
+    assert again.warnings == ()
 
 
 def test_lights_and_images_in_other_numbers(tmp_path: Path) -> None:
@@ -208,6 +223,7 @@ def test_a_given_mask_wins(tmp_path: Path) -> None:
     source = read_source(folder, mask_path=tmp_path / "given.png")
     assert source.mask is not None
     assert np.argwhere(source.mask).tolist() == [[0, 0]]
+    assert source.files == (folder / "a.0.png", tmp_path / "given.png")
     assert source.ignored == ("mask.png", "other.mask.png")
     with pytest.raises(DataError, match=r"mask\.png and other\.mask\.png are both masks"):
         read_source(folder)
@@ -258,6 +274,7 @@ def test_an_lp_chooses_the_images_by_name(tmp_path: Path, named: str) -> None:
     assert source.kind == "lp"
     assert [frame.path.name for frame in source.frames] == ["img 10.png", "img 1.png"]
     assert indices(source.lights) == [0, 1]
+    assert source.files == tuple(folder / name for name in ("img 10.png", "img 1.png", "dome.lp"))
     assert source.ignored == ("img 2.png",)
     assert source.warnings == ()
 

@@ -10,12 +10,13 @@ import pytest
 
 from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError
-from acquisition._images import write_png
+from acquisition._images import write_exr, write_png
 from acquisition._lights import Lights
 from acquisition._manifest import CameraModelRecord, CameraRecord, LightsRecord, Manifest
 from acquisition._plan import CapturePlan
 from acquisition._session_writer import SessionWriter
 from acquisition._source_reader import read_source
+from acquisition._verify import verify_session
 
 SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])
@@ -66,7 +67,61 @@ def test_a_complete_session(tmp_path: Path) -> None:
     assert source.camera.working_distance_mm == 300
     assert source.size == SHAPE
     assert source.mask is None
+    assert source.normals_truth is None
     assert source.warnings == ()
+    others = ("session.toml", "journal.jsonl", "COMPLETE")
+    assert {*source.files} == {
+        *(frame.path for frame in source.frames),
+        *(tmp_path / "s" / name for name in others),
+    }
+
+
+def test_the_mask_in_derived_is_the_mask(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    (folder / "derived").mkdir()
+    mask = np.zeros(SHAPE, np.uint8)
+    mask[1, 2] = 255
+    write_png(folder / "derived" / "mask.png", mask)
+    source = read_source(folder)
+    assert source.mask is not None
+    assert np.argwhere(source.mask).tolist() == [[1, 2]]
+    assert folder / "derived" / "mask.png" in source.files
+    assert verify_session(folder).ok
+    write_png(tmp_path / "given.png", 255 - mask)
+    given = read_source(folder, mask_path=tmp_path / "given.png")
+    assert given.mask is not None
+    assert not given.mask[1, 2]
+    assert tmp_path / "given.png" in given.files
+    assert folder / "derived" / "mask.png" not in given.files
+    write_png(folder / "derived" / "mask.png", mask.T.copy())
+    with pytest.raises(DataError, match=r"mask\.png: a mask of 4 x 6"):
+        read_source(folder)
+
+
+def test_the_true_mask_stands_in_for_none(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    derived = folder / "derived"
+    (derived / "truth").mkdir(parents=True)
+    inside = np.zeros(SHAPE, np.uint8)
+    inside[3, 5] = 255
+    write_png(derived / "truth" / "mask.png", inside)
+    source = read_source(folder)
+    assert source.mask is not None
+    assert np.argwhere(source.mask).tolist() == [[3, 5]]
+    assert derived / "truth" / "mask.png" in source.files
+    write_png(derived / "mask.png", 255 - inside)
+    again = read_source(folder)
+    assert again.mask is not None
+    assert not again.mask[3, 5]
+
+
+def test_normals_in_derived_that_do_not_fit(tmp_path: Path) -> None:
+    folder = session(tmp_path / "s")
+    truth = folder / "derived" / "truth"
+    truth.mkdir(parents=True)
+    write_exr(truth / "normals.exr", np.zeros((3, 4, 3), np.float32))
+    with pytest.raises(DataError, match=r"normals\.exr: float32 of shape \(3, 4, 3\)"):
+        read_source(folder)
 
 
 def test_given_lights_mask_and_camera_win(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """CameraModel: its frame against OpenCV's, rays against projection, what it refuses."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -8,12 +9,19 @@ from acquisition import CameraModel, DataError
 K = np.array([[1000.0, 0, 320], [0, 1010, 240], [0, 0, 1]])
 
 
+def _sheared(skew):
+    sheared = K.copy()
+    sheared[0, 1] = skew
+    return sheared
+
+
 def test_up_in_the_scene_is_up_in_the_image():
     camera = CameraModel(K, 640, 480, 600.0)
     x, y = camera.project([10.0, 20.0, 0.0])
     np.testing.assert_allclose([x, y], [320 + 1000 * 10 / 600, 240 - 1010 * 20 / 600])
 
 
+@pytest.mark.parametrize("skew", [0.0, 50.0])
 @pytest.mark.parametrize(
     "distortion",
     [
@@ -21,8 +29,8 @@ def test_up_in_the_scene_is_up_in_the_image():
         pytest.param([-0.2, 0.1, 1e-3, -2e-3, 0.02], id="Brown"),
     ],
 )
-def test_rays_invert_projection(distortion):
-    camera = CameraModel(K, 640, 480, 600.0, distortion)
+def test_rays_invert_projection(distortion, skew):
+    camera = CameraModel(_sheared(skew), 640, 480, 600.0, distortion)
     points = np.random.default_rng(0).uniform(-80, 80, (200, 3))
     depth = 600.0 - points[:, 2:]
     back = camera.centre_mm + depth * camera.rays(camera.project(points))
@@ -57,3 +65,20 @@ def test_camera_refuses(arguments, message):
 def test_no_working_distance_says_what_to_add():
     with pytest.raises(DataError, match="working_distance_mm"):
         CameraModel(K, 4, 4).points_on_plane()
+
+
+def test_projection_is_opencvs_where_there_is_no_skew():
+    distortion = np.array([-0.2, 0.1, 1e-3, -2e-3, 0.02])
+    camera = CameraModel(K, 640, 480, 600.0, distortion)
+    points = np.random.default_rng(1).uniform(-80, 80, (50, 3))
+    seen = (points - [0, 0, 600]) * [1, -1, -1]
+    expected, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), K, distortion)
+    np.testing.assert_allclose(camera.project(points), expected[:, 0], atol=1e-9)
+
+
+def test_skew_shears_the_image():
+    sheared = CameraModel(_sheared(50.0), 640, 480, 600.0)
+    x, y = sheared.project([10.0, 20.0, 0.0])
+    np.testing.assert_allclose(
+        [x, y], [320 + 1000 * 10 / 600 - 50 * 20 / 600, 240 - 1010 * 20 / 600]
+    )

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import DataError, Lights, light_id
+from acquisition import DataError, Lights, led_id, light_id
 
 UP = [[0.0, 0.0, 1.0]]
 
@@ -50,6 +50,14 @@ def test_near_light_follows_the_inverse_square_and_cosine_laws():
 def test_a_point_behind_the_led_gets_no_light():
     lights = Lights(positions_mm=[[0, 0, 100.0]], mu=[0.0])
     np.testing.assert_array_equal(lights.vectors_at([0.0, 0.0, 150.0]), [[0, 0, 0]])
+
+
+@pytest.mark.parametrize("mu", [0.0, 1.5])
+def test_a_point_on_the_led_gets_no_light_and_no_warning(mu):
+    lights = Lights(positions_mm=[[30.0, 0, 100.0], [0, 0, 400.0]], mu=[mu, mu])
+    on, beside = lights.vectors_at([[30.0, 0.0, 100.0], [0.0, 0.0, 0.0]])[0]
+    np.testing.assert_array_equal(on, 0)
+    np.testing.assert_allclose(np.linalg.norm(beside), 1)
 
 
 def test_a_light_that_points_away_is_refused():
@@ -114,8 +122,23 @@ def test_match_refuses(names, message):
         pytest.param("a/b/chrome.0.tga", "chrome.0", id="number before the type"),
         pytest.param("chrome.0", "chrome.0", id="a number is no file type"),
         pytest.param("L07", "l07", id="LED"),
+        pytest.param("scan.left.PNG", "scan.left", id="a word after a dot is no file type"),
+        pytest.param("IMG_0.v1", "img_0.v1", id="a version is no file type"),
+        pytest.param("IMG_0.CR2", "img_0", id="camera RAW"),
+        pytest.param("a.tif.png", "a", id="two file types"),
+        pytest.param(".png", ".png", id="nothing but a file type"),
+        pytest.param("C:/", "c:", id="a drive"),
     ],
 )
 def test_light_id_is_the_stem(name, expected):
     assert light_id(name) == expected
     assert light_id(expected) == expected
+
+
+@given(st.text() | st.text(alphabet="a.:/\\ tifpngTIFPNG", max_size=20))
+def test_light_id_is_idempotent(name):
+    assert light_id(light_id(name)) == light_id(name)
+
+
+def test_led_id_has_two_digits_or_more():
+    assert [led_id(led) for led in (7, 35, 100)] == ["L07", "L35", "L100"]

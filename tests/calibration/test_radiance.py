@@ -73,7 +73,8 @@ def test_brackets_merge_from_the_longest_that_is_not_saturated():
 def test_sample_saturated_in_every_bracket_is_nan():
     radiance = np.array([[1.0, 1e6]])
     frames = [
-        frame(f"a{t}", dn(radiance, t), exposure_us=t, light_id="L00") for t in (20000.0, 40.0)
+        frame(f"a{t}", dn(radiance, t), exposure_us=t, bracket=b, light_id="L00")
+        for b, t in enumerate((20000.0, 40.0))
     ]
     values = linear_stack(source(frames)).values
     assert np.isfinite(values[0, 0, 0])
@@ -139,6 +140,63 @@ def test_gamma_only_where_given():
     one = source([frame("a", image)], None, 0.0, 1.0)
     assert linear_stack(one).values == pytest.approx(0.5)
     assert linear_stack(one, gamma=2.2).values == pytest.approx(0.5**2.2, rel=1e-6)
+
+
+def test_gamma_undoes_the_curve_of_light_and_dark_before_the_difference():
+    """A display curve over an exact sensor: what comes back is the light without the room."""
+    light, room, gamma = np.array([[0.02, 0.3]]), 0.1, 2.2
+
+    def encoded(radiance):
+        return (radiance ** (1 / gamma)).astype(np.float32)
+
+    frames = [
+        frame("L00", encoded(light + room), exposure_us=10.0),
+        frame("A", encoded(np.full((1, 2), room)), "ambient", 10.0),
+    ]
+    values = linear_stack(source(frames, black=0.0, white=np.inf), gamma=gamma).values
+    assert values[0] == pytest.approx(light, rel=1e-5)
+
+
+def test_float_images_never_saturate_and_keep_their_scale():
+    image = np.array([[0.5, 1.0], [3.0, 65504.0]], np.float32)
+    values = linear_stack(source([frame("a", image)], black=0.0, white=np.inf)).values
+    np.testing.assert_array_equal(values[0], image)
+
+
+def test_an_image_without_one_unsaturated_sample_may_come_first():
+    white = np.full((2, 2), 4095, np.uint16)
+    values = linear_stack(source([frame("a", white), frame("b", white // 2)])).values
+    assert np.isnan(values[0]).all()
+    assert values[1] == pytest.approx((4095 // 2 - BLACK) / (WHITE - BLACK), rel=1e-6)
+
+
+def test_repeats_are_averaged_though_their_exposures_differ_by_a_hair():
+    """One radiance, each frame exposed a little longer than the last and rounded on its own."""
+    exposures = (10_000.0, 10_000.5, 10_001.0, 10_002.0)
+    noise = (-30, 10, 40, -20)
+    frames = [
+        frame(
+            f"r{repeat}",
+            np.full((2, 2), BLACK + 0.1 * exposure + error, np.float32),
+            exposure_us=exposure,
+            light_id="L00",
+        )
+        for repeat, (exposure, error) in enumerate(zip(exposures, noise, strict=True))
+    ]
+    dark = frame("D", np.full((2, 2), BLACK, np.float32), "dark", 10_001.0)
+    stack = linear_stack(source([*frames, dark]))
+    # The errors cancel in the mean; alone, each would shift it by 1 % or more.
+    expected = 0.1 * exposures[-1] / (WHITE - BLACK)
+    assert stack.values == pytest.approx(expected, rel=1e-5)
+    assert stack.warnings == ()
+
+
+def test_each_repeat_is_divided_by_its_own_exposure():
+    frames = [
+        frame("r0", np.full((1, 1), BLACK + 100, np.float32), exposure_us=1000.0, light_id="L00"),
+        frame("r1", np.full((1, 1), BLACK + 200, np.float32), exposure_us=2000.0, light_id="L00"),
+    ]
+    assert linear_stack(source(frames)).values.item() == pytest.approx(200 / (WHITE - BLACK))
 
 
 def test_repeats_are_averaged():

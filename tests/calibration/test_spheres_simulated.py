@@ -1,10 +1,13 @@
 """Four chrome spheres on a card, rendered by the simulator, found and calibrated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from acquisition import DataError
-from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
+from calibration import EstimateError, Stack, _spheres, calibrate_spheres, find_spheres
+from calibration._sphere_images import sphere_images
 from simulator import render, scene_named
 from simulator._sensor import sensor_image
 
@@ -70,6 +73,69 @@ def test_faint_outlines_on_velvet_beside_an_object():
     error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
     assert error_mm.mean() < 4.0
     assert angle_deg(result.lights.unit_directions, truth.lights.unit_directions).mean() < 0.4
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_one_radius_for_spheres_of_three_leaves_those_that_have_it(seed):
+    """Near the smaller spheres something looks round and large enough; it must not count."""
+    values, truth = capture(seed)
+    result = calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    assert error_mm.mean() < 1.5
+    large = truth.sphere_centres_mm[truth.sphere_radii_mm == 20]
+    for sphere in result.spheres:
+        assert np.linalg.norm(large - sphere.centre_mm, axis=1).min() < 0.8
+    assert len(result.spheres) == 2
+    assert sum("was left out: its outline scatters" in w for w in result.warnings) == 2
+
+
+@pytest.mark.parametrize("radius_mm", [14.0, 16.0])
+def test_lights_of_spheres_that_contradict_each_other_are_not_to_be_trusted(one, radius_mm):
+    values, truth = one
+    result = calibrate_spheres(values, camera=truth.camera, radius_mm=radius_mm)
+    assert any("these lights are not to be trusted" in w for w in result.warnings)
+
+
+def found_images(values, truth):
+    """What the search would return, made from masks so that a test can spoil it."""
+    return sphere_images(values, list(truth.sphere_masks), None, [])
+
+
+def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch):
+    values, truth = one
+    images = found_images(values, truth)
+    wrong = images[0].highlights
+    order = np.random.default_rng(0).permutation(len(values))
+    images[0] = replace(
+        images[0], highlights=replace(wrong, pixels=wrong.pixels[order], saturated=wrong.saturated)
+    )
+    monkeypatch.setattr(_spheres, "sphere_images", lambda *_: images)
+    result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 16, 14, 20))
+    assert len(result.spheres) == 3
+    assert "(112, 125) px was left out" in result.warnings[0]
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    assert error_mm.mean() < 1.5
+
+
+def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch):
+    values, truth = one
+    draw = np.random.default_rng(1)
+    images = found_images(values, truth)
+    images[1:] = [
+        replace(image, points_px=image.points_px + draw.normal(0, 1, image.points_px.shape))
+        for image in images[1:]
+    ]
+    monkeypatch.setattr(_spheres, "sphere_images", lambda *_: images)
+    with pytest.raises(EstimateError, match="positions need two spheres"):
+        calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
+    directions = calibrate_spheres(values, camera=truth.camera)
+    assert len(directions.spheres) == 1
+
+
+def test_no_sphere_of_the_size_says_what_was_looked_for(one):
+    values, truth = one
+    with pytest.raises(EstimateError, match=r"[1-9]\d* round .*, 0 of them of a radius near 6 px"):
+        calibrate_spheres(values, camera=truth.camera, radius_mm=2.6)
 
 
 def test_found_spheres_must_match_the_radii(one):

@@ -3,6 +3,7 @@
 import time
 
 import pytest
+import serial
 
 from rig import Board, BoardError
 from simulator._board_faults import BoardFault
@@ -184,3 +185,23 @@ def test_unplugged(own_bench):
     time.sleep(0.2)
     assert burning(own_bench) is None
     board.close()
+
+
+def test_a_port_that_cannot_be_closed_does_not_hide_why_it_was_refused(bench, monkeypatch):
+    really_close = serial.Serial.close
+
+    def close(self):
+        really_close(self)
+        raise OSError("stuck")
+
+    def handshake(self, timeout_s):
+        raise BoardError("the first thing to go wrong")
+
+    monkeypatch.setattr(serial.Serial, "close", close)
+    monkeypatch.setattr(Board, "_handshake", handshake)
+    with pytest.raises(BoardError, match="the first thing") as caught:
+        Board(bench.virtual.port)
+    assert len(caught.value.__notes__) == 1
+    assert caught.value.__notes__[0].startswith("on closing: LED board on")
+    monkeypatch.undo()
+    Board(bench.virtual.port).close()

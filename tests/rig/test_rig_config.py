@@ -6,7 +6,14 @@ from pathlib import Path
 import pytest
 
 import rig._open
-from rig import RigConfig, RigConfigError, open_rig, read_rig_config, rig_names
+from rig import (
+    RigConfig,
+    RigConfigError,
+    RigNotFoundError,
+    open_rig,
+    read_rig_config,
+    rig_names,
+)
 
 WHOLE = """
 name = "dome"
@@ -64,14 +71,24 @@ def test_bytes_that_are_no_text(tmp_path: Path):
         read_rig_config(tmp_path / "rig.toml")
 
 
-def test_a_file_that_is_not_there(tmp_path: Path):
-    with pytest.raises(RigConfigError, match="No such file"):
-        read_rig_config(tmp_path / "rig.toml")
+@pytest.mark.parametrize("name", ["rig.toml", "RIG.TOML", "sub/bench", "sub/simulated"])
+def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RigNotFoundError, match="no such rig file"):
+        open_rig(name)
+    with pytest.raises(RigNotFoundError, match="no such rig file"):
+        read_rig_config(tmp_path / name)
+
+
+def test_a_folder_is_no_rig_file(tmp_path: Path):
+    with pytest.raises(RigConfigError, match="Is a directory") as error:
+        open_rig(str(tmp_path))
+    assert not isinstance(error.value, RigNotFoundError)
 
 
 def test_an_unknown_name_lists_the_known_ones():
     assert "simulated" in rig_names()
-    with pytest.raises(RigConfigError, match=r"called 'simulatd' .*known: .*simulated"):
+    with pytest.raises(RigNotFoundError, match=r"called 'simulatd' .*known: .*simulated"):
         open_rig("simulatd")
 
 

@@ -60,6 +60,52 @@ def test_a_light_that_goes_dark_in_the_exposure_costs_the_frame(bench):
         assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
 
 
+def late(rig, monkeypatch, seconds):
+    """Let frames come this much later than they do."""
+    fetch = rig.camera.fetch
+
+    def fetch_late(frame_id, timeout_s):
+        time.sleep(seconds)
+        return fetch(frame_id, timeout_s)
+
+    monkeypatch.setattr(rig.camera, "fetch", fetch_late)
+
+
+def test_a_frame_may_be_as_late_as_the_rig_file_allows(bench, monkeypatch):
+    with bench.rig(frame_timeout_s=2.0) as rig:
+        late(rig, monkeypatch, 1.9)
+        assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
+
+
+@pytest.mark.parametrize(
+    ("settle_ms", "exposure_us", "frame_timeout_s", "hold_ms"),
+    [
+        # ON is sent up to 3 times and OFF 8 times, 250 ms each.
+        pytest.param(4, 20_000, 2.0, 4 + 20 + 2000 + 2750, id="all that may come"),
+        pytest.param(4, 20_500, 0.05, 4 + 20.5 + 50 + 2750 + 0.5, id="whole milliseconds"),
+        pytest.param(0, 20_000, 60.0, 10_000, id="no more than the board gives"),
+    ],
+)
+def test_the_hold_covers_the_whole_shot(
+    bench, settle_ms, exposure_us, frame_timeout_s, hold_ms, monkeypatch
+):
+    with bench.rig(settle_ms=settle_ms, frame_timeout_s=frame_timeout_s) as rig:
+        asked = []
+        on = rig.board.on
+        monkeypatch.setattr(rig.board, "on", lambda *args: asked.append(args) or on(*args))
+        rig.shoot(6, exposure_us)
+    assert asked == [(6, hold_ms)]
+
+
+def test_a_hold_that_ends_while_the_frame_is_awaited_is_told(bench, monkeypatch):
+    with bench.rig(frame_timeout_s=2.0) as rig:
+        monkeypatch.setattr(rig, "_hold_ms", lambda: 150)
+        late(rig, monkeypatch, 0.3)
+        with pytest.raises(BoardError, match=r"the hold of LED 6 ended while .* awaited") as error:
+            rig.shoot(6, EXPOSURE_US)
+        assert "supply" not in str(error.value)
+
+
 def test_a_reset_in_the_exposure_costs_the_frame(bench):
     with bench.rig() as rig:
         bench.virtual.set_faults(BoardFault(kind="reset", verb="OFF"))
@@ -123,9 +169,9 @@ def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatc
     monkeypatch.setattr(rig.camera, "fetch", unplugged_too)
     with pytest.raises(CameraError, match="the first thing") as error, rig:
         rig.shoot(2, EXPOSURE_US)
-    notes = " ".join(error.value.__notes__)
-    assert "not confirmed off" in notes
-    assert "on closing" in notes
+    told = [note.partition(": LED board on ")[0] for note in error.value.__notes__]
+    assert told[:2] == ["LEDs not confirmed off", "on closing"]
+    assert "unplugged" in error.value.__notes__[0]
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["normals"], 2, "--help", id="no source"),
         pytest.param(["nonsense"], 2, "nonsense", id="unknown command"),
         pytest.param(["normals", ".", "--out", "o", "--method", "best"], 2, "best", id="method"),
-        pytest.param(["rig", "check", "--rig", "unicorn"], 3, "unicorn", id="unknown rig"),
+        pytest.param(["rig", "check", "--rig", "unicorn"], 2, "unicorn", id="unknown rig"),
     ],
 )
 def test_usage(sgp, tmp_path, monkeypatch, words, code, said):

@@ -56,6 +56,14 @@ def test_parts_combine_to_the_normals_they_came_from(sgp, demo, tmp_path):
 def test_a_second_demo_replaces_the_first_and_nothing_else(sgp, demo):
     (demo / "notes.txt").write_text("keep me", encoding="utf-8")
     before = (demo / "lights.json").read_bytes()
+    edited = demo / "detail" / "edited.png"
+    edited.write_bytes(b"an afternoon of retouching")
+    refused = sgp("demo", "--out", demo, "--seed", "8")
+    assert refused.code == 2
+    assert "detail" in refused.err
+    assert edited.read_bytes() == b"an afternoon of retouching"
+    edited.rename(demo / "edited.png")
     assert sgp("demo", "--out", demo, "--seed", "8").code == 0
     assert (demo / "notes.txt").read_text(encoding="utf-8") == "keep me"
+    assert (demo / "edited.png").exists()
     assert (demo / "lights.json").read_bytes() != before

@@ -2,15 +2,30 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import Lights
-from simulator import ChromeSphere, find_highlights, render, scene_named
-from simulator._chrome import mirror_points, splat
+from acquisition import CameraModel, Lights
+from simulator import (
+    ChromeSphere,
+    Even,
+    SphericalCap,
+    bench_camera,
+    dome_lights,
+    find_highlights,
+    render,
+    scene_named,
+)
+from simulator._chrome import draw_highlights, splat
+from simulator._lens import Lens
+from simulator._mirror import mirror_points
+from simulator._shadow import Occluders
 
+LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
+EYE = np.array([0.0, 0.0, 600.0])
 SCENE = scene_named("spheres", width=320, height=256, seed=11)
 RENDERING = render(SCENE)
 
@@ -56,12 +71,12 @@ def test_ray_of_the_highlight_meets_the_led():
     led=st.tuples(st.floats(-500, 500), st.floats(-500, 500), st.floats(120, 600)),
 )
 def test_mirror_point_obeys_the_law_of_reflection(place, radius, led):
-    sphere, eye, led = ChromeSphere(place, radius), np.array([0, 0, 600.0]), np.array(led)
-    points, visible = mirror_points(eye, sphere, led[None])
+    sphere, led = ChromeSphere(place, radius), np.array(led)
+    points, visible = mirror_points(LENS, sphere, led[None], near=True)
     assert visible[0]
     normal = (points[0] - place) / radius
     assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-9)
-    to_eye, to_led = eye - points[0], led - points[0]
+    to_eye, to_led = EYE - points[0], led - points[0]
     half = to_eye / np.linalg.norm(to_eye) + to_led / np.linalg.norm(to_led)
     # The half way between both directions is the normal, on the outer side.
     np.testing.assert_allclose(half / np.linalg.norm(half), normal, atol=1e-9)
@@ -69,17 +84,19 @@ def test_mirror_point_obeys_the_law_of_reflection(place, radius, led):
 
 def test_led_on_the_line_of_sight_shows_at_the_centre():
     sphere = ChromeSphere((40.0, -30.0, 15.0), 15.0)
-    eye = np.array([0, 0, 600.0])
-    led = eye + 0.4 * (np.array(sphere.centre_mm) - eye)
-    points, visible = mirror_points(eye, sphere, led[None])
-    toward = (eye - sphere.centre_mm) / np.linalg.norm(eye - sphere.centre_mm)
+    led = EYE + 0.4 * (np.array(sphere.centre_mm) - EYE)
+    points, visible = mirror_points(LENS, sphere, led[None], near=True)
+    toward = (EYE - sphere.centre_mm) / np.linalg.norm(EYE - sphere.centre_mm)
     assert visible[0]
     np.testing.assert_allclose(points[0], sphere.centre_mm + 15.0 * toward, atol=1e-9)
 
 
 def test_led_behind_the_sphere_is_not_seen():
-    sphere, eye = ChromeSphere((0, 0, 100.0), 50.0), np.array([0, 0, 600.0])
-    _, visible = mirror_points(eye, sphere, np.array([[0.0, 0.1, 20.0], [300.0, 0, 300.0]]))
+    sphere, leds = (
+        ChromeSphere((0, 0, 100.0), 50.0),
+        np.array([[0.0, 0.1, 20.0], [300.0, 0, 300.0]]),
+    )
+    _, visible = mirror_points(LENS, sphere, leds, near=True)
     assert visible.tolist() == [False, True]
 
 
@@ -122,7 +139,7 @@ def test_drawn_highlight_lies_where_the_truth_says():
 
 
 def test_drawn_highlight_holds_its_energy():
-    dark = replace(SCENE, board_albedo=0.0, surroundings=0.0, ambient=0.0)
+    dark = replace(SCENE, board=Even(0.0), surroundings=0.0, ambient=0.0)
     signal = find_highlights(dark).signal * dark.electrons_per_us
     planes = render(dark).planes
     for s, mask in enumerate(RENDERING.truth.sphere_masks):
@@ -137,46 +154,211 @@ def _wider(mask, by=6):
     return wide
 
 
+FAR_CAMERA = bench_camera(640, 512)
+DISTORTED = CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-0.9, 0.3, 0.01, -0.02, 0.0]))
+LENSES = [
+    pytest.param(Lens.of(FAR_CAMERA), id="pinhole"),
+    pytest.param(Lens.of(DISTORTED), id="distorted"),
+    pytest.param(Lens.orthographic(640, 512, 0.458, 600.0), id="orthographic"),
+]
+
+
+def _bench(lens, **more):
+    """Four spheres in full view under nine LEDs."""
+    aside = [(-92.0, 58.0, 20.0), (84.0, 66.0, 16.0), (-70.0, -62.0, 14.0), (116.0, -84.0, 20.0)]
+    spheres = tuple(ChromeSphere(place, place[2]) for place in aside)
+    scene = replace(SCENE, lens=lens, lights=dome_lights(9, seed=3), spheres=spheres)
+    return replace(scene, **more)
+
+
+def _opencv_rays(lens, pixels):
+    """Origins and unit rays by OpenCV, or by hand for the orthographic lens."""
+    if lens.camera is None:
+        rows, columns = lens.size
+        flat = (pixels - [(columns - 1) / 2, (rows - 1) / 2]) * [lens.pixel_mm, -lens.pixel_mm]
+        origins = np.column_stack([flat, np.full(len(flat), lens.height_mm)])
+        return origins, np.tile([0.0, 0, -1], (len(pixels), 1))
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-13)
+    flat = cv2.undistortPoints(
+        pixels[:, None], lens.camera.K, lens.camera.distortion, criteria=stop
+    )[:, 0]
+    rays = np.column_stack([flat, np.ones(len(flat))]) * [1, -1, -1]
+    return np.tile([0, 0, 600.0], (len(rays), 1)), rays / np.linalg.norm(rays, axis=1)[:, None]
+
+
+def _reflected(lens, sphere, pixels):
+    origins, rays = _opencv_rays(lens, pixels)
+    offset = origins - sphere.centre_mm
+    b = (rays * offset).sum(axis=1)
+    t = -b - np.sqrt(b * b - (offset**2).sum(axis=1) + sphere.radius_mm**2)
+    start = origins + t[:, None] * rays
+    normal = (start - sphere.centre_mm) / sphere.radius_mm
+    return start, rays - 2 * (rays * normal).sum(axis=1)[:, None] * normal
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_ray_of_the_highlight_meets_the_led_under_every_lens(lens):
+    bench = _bench(lens)
+    found = find_highlights(bench).pixels
+    for sphere, pixels in zip(bench.spheres, found, strict=True):
+        start, way = _reflected(lens, sphere, pixels)
+        toward = bench.lights.positions_mm - start
+        assert np.linalg.norm(np.cross(toward, way), axis=1).max() < 1e-6
+        assert (toward * way).sum(axis=1).min() > 0
+
+
+@pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize(
-    ("turn", "mu"),
+    ("turn", "mu", "radius"),
     [
-        pytest.param((0.0, 0.0, 0.0), 1.0, id="lambertian"),
-        pytest.param((0.5, -0.4, 0.2), 3.0, id="narrow-and-askew"),
+        pytest.param((0.0, 0.0, 0.0), 1.0, 2.0, id="lambertian"),
+        pytest.param((0.5, -0.4, 0.2), 3.0, 12.0, id="narrow-and-askew"),
+        pytest.param((0.0, 0.3, 0.2), 1.0, 40.0, id="wide"),
     ],
 )
-def test_energy_agrees_with_counting_rays(turn, mu):
-    """Trace a fine grid of rays and count those that end on the luminous disc."""
-    n, radius, fine = 5, 12.0, 60
-    lights = replace(SCENE.lights, axes=SCENE.lights.axes + turn, mu=np.full(len(SCENE.lights), mu))
-    scene = replace(SCENE, led_radius_mm=radius, lights=lights)
-    found, sphere = find_highlights(scene), scene.spheres[0]
-    led, axis = scene.lights.positions_mm[n], scene.lights.axes[n]
-    pixel, on_disc, weight = found.pixels[0, n], 0, 0.0
-    for dx in (np.arange(2 * fine) + 0.5) / fine - 1:
-        for dy in (np.arange(2 * fine) + 0.5) / fine - 1:
-            start, way = _mirrored(scene.camera, sphere, pixel + 0.8 * np.array([dx, dy]))
-            end = start + ((led - start) @ axis) / (way @ axis) * way
-            if np.linalg.norm(end - led) < radius:
-                cosine = -(way @ axis)
-                on_disc += 1
-                weight += cosine ** (mu - 1)
-    assert on_disc > 200
-    # A disc of radiance L cos^(mu-1) gives E = L pi a^2 cos^mu / r^2; white shows E / pi.
-    squared = led @ led
-    at_origin = (-(led @ axis) / np.sqrt(squared)) ** mu
-    radiance = scene.irradiance[n] * squared / at_origin / (np.pi * radius**2)
-    expected = np.pi * sphere.reflectance * radiance * weight * (0.8 / fine) ** 2
-    assert found.signal[0, n] == pytest.approx(expected, rel=0.02)
+def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
+    """Trace a fine grid of rays and weigh those that end on the luminous disc."""
+    dome = dome_lights(9, seed=3)
+    lights = replace(dome, axes=dome.axes + turn, mu=np.full(9, mu))
+    bench = _bench(lens, lights=lights, led_radius_mm=radius)
+    found, fine = find_highlights(bench), 120
+    for s, n in ((0, 5), (3, 0), (3, 7)):
+        sphere, led, axis = bench.spheres[s], lights.positions_mm[n], lights.axes[n]
+        spots = found.spots[s, n]
+        middle, half = spots.mean(axis=0), 0.8 * np.ptp(spots, axis=0).max()
+        step = half * ((np.arange(2 * fine) + 0.5) / fine - 1)
+        pixels = middle + np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+        start, way = _reflected(lens, sphere, pixels)
+        end = start + (((led - start) @ axis) / (way @ axis))[:, None] * way
+        weight = np.where(np.linalg.norm(end - led, axis=1) < radius, -(way @ axis), 0.0)
+        weight[weight > 0] **= mu - 1
+        assert np.count_nonzero(weight) > 5000
+        # A disc of radiance L cos^(mu-1) gives E = L pi a^2 cos^mu / r^2; white shows E / pi.
+        squared = led @ led
+        at_origin = (-(led @ axis) / np.sqrt(squared)) ** mu
+        radiance = bench.irradiance[n] * squared / at_origin / (np.pi * radius**2)
+        expected = np.pi * sphere.reflectance * radiance * weight.sum() * (half / fine) ** 2
+        assert found.signal[s, n] == pytest.approx(expected, rel=2e-3)
+        drawn = np.average(spots, axis=0, weights=found.shares[s, n])
+        np.testing.assert_allclose(
+            drawn, np.average(pixels, axis=0, weights=weight), atol=0.003 * max(half, 1)
+        )
 
 
-def test_energy_follows_radiance_and_not_the_disc():
+@pytest.mark.parametrize("lens", LENSES)
+def test_drawn_centroid_lies_on_the_mirror_point_under_every_lens(lens):
+    bench = _bench(lens)
+    found, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
+    draw_highlights(bench, found, planes)
+    y, x = np.mgrid[: lens.size[0], : lens.size[1]]
+    for s, sphere in enumerate(bench.spheres):
+        window = lens.window(sphere.centre_mm, sphere.radius_mm)
+        for n, plane in enumerate(planes):
+            spot = plane[window].astype(float)
+            place = [(spot * v[window]).sum() / spot.sum() for v in (x, y)]
+            np.testing.assert_allclose(place, found.pixels[s, n], atol=0.02)
+            assert spot.sum() == pytest.approx(found.signal[s, n], rel=1e-4)
+
+
+@pytest.mark.parametrize("lens", LENSES[1:])
+def test_rendered_highlight_lies_on_the_mirror_point_under_every_lens(lens):
+    """The whole picture: board and neighbouring spheres mirrored around the highlights too."""
+    scene = _bench(lens)
+    rendering = render(scene)
+    for n, plane in enumerate(rendering.planes):
+        for place in rendering.truth.highlights_px[:, n]:
+            np.testing.assert_allclose(_spot(plane, place)[0], place, atol=0.02)
+
+
+def test_orthographic_view_of_distant_lights_in_closed_form():
+    """Half way between view and light lies the normal; a mirror ball scatters evenly all around.
+
+    So each highlight holds pi E rho R^2 / 4 of area, wherever it is.
+    """
+    directions = np.array([[0.0, 0, 1], [0.3, -0.5, 0.6], [-0.9, 0.1, 0.1], [0.5, 0.5, 0.05]])
+    lights = Lights(directions=directions, intensities=np.array([1.0, 2, 3, 4]))
+    sphere = ChromeSphere((12.0, -7.0, 30.0), 25.0, reflectance=0.7)
+    found = find_highlights(
+        _bench(Lens.orthographic(401, 301, 0.25, 99.0), lights=lights, spheres=(sphere,))
+    )
+    half = lights.directions + np.array([0, 0, 1])
+    half /= np.linalg.norm(half, axis=1)[:, None]
+    pixels = (half[:, :2] * 25 + [12, -7]) / [0.25, -0.25] + [200, 150]
+    np.testing.assert_allclose(found.pixels[0], pixels, atol=1e-9)
+    expected = np.pi * lights.intensities[:, 0] * 0.7 * (25 / 0.25) ** 2 / 4
+    np.testing.assert_allclose(found.signal[0], expected, rtol=1e-6)
+
+
+def test_distant_lights_are_the_limit_of_far_leds():
+    lens, directions = Lens.of(DISTORTED), dome_lights(9, seed=3).unit_directions
+    distant = find_highlights(_bench(lens, lights=Lights(directions=directions)))
+    far = find_highlights(_bench(lens, lights=Lights(positions_mm=1e7 * directions)))
+    np.testing.assert_allclose(distant.pixels, far.pixels, atol=1e-3)
+    np.testing.assert_allclose(distant.signal, far.signal, rtol=1e-4)
+
+
+def test_bayer_pixels_take_their_own_colours_intensity():
+    lights = Lights(positions_mm=np.array([[100.0, 50, 400]]), intensities=np.array([[3.0, 2, 1]]))
+    grey, mosaic = (Lens.of(FAR_CAMERA, cfa=cfa, psf_sigma_px=3.0) for cfa in (None, "GRBG"))
+    planes = np.zeros((2, 1, *grey.size), np.float32)
+    for plane, lens in zip(planes, (grey, mosaic), strict=True):
+        bench = _bench(lens, lights=lights)
+        draw_highlights(bench, find_highlights(bench), plane)
+    seen = planes[0, 0] > 1e-3 * planes[0].max()
+    ratio = np.where(seen, planes[1, 0] / np.where(seen, planes[0, 0], 1), np.nan)
+    assert seen.sum() > 400
+    for row, column, gain in ((0, 0, 1.0), (0, 1, 1.5), (1, 0, 0.5), (1, 1, 1.0)):
+        values = ratio[row::2, column::2]
+        np.testing.assert_allclose(values[np.isfinite(values)], gain, rtol=1e-5)
+
+
+def test_a_hill_takes_the_highlights_of_the_leds_behind_it():
+    """The way from mirror point to LED passes through the ball of which the hill is a cap."""
+    hill = SphericalCap(70.0, 45.0)
+    ball = (70.0**2 + 45.0**2) / (2 * 45.0)
+    turn = np.arange(16) * 2 * np.pi / 16
+    low = np.stack([440 * np.cos(turn), 440 * np.sin(turn), np.full(16, 75.0)], axis=1)
+    sphere = ChromeSphere((95.0, 0.0, 12.0), 12.0)
+    scene = replace(
+        SCENE, body=hill, spheres=(sphere,), lights=Lights(positions_mm=low), led_radius_mm=1e-3
+    )
+    free = find_highlights(scene)
+    found = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
+    points, _ = mirror_points(scene.lens, sphere, low, near=True)
+    way = (low - points) / np.linalg.norm(low - points, axis=1)[:, None]
+    to_middle = np.array([0, 0, 45.0 - ball]) - points
+    along = (to_middle * way).sum(axis=1)
+    past = np.linalg.norm(to_middle - along[:, None] * way, axis=1) - ball
+    assert np.abs(past).min() > 0.5
+    hidden = (past < 0) & (along > 0)
+    assert 3 <= hidden.sum() <= 13
+    np.testing.assert_array_equal(np.isnan(found.signal[0]), hidden | np.isnan(free.signal[0]))
+    np.testing.assert_array_equal(found.pixels[0, ~hidden], free.pixels[0, ~hidden])
+
+
+def test_highlight_that_the_distortion_would_fold_into_the_image_is_left_out():
+    """A ball far outside the field: Brown's polynomial turns back and puts it into the image."""
+    lens = Lens.of(CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-1.5, 0, 0, 0, 0])))
+    # r - 1.5 r^3 vanishes at r = 0.816, and so would the distance from the image's centre.
+    away = ChromeSphere((0.816 * 560.0, 0.0, 40.0), 5.0)
+    lights = Lights(positions_mm=np.array([[300.0, 50, 400]]))
+    bench = _bench(lens, lights=lights, spheres=(away,))
+    place = lens.project(np.array([away.centre_mm]))[0]
+    assert 100 < place[0] < 540
+    planes = np.zeros((1, *lens.size), np.float32)
+    draw_highlights(bench, find_highlights(bench), planes)
+    assert np.isnan(find_highlights(bench).signal).all()
+    assert not planes.any()
+
+
+def test_energy_follows_radiance_and_hardly_the_disc():
     base = find_highlights(SCENE)
     lights = replace(SCENE.lights, intensities=2 * SCENE.lights.intensities)
     brighter = find_highlights(replace(SCENE, lights=lights))
     wider = find_highlights(replace(SCENE, led_radius_mm=20.0))
     np.testing.assert_allclose(brighter.signal, 2 * base.signal, rtol=1e-12)
-    np.testing.assert_allclose(wider.signal, base.signal, rtol=1e-12)
-    assert np.all(wider.sigma_px > base.sigma_px)
+    # Of second order in the angle that the disc fills, (20 / 450)^2.
+    np.testing.assert_allclose(wider.signal, base.signal, rtol=4e-3)
 
 
 def test_energy_in_pixels_grows_with_the_square_of_the_resolution():
@@ -224,7 +406,7 @@ def test_outline_is_smoothed():
         surroundings=0.0,
         ambient=1.0,
     )
-    level = black.board_albedo * black.electrons_per_us
+    level = black.board.albedo * black.electrons_per_us
     covered = 1 - render(black).ambient / level
     camera, fine = SCENE.camera, 12
     offset = (np.arange(fine) + 0.5) / fine - 0.5
@@ -251,7 +433,7 @@ def test_sphere_mirrors_the_board_and_the_dark():
         SCENE,
         spheres=(sphere,),
         lights=Lights(positions_mm=led[None]),
-        camera=scene_named("spheres", width=1281, height=1025).camera,
+        lens=scene_named("spheres", width=1281, height=1025).lens,
         board_radius_mm=1e4,
         ambient=0.0,
     )
@@ -262,6 +444,6 @@ def test_sphere_mirrors_the_board_and_the_dark():
     end = start - start[2] / way[2] * way
     toward = led - end
     r = np.linalg.norm(toward)
-    expected = 0.6 * scene.board_albedo * (np.linalg.norm(led) / r) ** 2 * toward[2] / r
+    expected = 0.6 * scene.board.albedo * (np.linalg.norm(led) / r) ** 2 * toward[2] / r
     assert way[2] < -0.3
     assert plane[pixel[1], pixel[0]] == pytest.approx(expected, rel=2e-3)

@@ -1,15 +1,16 @@
 """Renderings against closed forms worked out here, apart from the renderer's own code."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, DataError, Lights, StorageError
+from acquisition import CameraModel, DataError, Lights
 from simulator import (
     ChromeSphere,
     Coin,
+    Even,
+    Lens,
     Paint,
     Plane,
     Ripples,
@@ -20,15 +21,15 @@ from simulator import (
     scene_named,
 )
 
-WHITE = Paint(1.0, 1.0)
+WHITE = Even(1.0)
 # Neither square pixels nor a centred axis: a mix-up of x and y must show.
 CAMERA = CameraModel(np.array([[300.0, 0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)
 SKEWED = CameraModel(np.array([[300.0, 4.0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)
 
 
 def _scene(surface, lights, *, camera=CAMERA, **more):
-    defaults = {"paint": WHITE, "electrons_per_us": 1.0, "ambient": 0.0}
-    return Scene(surface, lights, camera, bench_sensor(), **{**defaults, **more})
+    defaults = {"pattern": WHITE, "electrons_per_us": 1.0, "ambient": 0.0}
+    return Scene(surface, lights, Lens.of(camera), bench_sensor(), **{**defaults, **more})
 
 
 def _one_led(position, *, intensity=1.0, axis=None, mu=0.0):
@@ -76,7 +77,7 @@ def _on_cap(cap, camera):
 )
 def test_plane_under_one_led(position, mu, axis):
     scene = _scene(
-        Plane(500.0), _one_led(position, intensity=1.7, mu=mu, axis=axis), paint=Paint(0.6, 0.6)
+        Plane(500.0), _one_led(position, intensity=1.7, mu=mu, axis=axis), pattern=Even(0.6)
     )
     rays = _rays(CAMERA)
     points = rays * 500.0 + [0, 0, 500.0]
@@ -184,9 +185,9 @@ def test_behind_an_led_it_is_dark():
 
 def test_radiance_is_linear_in_albedo_and_exposure_scale():
     lights = _one_led((200, 100, 380), mu=1.0)
-    dim = render(_scene(Coin(60.0), lights, paint=Paint(0.2, 0.4), board_albedo=0.1))
+    dim = render(_scene(Coin(60.0), lights, pattern=Paint(0.2, 0.4), board=Even(0.1)))
     bright = render(
-        _scene(Coin(60.0), lights, paint=Paint(0.4, 0.8), board_albedo=0.2, electrons_per_us=3.0)
+        _scene(Coin(60.0), lights, pattern=Paint(0.4, 0.8), board=Even(0.2), electrons_per_us=3.0)
     )
     np.testing.assert_allclose(bright.planes, 6 * dim.planes, rtol=1e-5)
     mask = dim.truth.mask
@@ -195,7 +196,7 @@ def test_radiance_is_linear_in_albedo_and_exposure_scale():
 
 def test_albedo_follows_from_the_image():
     lights = _one_led((150, -100, 400))
-    painted = render(_scene(Coin(60.0), lights, paint=Paint(0.3, 0.7, 30.0)))
+    painted = render(_scene(Coin(60.0), lights, pattern=Paint(0.3, 0.7, 30.0)))
     white = render(_scene(Coin(60.0), lights))
     mask = painted.truth.mask
     ratio = painted.planes[0][mask] / white.planes[0][mask]
@@ -207,7 +208,7 @@ def test_sphere_casts_its_shadow_on_the_board():
     scene = _scene(
         None,
         _one_led(led),
-        board_albedo=0.5,
+        board=Even(0.5),
         board_radius_mm=900.0,
         spheres=(ChromeSphere(tuple(centre), radius),),
     )
@@ -230,7 +231,7 @@ def _touching(mask):
 
 
 def test_board_ends_at_its_edge():
-    rendering = render(_scene(None, _one_led((0, 0, 400)), board_albedo=0.5, board_radius_mm=50.0))
+    rendering = render(_scene(None, _one_led((0, 0, 400)), board=Even(0.5), board_radius_mm=50.0))
     points = _rays(CAMERA) * 500.0
     on_board = np.hypot(points[..., 0], points[..., 1]) <= 50.0
     np.testing.assert_array_equal(rendering.planes[0] > 0, on_board)
@@ -256,29 +257,9 @@ def test_same_seed_same_bytes():
     assert first.tobytes() != other.tobytes()
 
 
-def test_truth_is_saved_whole(tmp_path):
-    truth = render(scene_named("coin-with-spheres", width=80, height=64, leds=3)).truth
-    maps, values = truth.save(tmp_path / "new" / "truth")
-    with np.load(maps) as saved:
-        np.testing.assert_array_equal(saved["normals"], truth.normals)
-        np.testing.assert_array_equal(saved["mask"], truth.mask)
-        np.testing.assert_allclose(saved["height_mm"], truth.height_mm, atol=1e-6)
-        np.testing.assert_array_equal(saved["highlights_px"], truth.highlights_px)
-        np.testing.assert_array_equal(saved["sphere_radii_mm"], [12.0] * 4)
-    lights = json.loads(values.read_text())["lights"]
-    np.testing.assert_array_equal(lights["positions_mm"], truth.lights.positions_mm)
-
-
-def test_truth_that_cannot_be_written_says_so(tmp_path):
-    (tmp_path / "file").write_text("in the way")
-    truth = render(scene_named("coin", width=32, height=24, leds=1)).truth
-    with pytest.raises(StorageError, match="file"):
-        truth.save(tmp_path / "file")
-
-
 def test_object_in_the_mirror_keeps_the_scene_of_spheres_whole():
     scene = scene_named("coin-with-spheres", width=160, height=128, leds=2)
-    with_coin, without = render(scene), render(replace(scene, surface=None))
+    with_coin, without = render(scene), render(replace(scene, body=None))
     spheres = with_coin.truth.sphere_masks.any(axis=0)
     # The coin is brighter than the velvet, so it shows in the spheres and nowhere less light.
     assert (with_coin.planes - without.planes)[0][spheres].max() > 0.01

@@ -1,7 +1,9 @@
 """Scenes refuse what cannot be, and the bench is what it says."""
 
+import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from acquisition import CameraModel, DataError, Lights
 from simulator import (
     SCENES,
     ChromeSphere,
-    Coin,
+    Lens,
     Paint,
     Plane,
     bench_camera,
@@ -30,6 +32,15 @@ def _lights(*positions, **more):
     ("make", "message"),
     [
         pytest.param(lambda: scene_named("teapot"), "no scene is called 'teapot'.*coin", id="name"),
+        pytest.param(
+            lambda: scene_named("charuco", amplitude_mm=1.0), "no relief", id="no-relief-to-scale"
+        ),
+        pytest.param(
+            lambda: scene_named("noise", amplitude_mm=-1.0), "amplitude of -1", id="amplitude"
+        ),
+        pytest.param(
+            lambda: scene_named("sphere", amplitude_mm=70.0), "must not exceed", id="high-sphere"
+        ),
         pytest.param(lambda: scene_named("coin", width=0), "no pixels", id="zero-width"),
         pytest.param(lambda: scene_named("coin", height=-3), "no pixels", id="negative-height"),
         pytest.param(lambda: scene_named("coin", leds=0), "0 LEDs", id="no-leds"),
@@ -55,9 +66,9 @@ def _lights(*positions, **more):
             id="led-turned-away",
         ),
         pytest.param(
-            lambda: replace(COIN, lights=Lights(directions=np.array([[0, 0, 1.0]]))),
-            "lights with positions",
-            id="distant-light",
+            lambda: replace(COIN, lights=Lights(directions=np.array([[0, 0, 1.0], [1, 0, 0]]))),
+            "light L01 comes from below",
+            id="distant-light-from-below",
         ),
         pytest.param(
             lambda: replace(SPHERES, lights=_lights(SPHERES.spheres[2].centre_mm)),
@@ -87,34 +98,50 @@ def _lights(*positions, **more):
             id="camera-in-a-sphere",
         ),
         pytest.param(
-            lambda: replace(COIN, camera=replace(COIN.camera, working_distance_mm=8.0)),
+            lambda: replace(COIN, lens=Lens.of(replace(COIN.camera, working_distance_mm=8.0))),
             "inside the object",
             id="camera-in-the-coin",
         ),
         pytest.param(
-            lambda: replace(COIN, camera=replace(COIN.camera, distortion=np.array([0.1]))),
-            "no lens distortion",
-            id="distortion",
+            lambda: Lens.of(replace(COIN.camera, distortion=np.array([-5.0]))),
+            "folds the image",
+            id="folding-distortion",
         ),
         pytest.param(
-            lambda: replace(COIN, camera=CameraModel(COIN.camera.K, 64, 48)),
+            lambda: Lens.of(CameraModel(COIN.camera.K, 64, 48)),
             "working distance",
             id="no-working-distance",
         ),
-        pytest.param(lambda: replace(COIN, board_albedo=1.5), "board_albedo is 1.5", id="board"),
+        pytest.param(
+            lambda: replace(COIN, board_radius_mm=0.0), "board_radius_mm is 0.0", id="no-board"
+        ),
         pytest.param(
             lambda: replace(COIN, electrons_per_us=0.0), "electrons_per_us is 0.0", id="no-signal"
         ),
-        pytest.param(lambda: replace(COIN, psf_sigma_px=-1), "psf_sigma_px is -1", id="blur"),
+        pytest.param(lambda: replace(COIN, ambient=math.nan), "ambient is nan", id="ambient"),
         pytest.param(
-            lambda: render(replace(COIN, surface=Coin(80.0, relief_mm=8.0))),
-            "too steep",
-            id="relief-that-hides-itself",
+            lambda: replace(COIN, soft_shadow_samples=0),
+            "soft_shadow_samples is 0",
+            id="no-shadow-samples",
         ),
         pytest.param(
-            lambda: render(replace(COIN, surface=Plane(80.0, 0, 6.0))),
-            "too steep",
-            id="steep-plane",
+            lambda: replace(COIN, led_radius_mm=-2.0), "led_radius_mm is -2.0", id="led-radius"
+        ),
+        pytest.param(
+            lambda: render(scene_named("coin", width=16384, height=16384, leds=4096)),
+            "4096 images of 16384 x 16384 pixels need .* GiB to render",
+            id="over-memory",
+        ),
+        pytest.param(
+            lambda: render(
+                replace(
+                    COIN,
+                    body=Plane(60.0, 120.0),
+                    spheres=(ChromeSphere((69, 0, 8), 8),),
+                )
+            ),
+            "the object hides part of sphere 0",
+            id="sphere-behind-the-object",
         ),
     ],
 )
@@ -175,3 +202,57 @@ def test_paint_stays_within_its_bounds_and_uses_them():
     albedo = Paint(0.35, 0.75, 60.0, seed=1).evaluate(x, y)
     assert 0.35 <= albedo.min() < 0.42
     assert 0.68 < albedo.max() <= 0.75
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_renders_within_the_sensor(name):
+    scene = scene_named(name, width=100, height=80, leds=4, seed=2)
+    rendering = render(scene)
+    truth = rendering.truth
+    assert np.isfinite(rendering.planes).all()
+    assert truth.mask.any() == (scene.body is not None)
+    length = np.linalg.norm(truth.normals, axis=-1)
+    np.testing.assert_allclose(length, truth.mask, atol=1e-6)
+    full = (scene.noise.white_level_dn - 64) * scene.noise.electrons_per_dn
+    lit = 20_000 * rendering.planes[:, truth.mask] / full
+    assert lit.size == 0 or 0.3 < np.percentile(lit, 99) < 0.95
+
+
+@pytest.mark.parametrize("name", ["coin", "ripples", "scales", "textile", "leather", "noise"])
+def test_amplitude_scales_the_relief(name):
+    low, high = (
+        render(scene_named(name, width=80, height=64, leds=1, amplitude_mm=mm)).truth
+        for mm in (0.2, 0.4)
+    )
+    both = low.mask & high.mask
+    tilt = [
+        np.hypot(t.normals[both][:, 0], t.normals[both][:, 1]) / t.normals[both][:, 2]
+        for t in (low, high)
+    ]
+    ratio = np.median(tilt[1]) / np.median(tilt[0])
+    # The coin's dome stays as it is.
+    assert 1 < ratio < 2 if name == "coin" else ratio == pytest.approx(2.0, abs=0.15)
+
+
+def test_seed_changes_texture_and_not_its_kind():
+    a, again, b = (
+        render(scene_named("leather", width=64, height=48, leds=1, seed=s)).truth for s in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(a.normals, again.normals)
+    assert np.abs(a.normals - b.normals).max() > 0.1
+
+
+def test_charuco_is_one_that_opencv_reads():
+    scene = scene_named("charuco", width=800, height=640, leds=5)
+    seen = render(scene).planes.sum(axis=0)
+    # A lens blurs edges; undersampled ones are OpenCV's to mistake by a tenth of a pixel.
+    seen = cv2.GaussianBlur(seen, (0, 0), 1.0)
+    grey = np.uint8(255 * seen / seen.max())
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
+    pattern = scene.pattern
+    board = cv2.aruco.CharucoBoard((pattern.columns, pattern.rows), 4.0, 3.0, dictionary)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+    assert len(ids) == (pattern.columns - 1) * (pattern.rows - 1)
+    places = np.column_stack([pattern.corners_mm, np.zeros(len(pattern.corners_mm))])
+    expected = scene.lens.project(places[ids.ravel()])
+    assert np.abs(corners.reshape(-1, 2) - expected).max() < 0.15

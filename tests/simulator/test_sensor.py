@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from acquisition import NoiseModel
-from simulator._sensor import EXACT_BELOW_E, sensor_image
+from simulator._sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
 
 SHAPE = (1000, 1000)
 
@@ -111,3 +111,164 @@ def test_a_frame_of_a_third_of_a_megapixel_is_quick():
         seconds.append(time.process_time() - start)
     # Processor time, which other work does not touch: 15 ms on two cores.
     assert min(seconds) < 0.03
+
+
+def test_a_frame_of_an_uneven_sensor_is_as_quick():
+    noise = NoiseModel(2.5, 2.0, 64.0, 12, dsnu_e=2.0, prnu=0.01)
+    photons, pattern = flat(3000, (512, 640)), fixed_pattern(noise, (512, 640))
+    sensor_image(photons, noise, key=(1,), pattern=pattern)
+    seconds = []
+    for _ in range(10):
+        start = time.process_time()
+        sensor_image(photons, noise, key=(1,), pattern=pattern)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 0.03
+
+
+def frames(photons, noise, count=2, pattern=None, **options):
+    """Return grey values of frames of one even light, ``(count, H, W)`` float64."""
+    images = [
+        sensor_image(flat(photons), noise, key=(21, i), pattern=pattern, **options)
+        for i in range(count)
+    ]
+    return np.array(images, np.float64)
+
+
+@pytest.mark.parametrize(
+    ("noise", "gain_db"),
+    [
+        pytest.param(NoiseModel(2.5, 4.0, 64.0, 12), 0.0, id="plain"),
+        pytest.param(NoiseModel(2.5, 4.0, 64.0, 12), 12.0, id="analogue gain"),
+        pytest.param(NoiseModel(0.6, 3.0, 200.0, 16), 0.0, id="16 bits"),
+        pytest.param(
+            NoiseModel(
+                2.5, 8.0, 100.0, 12, quantum_efficiency=0.5, prnu=0.02, dsnu_e=6.0,
+                dark_current_e_per_s=2000.0, hot_pixel_fraction=1e-3, hot_pixel_e_per_s=1e4,
+            ),
+            0.0,
+            id="uneven",
+        ),
+    ],
+)  # fmt: skip
+def test_the_photon_transfer_curve_gives_gain_and_read_noise_back(noise, gain_db):
+    """EMVA 1288's way: two frames at each of 15 levels; their difference has no fixed pattern."""
+    pattern = fixed_pattern(noise, SHAPE, seed=8)
+    gain = 10 ** (gain_db / 20) / noise.electrons_per_dn
+    full = (noise.white_level_dn - noise.black_level_dn) / gain / noise.quantum_efficiency
+    exposure_us = 20_000.0
+    mean, variance = [], []
+    for level in np.linspace(0, 0.7 * full, 15):
+        one, other = frames(level, noise, pattern=pattern, exposure_us=exposure_us, gain_db=gain_db)
+        mean.append((one + other).mean() / 2)
+        variance.append(((one - other) ** 2).mean() / 2)
+    # A variance is known to a share of itself, the same at all levels.
+    weights = 1 / np.array(variance)
+    slope, dark = np.polyfit(np.array(mean) - mean[0], variance, 1, w=weights)
+    assert slope == pytest.approx(gain, rel=0.02)
+    dark_e = noise.dark_current_e_per_s + noise.hot_pixel_fraction * noise.hot_pixel_e_per_s
+    shot = dark_e * exposure_us / 1e6
+    read = np.sqrt((dark - 1 / 12) / slope**2 - shot)
+    assert read == pytest.approx(noise.read_noise_e, rel=0.02)
+
+
+def test_twice_the_exposure_is_twice_the_signal():
+    noise = NoiseModel(2.5, 4.0, 64.0, 12, quantum_efficiency=0.6, prnu=0.01, dsnu_e=3.0)
+    pattern = fixed_pattern(noise, SHAPE)
+    dark = frames(0, noise, pattern=pattern)
+    signal = [
+        (frames(1000.0 * e, noise, pattern=pattern, exposure_us=1000.0 * e) - dark).mean()
+        for e in (1, 2, 4, 8)
+    ]
+    np.testing.assert_allclose(np.divide(signal[1:], signal[:-1]), 2.0, rtol=1e-3)
+    assert signal[0] == pytest.approx(1000 * 0.6 / 2.5, rel=2e-3)
+
+
+def test_the_fixed_pattern_is_measured_back_from_means_of_frames():
+    noise = NoiseModel(1.0, 3.0, 200.0, 16, prnu=0.015, dsnu_e=8.0)
+    pattern = fixed_pattern(noise, SHAPE, seed=3)
+    count, photons = 16, 20_000.0
+    dark = frames(0, noise, count, pattern).mean(axis=0)
+    light = frames(photons, noise, count, pattern).mean(axis=0)
+    temporal = (9 + 1 / 12) / count
+    assert np.sqrt(dark.var() - temporal) == pytest.approx(8.0, rel=0.02)
+    both = photons / count + 2 * temporal
+    assert np.sqrt((light - dark).var() - both) / photons == pytest.approx(0.015, rel=0.02)
+    # The same pixels deviate in every frame, to the noise of a mean of 16.
+    np.testing.assert_allclose(light - dark, photons * pattern.maps[0], atol=6 * np.sqrt(both))
+    response, offset = pattern.maps[:2].astype(float)
+    assert abs(np.corrcoef(response.ravel(), offset.ravel())[0, 1]) < 5e-3
+    assert stats.kstest(offset.ravel()[::7], stats.norm(0, 8).cdf).pvalue > 1e-4
+
+
+def test_the_fixed_pattern_belongs_to_the_sensor_and_not_to_the_shot():
+    noise = NoiseModel(1.0, 0.0, 200.0, 16, prnu=0.01, dsnu_e=8.0)
+    size = (50, 60)
+    maps = fixed_pattern(noise, size, seed=3).maps
+    assert np.array_equal(fixed_pattern(noise, size, seed=3).maps, maps)
+    assert not np.array_equal(fixed_pattern(noise, size, seed=4).maps, maps)
+    assert fixed_pattern(NoiseModel(1.0, 5.0, 200.0, 16), size) is None
+
+
+def test_hot_pixels_are_as_many_and_as_hot_as_said():
+    noise = NoiseModel(
+        1.0, 2.0, 100.0, 16, dark_current_e_per_s=50.0, hot_pixel_fraction=0.004,
+        hot_pixel_e_per_s=3000.0,
+    )  # fmt: skip
+    pattern = fixed_pattern(noise, SHAPE, seed=2)
+    dark = frames(0, noise, 1, pattern, exposure_us=1e6)[0] - 100
+    # Exponential currents: exp(-200 / 3000) of the hot ones have more than 200 electrons beside
+    # the 50 of all, at which the noise of the others lies 20 standard deviations away.
+    hot = np.mean(dark > 250)
+    expected = 0.004 * np.exp(-200 / 3000)
+    assert hot == pytest.approx(expected, rel=5 / np.sqrt(4000 * 0.94))
+    assert np.median(dark) == pytest.approx(50, abs=1)
+    assert dark[dark > 250].mean() == pytest.approx(50 + 200 + 3000, rel=5 / np.sqrt(4000))
+    assert (frames(0, noise, 1, pattern, exposure_us=10.0) < 120).all()
+
+
+def test_dark_current_has_shot_noise():
+    noise = NoiseModel(1.0, 3.0, 100.0, 12, dark_current_e_per_s=400.0)
+    one, other = frames(0, noise, exposure_us=500_000.0)
+    assert one.mean() == pytest.approx(300, abs=0.1)
+    assert (one - other).var() / 2 == pytest.approx(200 + 9 + 1 / 12, rel=0.01)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_every_bit_depth_counts_to_its_end(bits):
+    end = 2**bits - 1
+    noise = NoiseModel(1.0, 0.0, 4.0, bits)
+    ramp = np.arange(-4.0, end + 50, dtype=np.float32).clip(0)[None]
+    grey = sensor_image(ramp, noise, key=None)[0]
+    np.testing.assert_array_equal(grey, np.minimum(ramp[0] + 4, end))
+    assert noise.white_level_dn == end
+    assert sensor_image(flat(10.0 * end, (20, 20)), noise, key=(1,)).min() == end
+
+
+def test_a_full_pixel_saturates_before_the_converter_and_counts_as_saturated():
+    noise = NoiseModel(2.0, 6.0, 100.0, 12, full_well_e=6000.0, dsnu_e=3.0)
+    pattern = fixed_pattern(noise, SHAPE)
+    grey = frames(50_000.0, noise, 1, pattern)[0]
+    # No shot noise any more: 6000 / 2 + 100 with read noise, offsets and rounding.
+    assert grey.mean() == pytest.approx(3100, abs=0.05)
+    assert grey.var() == pytest.approx((36 + 9) / 4 + 1 / 12, rel=0.01)
+    # Four standard deviations: 3 in 100 000 stay under.
+    assert np.mean(grey < noise.white_level_dn) < 1e-4
+    half = frames(3000.0, noise, 1, pattern)[0]
+    assert half.mean() == pytest.approx(1600, abs=0.2)
+    assert (half < noise.white_level_dn).all()
+    assert (sensor_image(flat(1e6, (3, 3)), noise, key=None) == 3100).all()
+    # With gain the converter may end first.
+    assert (sensor_image(flat(1e6, (3, 3)), noise, gain_db=20.0, key=None) == 4095).all()
+
+
+def test_without_noise_the_fixed_pattern_and_the_dark_current_remain():
+    noise = NoiseModel(
+        1.0, 9.0, 100.0, 16, quantum_efficiency=0.5, prnu=0.1, dsnu_e=5.0,
+        dark_current_e_per_s=1000.0,
+    )  # fmt: skip
+    pattern = fixed_pattern(noise, (40, 50))
+    grey = sensor_image(
+        flat(8000, (40, 50)), noise, exposure_us=2e5, key=None, pattern=pattern
+    ).astype(float)
+    response, offset, _ = pattern.maps.astype(float)
+    np.testing.assert_allclose(grey, 100 + 4000 * response + 200 + offset, atol=0.51)

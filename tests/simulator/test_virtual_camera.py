@@ -4,10 +4,12 @@ import time
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
+from simulator._sensor import fixed_pattern
 from simulator._virtual_camera import VirtualCamera
 
 SIZE = (3, 5)
@@ -76,7 +78,7 @@ def test_light_that_ends_in_the_exposure_counts_for_its_time(room):
     camera.configure(exposure_us=40_000)
     camera.arm()
     frame_id = camera.trigger()
-    start_ns = camera._started[frame_id][0]
+    start_ns = camera._started[frame_id].start_ns
     room.writer.light(0, start_ns - 5000 * US, start_ns + 10_000 * US)
     room.writer.light(1, start_ns + 30_000 * US, start_ns + 10**9)
     frame = camera.fetch(frame_id, 2.0)
@@ -225,3 +227,113 @@ def test_noise_depends_on_the_shot_and_not_on_the_order(room):
     flat = [frame.tobytes() for frames in one.values() for frame in frames]
     assert len(set(flat)) == len(flat)
     assert not np.array_equal(take(shots, seed=2)[0, 100][0], one[0, 100][0])
+
+
+@pytest.mark.parametrize(
+    ("cfa", "bits", "name"),
+    [
+        pytest.param("RGGB", 12, "BayerRG12", id="RGGB"),
+        pytest.param("GRBG", 8, "BayerGR8", id="GRBG"),
+        pytest.param("GBRG", 10, "BayerGB10", id="GBRG"),
+        pytest.param("BGGR", 16, "BayerBG16", id="BGGR"),
+        pytest.param(None, 10, "Mono10", id="mono"),
+    ],
+)
+def test_the_pixel_format_is_named_as_genicam_does(room, cfa, bits, name):
+    info = room.camera(cfa=cfa, noise=NoiseModel(1.0, 0.0, 20.0, bits)).info
+    assert (info.pixel_format, info.cfa, info.bit_depth) == (name, cfa, bits)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        pytest.param({"cfa": "RGB"}, "cfa 'RGB' is not one of RGGB", id="cfa"),
+        pytest.param({"shake_px": -0.1}, "shake of -0.1 px", id="shake"),
+        pytest.param({"shake_px": float("nan")}, "shake of nan px", id="shake nan"),
+    ],
+)
+def test_a_camera_that_cannot_be(room, options, message):
+    with pytest.raises(CameraError, match=message):
+        room.camera(**options)
+
+
+def test_the_sensor_of_a_camera_keeps_its_pattern_whatever_the_seed_of_the_noise(room):
+    noise = NoiseModel(1.0, 0.0, 500.0, 12, dsnu_e=20.0, hot_pixel_fraction=0.2,
+                       hot_pixel_e_per_s=4e4)  # fmt: skip
+    one = shoot(room.camera(noise=noise, seed=1), 1000).pixels
+    assert np.array_equal(shoot(room.camera(noise=noise, seed=2), 1000).pixels, one)
+    assert not np.array_equal(shoot(room.camera(noise=noise, sensor_seed=1), 1000).pixels, one)
+    # Dark current and its hot pixels grow with the exposure, offsets do not.
+    grown = shoot(room.camera(noise=noise), 11_000).pixels - one.astype(float) - 1250
+    assert set(np.flatnonzero(grown > 1)) == set(np.flatnonzero(_hot(noise)))
+
+
+def _hot(noise):
+    return fixed_pattern(noise, SIZE).maps[2] > 100
+
+
+class Picture:
+    """A camera in the dark that sees a smooth picture by the light of the room."""
+
+    SIZE = (48, 64)
+
+    def __init__(self, room, **options):
+        self.options = {"noise": NOISE, "noisy": False, "realtime": False, **options}
+        self.path = room.path
+        self.room = room
+
+    @staticmethod
+    def value(x, y):
+        return 30 + 8 * np.sin(2 * np.pi * (x + 0.5 * y) / 9) + 5 * np.cos(2 * np.pi * y / 7)
+
+    def take(self, count):
+        y, x = np.mgrid[: self.SIZE[0], : self.SIZE[1]]
+        plane = self.value(x, y).astype(np.float32)
+        camera = VirtualCamera(
+            lambda led: plane, size=self.SIZE, bench=BenchState(self.path), **self.options
+        )
+        self.room.cameras.append(camera)
+        return [shoot(camera, 1000).pixels.astype(float) - 20 for _ in range(count)]
+
+    def shift_of(self, frame):
+        """The shift by which the picture explains a frame, and what it leaves unexplained."""
+        y, x = (v[12:-12, 12:-12] for v in np.mgrid[: self.SIZE[0], : self.SIZE[1]])
+        seen = frame[12:-12, 12:-12]
+
+        def residual(shift):
+            return (1000 * self.value(x - shift[0], y - shift[1]) - seen).ravel()
+
+        found = optimize.least_squares(residual, (0.0, 0.0))
+        return found.x, np.sqrt(np.mean(found.fun**2))
+
+
+def test_shake_moves_frames_by_its_standard_deviation(room):
+    picture = Picture(room, shake_px=0.1)
+    shifts = []
+    for frame in picture.take(60):
+        shift, left = picture.shift_of(frame)
+        # A thousandth of a swing of 13 000.
+        assert left < 13
+        shifts.append(shift)
+    spread = np.std(shifts)
+    # 120 numbers: the tolerance is three of their standard deviations.
+    assert spread == pytest.approx(0.1, rel=3 / np.sqrt(2 * 120))
+    assert np.abs(np.mean(shifts, axis=0)).max() < 4 * 0.1 / np.sqrt(60)
+
+
+def test_shake_is_the_same_for_the_same_seed_and_none_without(room):
+    one, other = (Picture(room, shake_px=0.1, seed=5).take(2) for _ in range(2))
+    assert np.array_equal(one, other)
+    assert not np.array_equal(one[0], one[1])
+    still = Picture(room).take(2)
+    assert np.array_equal(still[0], still[1])
+
+
+def test_shake_does_not_mix_the_colours_of_a_mosaic(room):
+    filters = np.tile(np.float32([[1, 2], [3, 60]]), (8, 8))
+    camera = VirtualCamera(
+        lambda led: filters, size=(16, 16), bench=BenchState(room.path), noise=NOISE, cfa="RGGB",
+        shake_px=0.3, noisy=False,
+    )  # fmt: skip
+    room.cameras.append(camera)
+    np.testing.assert_allclose(shoot(camera, 1000).pixels, 20 + 1000 * filters, atol=1)

@@ -2,13 +2,16 @@
 
 import os
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig import BoardError, RigConfig, RigError
-from simulator import _simulated_rig
+from rig import BoardError, RigConfig, RigConfigError, RigError
+from simulator import _simulated_rig, bench_sensor, open_rig, render, rig_for, scene_named
+from simulator._scene_file import read_scene
+from simulator._sensor import fixed_pattern
 from simulator._simulated_rig import simulated_rig
 
 H, W = 512, 640
@@ -88,3 +91,100 @@ def test_two_rigs_at_once_keep_their_lights_apart():
         assert np.flatnonzero(pixels.max(axis=1) > 100).tolist() == list(range(20, 30))
         with pytest.raises(BoardError, match="error 3"):
             other.board.on(36, 100)
+
+
+def opened(**options):
+    options = {"scene": "spheres", "width": 48, "height": 32, "realtime": False, **options}
+    config = RigConfig(name="bench 1", driver="simulated", leds=4, settle_ms=0.0, options=options)
+    return open_rig(config)
+
+
+def frames(*shots, **options):
+    with opened(**options) as rig:
+        return [
+            rig.shoot(led, exposure_us).frame.pixels.astype(float) for led, exposure_us in shots
+        ]
+
+
+def test_the_driver_takes_sensor_lamps_and_shake_as_options():
+    shots = [(0, 5000), (1, 5000), (None, 5000)]
+    plain = frames(*shots, noise=False)
+    # Eight bits of twenty electrons and half the photons in place of twelve of two and a half.
+    sensor = {"bit_depth": 8, "electrons_per_dn": 20.0, "black_level_dn": 4.0}
+    sensor["quantum_efficiency"] = 0.5
+    coarse = frames(*shots, noise=False, sensor=sensor, lamps={"dead": [1]})
+    fits = plain[0] < 4095
+    np.testing.assert_allclose(coarse[0][fits], ((plain[0] - 64) / 16 + 4)[fits], atol=0.54)
+    assert np.array_equal(coarse[1], coarse[2])
+    assert not np.array_equal(coarse[0], coarse[2])
+
+
+def test_the_driver_takes_a_sensor_of_its_own_and_shake():
+    uneven = {"dsnu_e": 30.0}
+    dark, one, other = frames(
+        (None, 10), (0, 5000), (0, 5000), noise=False, sensor=uneven, sensor_seed=3, shake_px=0.1
+    )
+    offset = fixed_pattern(replace(bench_sensor(), **uneven), (32, 48), seed=3).maps[1]
+    # The room gives less than two electrons in 10 us.
+    np.testing.assert_allclose(dark, 64 + offset / 2.5, atol=1.0)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        pytest.param(
+            {"lamps": {"glow": 1}}, r"\[lamps\]: unknown key 'glow'; known", id="lamp key"
+        ),
+        pytest.param({"lamps": {"flicker": "a lot"}}, r"\[lamps\]: key 'flicker'", id="lamp text"),
+        pytest.param({"lamps": {"flicker": -1}}, r"lamps: flicker is -1", id="lamp value"),
+        pytest.param({"lamps": {"dead": [4]}}, r"dead LEDs \[4\] must be of 0 to 3", id="dead"),
+        pytest.param({"lamps": 3}, "option 'lamps'", id="lamps no table"),
+        pytest.param({"sensor": {"iso": 100}}, r"\[sensor\]: unknown key 'iso'", id="sensor key"),
+        pytest.param({"sensor": {"prnu": 2.0}}, "prnu within 0..0.3", id="sensor value"),
+        pytest.param({"height": None}, "'width' or 'height' is missing", id="half a size"),
+        pytest.param({"scene": "no/such.toml"}, "no/such.toml: no such file", id="no file"),
+        pytest.param({"sensor_seed": -1}, "option 'sensor_seed'", id="sensor seed"),
+        pytest.param({"shake_px": -0.1}, "option 'shake_px'", id="shake"),
+        pytest.param({"shake": 0.1}, "unknown option 'shake'; known are scene", id="misspelt"),
+    ],
+)
+def test_a_bad_option_of_sensor_lamps_or_shake_is_one_line(options, message):
+    with pytest.raises(RigConfigError, match=message) as caught:
+        opened(**options)
+    assert str(caught.value).startswith("rig bench 1: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mosaic_scene_is_seen_by_a_mosaic_camera():
+    scene = scene_named("coin-with-spheres", width=48, height=32, leds=3)
+    rendering = render(replace(scene, lens=replace(scene.lens, cfa="GRBG")))
+    config = RigConfig(name="bench 1", driver="simulated", leds=3, settle_ms=0.0)
+    with rig_for(rendering, config, noisy=False, realtime=False) as rig:
+        assert rig.camera.info.cfa == "GRBG"
+        assert rig.camera.info.pixel_format == "BayerGR12"
+        seen = rig.shoot(1, 2000).frame.pixels
+    expected = 64 + 2000 * (rendering.planes[1] + rendering.ambient) / 2.5
+    np.testing.assert_allclose(seen, np.minimum(expected, 4095), atol=0.51)
+
+
+def test_a_scene_file_is_seen_as_it_says(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        "seed = 3\nelectrons_per_us = 0.3\n[lights]\nkind = 'ring'\ncount = 4\n"
+        "[lens]\nkind = 'perspective'\nwidth = 40\nheight = 30\n"
+        "[lamps]\ndead = [2]\n[sensor]\nblack_level_dn = 80.0\n"
+    )
+    rendering = render(read_scene(path))
+    options = {"scene": str(path), "width": None, "height": None, "noise": False}
+    dead, lit = frames((2, 9000), (1, 9000), **options)
+    ambient = 80 + 9000 * rendering.ambient / 2.5
+    np.testing.assert_allclose(dead, ambient, atol=0.51)
+    np.testing.assert_allclose(lit, ambient + 9000 * rendering.planes[1] / 2.5, atol=0.51)
+
+
+def test_a_scene_file_with_other_leds_than_the_rig(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("[lights]\nkind = 'ring'\ncount = 5\n[lens]\nkind = 'orthographic'\n")
+    with pytest.raises(RigConfigError, match="has 4 LEDs, its scene 5"):
+        opened(scene=str(path))

@@ -1,0 +1,14 @@
+"""Suffixes of the files that hold pictures: what is read as an image, and what a name may lose."""
+
+from __future__ import annotations
+
+IMAGE_SUFFIXES = frozenset(
+    {".bmp", ".dpx", ".exr", ".hdr", ".jp2", ".jpeg", ".jpg", ".jxl", ".pgm", ".png", ".pnm"}
+    | {".ppm", ".tga", ".tif", ".tiff", ".webp"}
+)
+# By suffix, not by content: many RAW files are also valid TIFF files that hold a thumbnail.
+RAW_SUFFIXES = frozenset(
+    {".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".k25"}
+    | {".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2"}
+    | {".rwl", ".sr2", ".srf", ".srw", ".x3f"}
+)

@@ -1,0 +1,110 @@
+"""Sessions written out as object folders of the DiLiGenT benchmark (Shi et al., 2016)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights, Session, SessionFrame, write_png
+
+Advance = Callable[[int, int], None]
+
+_FULL = 65535
+
+
+def write_diligent(
+    folder: Path,
+    session: Session,
+    lights: Lights,
+    *,
+    normals: npt.NDArray[np.float32] | None = None,
+    mask: npt.NDArray[np.bool_] | None = None,
+    on_progress: Advance | None = None,
+) -> list[Path]:
+    """Write 16-bit linear PNGs with filenames, lights, mask and true normals.
+
+    An image is the frame less the dark frame of its exposure, 65535 at the white level; what was
+    saturated stays so, and noise below zero is lost, as the layout knows neither dark frames nor a
+    black level. It knows directions only: near lights are written as seen from the origin.
+
+    Parameters
+    ----------
+    folder
+        Exists already.
+    session
+        Grey frames. The first exposure of each light is taken, and its first repeat.
+    lights
+        One for each LED of the session, by id.
+    normals, mask
+        ``(H, W, 3)`` and ``(H, W)``, where known.
+    on_progress
+        Called after each image with how many are done and how many there are.
+
+    Returns
+    -------
+    list of Path
+        Every file.
+
+    Raises
+    ------
+    DataError
+        If the session has colour or a filter mosaic, lacks its dark frame, or a light is missing.
+    StorageError
+        If the disk refuses.
+    """
+    camera = session.manifest.camera
+    if camera.channels != 1 or camera.cfa is not None:
+        raise DataError(
+            f"{session.folder}: frames in colour are not written in the DiLiGenT layout: keep the "
+            "session"
+        )
+    shots: dict[str, SessionFrame] = {}
+    for shot in session.frames:
+        if shot.role == "light":
+            shots.setdefault(shot.light_id, shot)
+    darks = {shot.exposure_us: shot.read() for shot in session.frames if shot.role == "dark"}
+    indices, by_name = lights.match(tuple(shots))
+    if not by_name:
+        raise DataError(f"{session.folder}: its LEDs are not those of the lights: match the ids")
+    known = lights.take(indices)
+    names = []
+    for done, shot in enumerate(shots.values(), 1):
+        if shot.exposure_us not in darks:
+            raise DataError(f"{shot.path}: has no dark frame of its exposure: record one")
+        raw = shot.read().astype(np.float64)
+        signal = (raw - darks[shot.exposure_us]) / (camera.white_dn - camera.black_level_dn)
+        signal[raw >= camera.white_dn] = 1.0
+        names.append(f"{done:03d}.png")
+        write_png(folder / names[-1], np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16))
+        if on_progress is not None:
+            on_progress(done, len(shots))
+    files = [folder / name for name in names]
+    if mask is not None:
+        files.append(folder / "mask.png")
+        write_png(files[-1], mask.astype(np.uint8) * np.uint8(255))
+    if normals is not None:
+        files.append(folder / "Normal_gt.mat")
+        _write_normals(files[-1], normals)
+    tables = {
+        "light_directions.txt": _rows(known.unit_directions),
+        "light_intensities.txt": _rows(np.asarray(known.intensities)),
+        "filenames.txt": "".join(f"{name}\n" for name in names),
+    }
+    for name, text in tables.items():
+        files.append(folder / name)
+        files[-1].write_text(text, encoding="utf-8")
+    return files
+
+
+def _rows(table: npt.NDArray[np.float64]) -> str:
+    return "".join(" ".join(f"{value:.10f}" for value in row) + "\n" for row in table)
+
+
+def _write_normals(path: Path, normals: npt.NDArray[np.float32]) -> None:
+    # SciPy's writers take long to import.
+    from scipy.io import savemat
+
+    savemat(path, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)

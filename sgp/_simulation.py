@@ -1,0 +1,95 @@
+"""A rendered scene recorded as an operator would: exposures metered, no time wasted."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CapturePlan, Session, record
+from sgp._console import progress
+from simulator import Rendering, rig_for
+
+# How much of the sensor's range a metered exposure fills: room for noise and for flicker.
+_FILL = 0.8
+_METERED_PIXELS = 100_000
+_EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
+
+
+def metered_exposures(rendering: Rendering) -> tuple[float, ...]:
+    """Choose exposures that use the sensor: one for matte things, a short one for mirrored LEDs.
+
+    Parameters
+    ----------
+    rendering
+        What will be recorded.
+
+    Returns
+    -------
+    tuple of float
+        Microseconds of two digits, longest first; one exposure where no sphere is in view.
+    """
+    truth = rendering.truth
+    spheres: npt.NDArray[np.bool_] = np.any(truth.sphere_masks, axis=0)
+    matte = truth.mask if truth.mask.any() else ~spheres
+    exposures = [_exposure_us(rendering, _brightest(rendering.planes, matte, 0.999))]
+    if spheres.any():
+        exposures.append(_exposure_us(rendering, _brightest(rendering.planes, spheres, 1.0)))
+    return tuple(sorted(set(exposures), reverse=True))
+
+
+def _brightest(
+    planes: npt.NDArray[np.float32], where: npt.NDArray[np.bool_], quantile: float
+) -> float:
+    """Return the signal, electrons per microsecond, that so large a part of pixels stays under."""
+    places = np.flatnonzero(where)
+    if quantile < 1:
+        places = places[:: -(-len(places) // _METERED_PIXELS)]
+    return max(float(np.quantile(plane.ravel()[places], quantile)) for plane in planes)
+
+
+def _exposure_us(rendering: Rendering, electrons_per_us: float) -> float:
+    noise = rendering.truth.noise
+    full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
+    low, high = _EXPOSURE_RANGE_US
+    exposure = min(max(_FILL * full / max(electrons_per_us, 1e-9), low), high)
+    digit = 10.0 ** (math.floor(math.log10(exposure)) - 1)
+    return max(math.floor(exposure / digit) * digit, low)
+
+
+def record_simulated(
+    rendering: Rendering,
+    out: Path,
+    *,
+    exposures_us: tuple[float, ...],
+    object_name: str,
+    seed: int,
+    noisy: bool,
+) -> Session:
+    """Record a rendering through the simulated rig, without waiting for exposures to pass.
+
+    Raises
+    ------
+    RigError, DataError, StorageError
+        As recording does; what was recorded by then stays whole.
+    """
+    truth = rendering.truth
+    plan = CapturePlan(leds=tuple(range(len(rendering.planes))), exposures_us=exposures_us)
+    with (
+        rig_for(
+            rendering, seed=seed, noisy=noisy, realtime=False, lamps=rendering.scene.lamps
+        ) as rig,
+        progress("recording") as advance,
+    ):
+        return record(
+            rig,
+            plan,
+            out,
+            operator="sgp simulate",
+            object_name=object_name,
+            camera_model=truth.camera,
+            sensor=truth.noise,
+            on_frame=lambda line, done, total: advance(done, total),
+        )

@@ -1,0 +1,209 @@
+"""``sgp simulate``: scenes recorded on the simulated rig, their truth beside them."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from acquisition import Session
+from sgp._console import progress
+from sgp._diligent import write_diligent
+from sgp._exit import UsageError
+from sgp._options import Count, Positive, Seed
+from sgp._output import check_file, check_folder, provenance
+from sgp._result import Result
+from sgp._simulation import metered_exposures, record_simulated
+from sgp._stages import Stopwatch
+from simulator import SCENES, Rendering, Scene, read_scene, render, save_truth, scene_named
+
+_SHEET_SIZE = (320, 256)
+
+
+def simulate(
+    scene: str,
+    *,
+    out: Path | None = None,
+    lights: Count | None = None,
+    size: str | None = None,
+    seed: Seed | None = None,
+    exposure_us: list[Positive] | None = None,
+    noise: Annotated[bool, Parameter(negative="--no-noise")] = True,
+    layout: Annotated[Literal["session", "diligent"], Parameter(name="format")] = "session",
+    sheet: Path | None = None,
+) -> Result:
+    """Record a simulated scene, and keep what is true of it beside the recording.
+
+    The recording goes through the simulated rig and the same writer as a capture. What is true
+    (normals, height, albedo, shadows, lights, camera, spheres, noise) lies in its derived/truth.
+
+    For example:
+
+        sgp simulate coin --out recordings/coin --size 1280x1024
+        sgp simulate scene.toml --out owl --format diligent
+        sgp simulate list --sheet scenes.png
+
+    Parameters
+    ----------
+    scene
+        A name, a scene file (.toml), or `list` for the names.
+    out
+        New folder for the recording.
+    lights
+        Number of LEDs; default: the scene's, 36 where it does not say.
+    size
+        Pixels of the camera, such as 640x512; the width of the field stays.
+    seed
+        Of surface, paint, the lights' spread and the noise; default: the scene file's, else 0.
+    exposure_us
+        Exposure in microseconds, given again for each bracket; default: metered.
+    noise
+        Without noise, frames differ from the truth by rounding alone.
+    layout
+        session, or diligent: 16-bit PNGs with light_directions.txt, mask.png and Normal_gt.mat.
+    sheet
+        With `list`: a .png to draw every scene into, lit, as normals and with its shadows.
+    """
+    if scene == "list":
+        return _list(sheet, out)
+    if out is None:
+        raise UsageError("a recording needs a folder: give --out")
+    if sheet is not None:
+        raise UsageError("--sheet draws all scenes: give it with `sgp simulate list`")
+    check_folder(out, force=False)
+    watch = Stopwatch()
+    made, files = _scene(scene, lights, size, seed)
+    if layout == "diligent" and made.lens.cfa is not None:
+        raise UsageError("--format diligent takes no camera with a colour mosaic: record a session")
+    with watch.stage("render"), progress("rendering") as advance:
+        rendering = render(made, advance)
+    exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
+    if layout == "diligent":
+        exposures = exposures[:1]  # the layout has one image of each light
+    truth = rendering.truth
+    height, width = truth.size
+    result = Result(
+        metrics={
+            "lights": len(truth.lights),
+            "width": width,
+            "height": height,
+            "exposures_us": list(exposures),
+            "pixels": int(truth.mask.sum()),
+            "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
+            "seconds": watch.seconds,
+        },
+        summary=[
+            f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposed "
+            + " and ".join(f"{exposure:g} us" for exposure in exposures)
+        ],
+        inputs=files,
+    )
+
+    def recorded(folder: Path) -> Session:
+        return record_simulated(
+            rendering,
+            folder,
+            exposures_us=exposures,
+            object_name=Path(scene).stem,
+            seed=seed or 0,
+            noisy=noise,
+        )
+
+    with watch.stage("record"):
+        if layout == "diligent":
+            place = out / "truth"
+            with tempfile.TemporaryDirectory(dir=_made(out), prefix=".recording-") as folder:
+                _write_diligent(out, recorded(Path(folder) / "session"), rendering, result)
+        else:
+            place = out / "derived" / "truth"
+            session = recorded(out)
+            result.outputs["session"] = out
+            result.summary.append(f"{out}: {len(session.frames)} frames, the truth in {place}")
+    parameters = {
+        "scene": scene, "lights": lights, "size": size, "seed": seed, "exposures_us": exposures,
+        "noise": noise, "noise_seed": seed or 0, "format": layout,
+    }  # fmt: skip
+    with watch.stage("truth"):
+        saved = save_truth(
+            place,
+            rendering,
+            exposures_us=exposures,
+            facts=provenance("sgp simulate", parameters, files),
+        )
+    result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
+    return result
+
+
+def _scene(
+    name: str, lights: int | None, size: str | None, seed: int | None
+) -> tuple[Scene, list[Path]]:
+    pixels = None if size is None else _size(size)
+    if name.endswith(".toml"):
+        return read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
+    if name not in SCENES:
+        raise UsageError(
+            f"no scene is called {name}: `sgp simulate list` names them, a file ends in .toml"
+        )
+    options = {} if lights is None else {"leds": lights}
+    if pixels is not None:
+        options |= {"width": pixels[0], "height": pixels[1]}
+    return scene_named(name, seed=seed or 0, **options), []
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
+    if match is None:
+        raise UsageError(f"--size {text}: give width and height in pixels, such as 640x512")
+    return int(match[1]), int(match[2])
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _write_diligent(out: Path, session: Session, rendering: Rendering, result: Result) -> None:
+    truth = rendering.truth
+    seen = bool(truth.mask.any())
+    with progress("images") as advance:
+        files = write_diligent(
+            out,
+            session,
+            truth.lights,
+            normals=truth.normals if seen else None,
+            mask=truth.mask if seen else None,
+            on_progress=advance,
+        )
+    result.outputs |= {"folder": out} | {file.stem: file for file in files}
+    result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
+    if truth.lights.near:
+        result.warnings.append(
+            "the lights are near, and light_directions.txt gives them as seen from the middle of "
+            "the field: the layout knows no positions"
+        )
+
+
+def _list(sheet: Path | None, out: Path | None) -> Result:
+    if out is not None:
+        raise UsageError("`sgp simulate list` records nothing: leave --out away")
+    widest = max(map(len, SCENES))
+    result = Result(
+        metrics={"scenes": dict(SCENES)},
+        summary=[f"{name:<{widest}}  {text}" for name, text in SCENES.items()],
+    )
+    if sheet is not None:
+        from sgp._contact_sheet import write_contact_sheet
+
+        check_file(sheet, ".png", force=True)
+        width, height = _SHEET_SIZE
+        renderings = {}
+        with progress("scenes") as advance:
+            for done, name in enumerate(SCENES, 1):
+                renderings[name] = render(scene_named(name, width=width, height=height))
+                advance(done, len(SCENES))
+        write_contact_sheet(sheet, renderings)
+        result.outputs["sheet"] = sheet
+    return result

@@ -1,0 +1,134 @@
+"""Growing a bounding volume hierarchy: top-down, by the surface area heuristic over bins.
+
+After Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Counts = npt.NDArray[np.int32]
+
+STACK = 96  # nodes that a walk through any tree can have to put aside
+_BINS = 16
+_LEAF = 4
+# From this depth on ranges are halved, so that no tree outgrows the stack.
+_DEEP = 48
+
+
+@numba.njit(cache=True)
+def _area(box: Array) -> float:
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    return float(x * y + y * z + z * x)
+
+
+@numba.njit(cache=True)
+def _widen(box: Array, low: Array, high: Array) -> None:
+    for c in range(3):
+        box[c] = min(box[c], low[c])
+        box[c + 3] = max(box[c + 3], high[c])
+
+
+@numba.njit(cache=True)
+def _best_split(
+    low: Array, high: Array, order: Counts, start: int, stop: int, span: Array
+) -> tuple[int, int, float]:
+    """Return axis, bin and cost of the cheapest split by the surface area heuristic."""
+    best_axis, best_bin, best_cost = -1, 0, math.inf
+    boxes, members = np.zeros((_BINS, 6)), np.zeros(_BINS, np.int64)
+    above, above_count = np.zeros(_BINS), np.zeros(_BINS, np.int64)
+    box = np.zeros(6)
+    for c in range(3):
+        width = span[c + 3] - span[c]
+        if width <= 0.0:
+            continue
+        boxes[:, :3], boxes[:, 3:] = math.inf, -math.inf
+        members[:] = 0
+        for k in range(start, stop):
+            f = order[k]
+            middle = 0.5 * (low[f, c] + high[f, c])
+            b = min(int((middle - span[c]) / width * _BINS), _BINS - 1)
+            members[b] += 1
+            _widen(boxes[b], low[f], high[f])
+        box[:3], box[3:] = math.inf, -math.inf
+        total = 0
+        for b in range(_BINS - 1, 0, -1):
+            if members[b]:
+                _widen(box, boxes[b, :3], boxes[b, 3:])
+                total += members[b]
+            above_count[b] = total
+            above[b] = _area(box) if total else 0.0
+        box[:3], box[3:] = math.inf, -math.inf
+        total = 0
+        for b in range(_BINS - 1):
+            if members[b]:
+                _widen(box, boxes[b, :3], boxes[b, 3:])
+                total += members[b]
+            if total and above_count[b + 1]:
+                cost = total * _area(box) + above_count[b + 1] * above[b + 1]
+                if cost < best_cost:
+                    best_axis, best_bin, best_cost = c, b, cost
+    return best_axis, best_bin, best_cost
+
+
+@numba.njit(cache=True)
+def grow(
+    low: Array,
+    high: Array,
+    order: Counts,
+    bounds: Array,
+    first: Counts,
+    count: Counts,
+    axis: Counts,
+) -> int:
+    """Fill the node arrays depth first and return how many nodes there are."""
+    todo = np.zeros((STACK, 4), np.int64)  # start, stop, parent whose right child it is, depth
+    todo[0, 1], todo[0, 2] = len(order), -1
+    waiting, node = 1, 0
+    span = np.zeros(6)
+    while waiting:
+        waiting -= 1
+        start, stop, parent, depth = todo[waiting]
+        here, node = node, node + 1
+        if parent >= 0:
+            first[parent] = here
+        bounds[here, :3], bounds[here, 3:] = math.inf, -math.inf
+        span[:3], span[3:] = math.inf, -math.inf
+        for k in range(start, stop):
+            f = order[k]
+            _widen(bounds[here], low[f], high[f])
+            middle = 0.5 * (low[f] + high[f])
+            _widen(span, middle, middle)
+        size = stop - start
+        if size == 1:
+            first[here], count[here] = start, size
+            continue
+        cut, split_axis = start, 0
+        if depth < _DEEP:
+            chosen, at, cost = _best_split(low, high, order, start, stop, span)
+            # One more box to test costs about as much as one more triangle.
+            if size <= _LEAF and cost >= (size - 1) * _area(bounds[here]):
+                first[here], count[here] = start, size
+                continue
+            if chosen >= 0:
+                split_axis = chosen
+                width = span[chosen + 3] - span[chosen]
+                for k in range(start, stop):
+                    f = order[k]
+                    middle = 0.5 * (low[f, chosen] + high[f, chosen])
+                    if min(int((middle - span[chosen]) / width * _BINS), _BINS - 1) <= at:
+                        order[k], order[cut] = order[cut], f
+                        cut += 1
+        if cut in (start, stop):
+            cut = (start + stop) // 2
+        axis[here] = split_axis
+        todo[waiting, 0], todo[waiting, 1], todo[waiting, 2] = cut, stop, here
+        todo[waiting + 1, 0], todo[waiting + 1, 1], todo[waiting + 1, 2] = start, cut, -1
+        todo[waiting, 3] = todo[waiting + 1, 3] = depth + 1
+        waiting += 2
+    return node

@@ -1,0 +1,270 @@
+"""The least angular error that any unbiased estimate of a normal can have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights, NoiseModel
+
+Array = npt.NDArray[np.float64]
+Values = npt.NDArray[np.float32]
+
+# A pivot below this share of its diagonal means that the lights lie in a plane.
+_SINGULAR = 1e-10
+
+
+def cramer_rao_deg(
+    normals: npt.NDArray[np.floating],
+    albedo: npt.NDArray[np.floating],
+    lights: Lights,
+    noise: NoiseModel,
+    *,
+    photons_per_us: float | npt.NDArray[np.floating],
+    exposures_us: Sequence[float],
+    points_mm: npt.NDArray[np.floating] | None = None,
+    shadows: npt.NDArray[np.bool_] | None = None,
+    background_per_us: float | npt.NDArray[np.floating] = 0.0,
+    channel: npt.NDArray[np.integer] | None = None,
+    gain_db: float = 0.0,
+) -> Values:
+    r"""Return the Cramer-Rao bound of the angular error of normals under this sensor.
+
+    The model is Lambertian: light i with vector ``l_i`` (direction times irradiance) yields
+    ``s_i = A l_i . m`` electrons with ``m = albedo * normal`` and A electrons per unit. With v_i
+    the variance of a sample (shot noise of all its electrons, read noise, quantisation) the Fisher
+    information on m is ``F = sum_i A^2 l_i l_i^T / v_i``. An unknown albedo moves m along the
+    normal n only, so the error of the direction is the inverse of F seen in the tangent plane::
+
+        E[angle^2] >= (tr(F^-1) - n^T F^-1 n) / albedo^2     [rad^2, small angles]
+
+    (Kay, Fundamentals of Statistical Signal Processing I, 1993, chapter 3; variances as in EMVA
+    1288.) Lights, albedo scale and black level count as known and fixed patterns as corrected; a
+    relative response common to all images of a pixel is part of its albedo. Samples in shadow and
+    saturated ones say nothing. That the variance itself depends on the signal is not counted as
+    information: it matters below some ten electrons only.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` unit vectors, 0 outside the mask.
+    albedo
+        ``(H, W)``, or ``(H, W, 3)`` for coloured surfaces.
+    lights
+        N near or distant lights.
+    noise
+        The sensor.
+    photons_per_us
+        Photons per microsecond of a white surface under irradiance 1, one number or ``(H, W)``,
+        which can hold vignetting.
+    exposures_us
+        Of the images of each light: brackets, and repeats said more than once.
+    points_mm
+        ``(H, W, 3)`` points of the surface; needed for near lights.
+    shadows
+        ``(N, H, W)`` True where a light does not reach the point. Surfaces that turn away from a
+        light need not be marked.
+    background_per_us
+        Photons per microsecond from the room, one number or ``(H, W)``.
+    channel
+        ``(H, W)`` 0, 1 or 2 of a mosaic: which of the three a pixel sees. None for monochrome: it
+        sees the mean over the three of intensity times albedo.
+    gain_db
+        Analogue gain, decibels.
+
+    Returns
+    -------
+    Values
+        ``(H, W)`` root mean square angle in degrees: NaN outside the mask, infinite where fewer
+        than three independent lights are measured.
+
+    Raises
+    ------
+    DataError
+        If shapes disagree, an exposure is not positive, or near lights come without points.
+    """
+    shape = normals.shape[:2]
+    _check(normals, albedo, lights, exposures_us, points_mm, shadows, channel)
+    share, seen = _colours(albedo, channel)
+    scale = noise.quantum_efficiency
+    electrons_per_dn = noise.electrons_per_dn / 10.0 ** (gain_db / 20.0)
+    white_e = (noise.converter_end_dn - noise.black_level_dn) * electrons_per_dn
+    out = np.full(shape, np.nan, np.float32)
+    _bound(
+        np.ascontiguousarray(normals, np.float32),
+        np.ascontiguousarray(seen, np.float32),
+        np.zeros((1, 1, 3), np.float32)
+        if points_mm is None
+        else np.ascontiguousarray(points_mm, np.float32),
+        np.zeros((0, 0, 0), np.bool_) if shadows is None else np.ascontiguousarray(shadows),
+        np.ascontiguousarray(share, np.float32),
+        _light_table(lights),
+        np.ascontiguousarray(lights.intensities, np.float64),
+        lights.near,
+        _plane("photons_per_us", photons_per_us, shape) * scale,
+        _plane("background_per_us", background_per_us, shape) * scale,
+        np.array(exposures_us, np.float64),
+        noise.dark_current_e_per_s / 1e6,
+        noise.read_noise_e**2 + electrons_per_dn**2 / 12,
+        white_e if noise.full_well_e is None else min(white_e, noise.full_well_e),
+        out,
+    )
+    return out
+
+
+def _check(
+    normals: npt.NDArray[np.floating],
+    albedo: npt.NDArray[np.floating],
+    lights: Lights,
+    exposures_us: Sequence[float],
+    points_mm: npt.NDArray[np.floating] | None,
+    shadows: npt.NDArray[np.bool_] | None,
+    channel: npt.NDArray[np.integer] | None,
+) -> None:
+    shape = normals.shape[:2]
+    wanted = {
+        "normals": (normals, (*shape, 3)),
+        "albedo": (albedo, (*shape, 3) if albedo.ndim == 3 else shape),
+        "points_mm": (points_mm, (*shape, 3)),
+        "shadows": (shadows, (len(lights), *shape)),
+        "channel": (channel, shape),
+    }
+    for name, (array, size) in wanted.items():
+        if array is not None and array.shape != size:
+            raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, wanted {size}")
+    if lights.near and points_mm is None:
+        raise DataError("Cramer-Rao bound: near lights need points_mm")
+    if not exposures_us or not all(0 < value < math.inf for value in exposures_us):
+        raise DataError(f"Cramer-Rao bound: exposures {list(exposures_us)} us must be positive")
+
+
+def _colours(
+    albedo: npt.NDArray[np.floating], channel: npt.NDArray[np.integer] | None
+) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
+    """Return how much of each intensity pixels see, ``(H, W, 3)`` of sum 1, and their albedo.
+
+    Albedo times the shared intensity is what the model of the pixel's colour sees.
+    """
+    colour = albedo if albedo.ndim == 3 else np.repeat(albedo[..., None], 3, axis=2)
+    if channel is not None:
+        share = (channel[..., None] == np.arange(3)).astype(np.float64)
+        return share, (share * colour).sum(axis=2)
+    total = colour.sum(axis=2, keepdims=True)
+    return np.where(total > 0, colour, 1.0) / np.where(total > 0, total, 3.0), total[..., 0] / 3
+
+
+def _plane(name: str, value: float | npt.NDArray[np.floating], shape: tuple[int, ...]) -> Array:
+    array = np.asarray(value, np.float64)
+    if array.ndim and array.shape != shape:
+        raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, wanted {shape}")
+    return np.full(shape, array)
+
+
+def _light_table(lights: Lights) -> Array:
+    """Return ``(N, 8)`` rows: place or direction, axis, mu, and the fall-off at the origin."""
+    if lights.positions_mm is None:
+        rows = np.zeros((len(lights), 8))
+        rows[:, :3] = np.asarray(lights.directions)
+        return rows
+    place, axis, mu = lights.positions_mm, np.asarray(lights.axes), np.asarray(lights.mu)
+    squared = (place**2).sum(axis=1)
+    cosine = -(place * axis).sum(axis=1) / np.sqrt(squared)
+    if np.any(cosine <= 0):
+        dark = lights.ids[int(np.argmin(cosine))]
+        raise DataError(f"Cramer-Rao bound: light {dark} points away from the origin")
+    return np.column_stack([place, axis, mu, squared / cosine**mu])
+
+
+@numba.njit(parallel=True, cache=True)
+def _bound(
+    normals: Values,
+    albedo: Values,
+    points: Values,
+    shadows: npt.NDArray[np.bool_],
+    share: Values,
+    lights: Array,
+    intensities: Array,
+    near: bool,
+    rate: Array,
+    background: Array,
+    exposures: Array,
+    dark_e_per_us: float,
+    floor_variance: float,
+    white_e: float,
+    out: Values,
+) -> None:
+    height, width = albedo.shape
+    for row in numba.prange(height):
+        for column in range(width):
+            nx = np.float64(normals[row, column, 0])
+            ny = np.float64(normals[row, column, 1])
+            nz = np.float64(normals[row, column, 2])
+            if nx * nx + ny * ny + nz * nz == 0.0:
+                continue
+            rho = np.float64(albedo[row, column])
+            red, green = share[row, column, 0], share[row, column, 1]
+            blue = share[row, column, 2]
+            a, b, c, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for k in range(len(lights)):
+                if shadows.size and shadows[k, row, column]:
+                    continue
+                x, y, z = lights[k, 0], lights[k, 1], lights[k, 2]
+                gain = red * intensities[k, 0] + green * intensities[k, 1]
+                gain += blue * intensities[k, 2]
+                if near:
+                    x -= points[row, column, 0]
+                    y -= points[row, column, 1]
+                    z -= points[row, column, 2]
+                    ahead = -(x * lights[k, 3] + y * lights[k, 4] + z * lights[k, 5])
+                    if ahead <= 0.0:
+                        continue
+                    r = math.sqrt(x * x + y * y + z * z)
+                    # Of l / r times the irradiance, all but l.
+                    gain *= lights[k, 7] * (ahead / r) ** lights[k, 6] / (r * r * r)
+                facing = nx * x + ny * y + nz * z
+                if facing <= 0.0:
+                    continue
+                weight = 0.0
+                for t in exposures:
+                    slope = rate[row, column] * t * gain
+                    mean = slope * rho * facing + (background[row, column] + dark_e_per_us) * t
+                    if mean < white_e:
+                        weight += slope * slope / (mean + floor_variance)
+                a += weight * x * x
+                b += weight * x * y
+                c += weight * x * z
+                d += weight * y * y
+                e += weight * y * z
+                f += weight * z * z
+            out[row, column] = _angle_deg(a, b, c, d, e, f, nx, ny, nz, rho)
+
+
+@numba.njit(cache=True)
+def _angle_deg(
+    a: float,
+    b: float,
+    c: float,
+    d: float,
+    e: float,
+    f: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    rho: float,
+) -> float:
+    """Return the bound from the information [a b c; b d e; c e f] on albedo times normal."""
+    # Cofactors; the inverse is their matrix over the determinant.
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * bb + c * cc
+    if rho <= 0.0 or determinant <= _SINGULAR * a * d * f or a * d * f == 0.0:
+        return np.inf
+    along = nx * (aa * nx + bb * ny + cc * nz)
+    along += ny * (bb * nx + dd * ny + ee * nz)
+    along += nz * (cc * nx + ee * ny + ff * nz)
+    squared = (aa + dd + ff - along) / (determinant * rho * rho)
+    return math.degrees(math.sqrt(max(squared, 0.0)))

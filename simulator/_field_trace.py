@@ -1,0 +1,203 @@
+"""First meeting of rays with a height field, also where the field is steep and hides itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+
+Array = npt.NDArray[np.float64]
+Evaluate = Callable[[Array, Array], tuple[Array, Array, Array]]
+
+# Below this share of the ray's descent the field cannot catch up with the ray a second time.
+_MONOTONE = 0.9
+_NEWTON_ROUNDS = 12
+_NEWTON_ENOUGH_MM = 1e-8  # the step taken from there is exact to rounding
+# Shortest stride of the march, as a part of the ray's way from top to bottom of the field. A graze
+# between two strides is missed only where it is shallower than curvature * stride^2 / 8.
+_STRIDE = 1e-3
+_CLOSING_ROUNDS = 90
+
+
+@dataclass(frozen=True)
+class FieldBounds:
+    """What no point of a height field exceeds: ``bottom_mm``, ``top_mm``, gradient ``steepest``."""
+
+    bottom_mm: float
+    top_mm: float
+    steepest: float
+
+
+def meet_field(
+    evaluate: Evaluate,
+    radius_mm: float,
+    bounds: FieldBounds,
+    origins: Array,
+    directions: Array,
+    *,
+    square: bool = False,
+) -> tuple[Array, Array, Array]:
+    """Find where rays first meet ``z = height(x, y)`` within an outline.
+
+    Rays that fall faster than the field can rise meet it once: Newton's method. All others are
+    marched from the top of the field in strides that the steepest gradient proves to be free, and
+    the meeting is then closed in from both sides. A ray that comes in below the field has come
+    through its wall and meets nothing.
+
+    Parameters
+    ----------
+    evaluate
+        Height and gradient at positions of any one shape, also beyond the outline.
+    radius_mm
+        Of the circle around the origin.
+    bounds
+        Of the field within the outline; too wide costs time, too narrow loses hits.
+    origins, directions
+        ``(n, 3)``.
+    square
+        The outline is not the circle but the square in it, its sides along x and y.
+
+    Returns
+    -------
+    t, slope_x, slope_y
+        ``(n,)``: the hit is ``origin + t * direction``, t inf where there is none.
+
+    Raises
+    ------
+    DataError
+        If the bounds are not finite: a field with upright places cannot be marched.
+    """
+    if not np.isfinite([bounds.bottom_mm, bounds.top_mm, bounds.steepest]).all():
+        raise DataError("a height field without finite bounds cannot be traced")
+    rays = _Rays(evaluate, origins, directions)
+    start, stop = _reach(radius_mm, square, bounds, origins, directions)
+    t, zx, zy = (np.full(len(origins), fill) for fill in (np.inf, 0.0, 0.0))
+    across = np.hypot(directions[:, 0], directions[:, 1])
+    open_ = (start <= stop) & (stop < np.inf)
+    monotone = open_ & (bounds.steepest * across < -_MONOTONE * directions[:, 2])
+    todo = np.flatnonzero(monotone)
+    left = _newton(rays, todo, 0.5 * (start[todo] + stop[todo]), (t, zx, zy))
+    lost = (t < start) | (t > stop)
+    t[lost & monotone] = np.inf
+    todo = np.concatenate([np.flatnonzero(open_ & ~monotone), left])
+    if todo.size:
+        rate = bounds.steepest * across - directions[:, 2]
+        _march(rays, todo, start, stop, np.maximum(rate, 1e-12), (t, zx, zy))
+    return t, zx, zy
+
+
+class _Rays:
+    """Rays and the field under them."""
+
+    def __init__(self, evaluate: Evaluate, origins: Array, directions: Array) -> None:
+        self._evaluate, self._origins, self._directions = evaluate, origins, directions
+
+    def gap(self, which: npt.NDArray[np.intp], t: Array) -> tuple[Array, Array, Array, Array]:
+        """Return height above the field, its change with t, and the field's gradient."""
+        ox, oy, oz = self._origins[which].T
+        dx, dy, dz = self._directions[which].T
+        z, zx, zy = self._evaluate(ox + t * dx, oy + t * dy)
+        return oz + t * dz - z, dz - zx * dx - zy * dy, zx, zy
+
+
+Out = tuple[Array, Array, Array]
+
+
+def _reach(
+    radius: float, square: bool, bounds: FieldBounds, origins: Array, directions: Array
+) -> tuple[Array, Array]:
+    """Return where rays enter and leave the space above the outline from bottom to top."""
+    start, stop = _slab(origins[:, 2], directions[:, 2], bounds.bottom_mm, bounds.top_mm)
+    if square:
+        half = radius / np.sqrt(2)
+        sides = [_slab(origins[:, axis], directions[:, axis], -half, half) for axis in (0, 1)]
+    else:
+        sides = [_circle(radius, origins[:, :2], directions[:, :2])]
+    for enter, leave in sides:
+        start, stop = np.maximum(start, enter), np.minimum(stop, leave)
+    return np.maximum(start, 0.0), stop
+
+
+def _slab(origin: Array, way: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Return where rays enter and leave a slab, its faces with a hair of slack included."""
+    slack = 1e-9 * (1 + high - low)
+    moves = way != 0
+    safe = np.where(moves, way, 1.0)
+    a, b = (low - slack - origin) / safe, (high + slack - origin) / safe
+    within = (origin >= low - slack) & (origin <= high + slack)
+    enter = np.where(moves, np.minimum(a, b), np.where(within, -np.inf, np.inf))
+    return enter, np.where(moves, np.maximum(a, b), np.inf)
+
+
+def _circle(radius: float, origin: Array, way: Array) -> tuple[Array, Array]:
+    """Return where rays enter and leave an upright cylinder, its wall with a hair of slack."""
+    square = (radius * (1 + 1e-9)) ** 2
+    a, b = (way**2).sum(axis=1), (origin * way).sum(axis=1)
+    c = (origin**2).sum(axis=1) - square
+    moves = a > 0
+    root = b * b - a * c
+    safe, half = np.where(moves, a, 1.0), np.sqrt(np.clip(root, 0.0, None))
+    meets = np.where(moves, root >= 0, c <= 0)
+    enter = np.where(meets, np.where(moves, (-b - half) / safe, -np.inf), np.inf)
+    return enter, np.where(moves, (-b + half) / safe, np.inf)
+
+
+def _newton(rays: _Rays, todo: npt.NDArray[np.intp], now: Array, out: Out) -> npt.NDArray[np.intp]:
+    """Solve rays that meet the field once; return those that did not settle."""
+    for _ in range(_NEWTON_ROUNDS):
+        if not todo.size:
+            break
+        gap, slope, zx, zy = rays.gap(todo, now)
+        now = now - gap / slope
+        done = np.abs(gap) < _NEWTON_ENOUGH_MM
+        for target, value in zip(out, (now, zx, zy), strict=True):
+            target[todo[done]] = value[done]
+        todo, now = todo[~done], now[~done]
+    return todo
+
+
+def _march(
+    rays: _Rays, todo: npt.NDArray[np.intp], start: Array, stop: Array, rate: Array, out: Out
+) -> None:
+    """Stride along each ray up to its first crossing, then close in on it."""
+    stride = _STRIDE * (stop - start)
+    gap = rays.gap(todo, start[todo])[0]
+    # Below the field from the start: through the wall.
+    todo, gap = todo[gap >= 0], gap[gap >= 0]
+    now = start[todo]
+    while todo.size:
+        last = now
+        now = np.minimum(now + np.maximum(gap / rate[todo], stride[todo]), stop[todo])
+        gap = rays.gap(todo, now)[0]
+        below = gap < 0
+        if below.any():
+            _close_in(rays, todo[below], last[below], now[below], out)
+        keep = ~below & (now < stop[todo])
+        todo, now, gap = todo[keep], now[keep], gap[keep]
+
+
+def _close_in(
+    rays: _Rays, todo: npt.NDArray[np.intp], above: Array, below: Array, out: Out
+) -> None:
+    """Narrow brackets by Newton steps where they stay inside, and by halving now and then."""
+    now = below
+    for turn in range(_CLOSING_ROUNDS):
+        gap, slope, zx, zy = rays.gap(todo, now)
+        above, below = np.where(gap >= 0, now, above), np.where(gap < 0, now, below)
+        level = slope == 0
+        newton = now - np.where(level, np.inf, gap) / np.where(level, 1.0, slope)
+        inside = (newton >= above) & (newton <= below)
+        done = inside & (np.abs(gap) < _NEWTON_ENOUGH_MM)
+        done |= (below - above <= 4e-16 * below) | (turn == _CLOSING_ROUNDS - 1)
+        best = np.where(inside, newton, now)
+        for target, value in zip(out, (best, zx, zy), strict=True):
+            target[todo[done]] = value[done]
+        todo, above, below = todo[~done], above[~done], below[~done]
+        if not todo.size:
+            return
+        halve = ~inside | (turn % 3 == 2)
+        now = np.where(halve[~done], 0.5 * (above + below), newton[~done])

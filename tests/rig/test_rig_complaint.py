@@ -1,0 +1,59 @@
+"""Complaints of pydantic as one line."""
+
+import pytest
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from rig import first_complaint
+
+
+class Lamp(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    led: int
+    shade: "Lamp | None" = None
+    spare: tuple[int, ...] = ()
+
+    @model_validator(mode="after")
+    def _spare_differs(self):
+        if self.led in self.spare:
+            raise ValueError("a lamp is\nits own spare")
+        return self
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        pytest.param(
+            {"led": 1, "x": 2}, "unknown option 'x'; known are led, shade, spare", id="unknown"
+        ),
+        pytest.param(
+            {"led": 1, "shade": {"led": 2, "x": 2}}, "unknown option 'shade.x'", id="unknown below"
+        ),
+        pytest.param({}, "the option 'led' is missing", id="missing"),
+        pytest.param(
+            {"led": "tall"},
+            "option 'led': Input should be a valid integer, unable to parse string as an integer, "
+            "not 'tall'",
+            id="value",
+        ),
+        pytest.param(
+            {"led": 1, "spare": [0, 0.5]},
+            "option 'spare.1': Input should be a valid integer, got a number with a fractional "
+            "part, not 0.5",
+            id="nested",
+        ),
+        pytest.param(
+            {"led": "x" * 99},
+            "option 'led': Input should be a valid integer, unable to parse string as an integer",
+            id="long value",
+        ),
+        pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the whole"),
+        pytest.param(
+            {"x": 1, "y": 2}, "the option 'led' is missing (and 2 more)", id="several complaints"
+        ),
+    ],
+)
+def test_first_complaint(values, said):
+    with pytest.raises(ValidationError) as caught:
+        Lamp.model_validate(values)
+    assert first_complaint(caught.value, noun="option", known=Lamp.model_fields) == said

@@ -1,0 +1,113 @@
+"""Where results may go, what is recorded beside them, and what an error says to a program."""
+
+import json
+
+import numpy as np
+import pytest
+
+from rig import BoardError
+from sgp.app import build, run
+
+
+@pytest.fixture
+def words(recording):
+    return ("normals", recording, "--lights", recording.parent / "lights.json")
+
+
+def test_a_record_tells_parameters_inputs_and_outputs(sgp, words, recording, tmp_path):
+    out = tmp_path / "out"
+    assert sgp(*words, "--method", "ls", "--out", out).code == 0
+    record = json.loads((out / "normals.json").read_text(encoding="utf-8"))
+    assert record["command"] == "sgp normals"
+    assert record["parameters"]["method"] == "ls"
+    assert record["outputs"]["normals"] == "normals.exr"
+    assert len(record["inputs"][str(recording / "ball.3.png")]) == 64
+    assert str(tmp_path / "lights.json") in record["inputs"]
+
+
+def test_every_stage_of_run_leaves_its_record(sgp, words, tmp_path):
+    out = tmp_path / "out"
+    assert sgp("run", *words[1:], "--out", out).code == 0
+    for name in ("normals", "detail", "surface"):
+        assert json.loads((out / name / f"{name}.json").read_text(encoding="utf-8"))["metrics"]
+
+
+def test_a_failed_run_leaves_nothing_that_blocks_the_next(sgp, words, tmp_path):
+    out = tmp_path / "out"
+    assert sgp("run", words[1], "--out", out).code == 4  # no lights
+    assert not out.exists()
+    assert sgp("run", *words[1:], "--out", out).code == 0
+
+
+def test_force_removes_what_the_earlier_result_alone_had(sgp, words, tmp_path):
+    normals, out = tmp_path / "n", tmp_path / "out"
+    assert sgp(*words, "--out", normals).code == 0
+    assert sgp("surface", normals, "--out", out, "--stl").code == 0
+    (out / "mine.txt").write_text("keep", encoding="utf-8")
+    assert sgp("surface", normals, "--out", out, "--force").code == 0
+    assert not (out / "surface.stl").exists()
+    assert (out / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("where", ["ball", "ball/results", "ball/../ball"])
+def test_results_never_go_into_the_source(sgp, words, recording, where):
+    answer = sgp(*words, "--out", recording.parent / where, "--force")
+    assert answer.code == 2
+    assert "read from" in answer.err
+    assert not (recording / "mask.png").exists()
+
+
+def test_an_error_is_an_object_for_programs(sgp, words, tmp_path):
+    answer = sgp("normals", tmp_path / "nowhere", "--out", tmp_path / "o", "--json")
+    said = json.loads(answer.out)
+    assert said["ok"] is False
+    assert said["exit_code"] == answer.code == 2
+    assert f"error: {said['error']}\n" == answer.err
+
+
+def test_what_an_error_learned_on_its_way_is_said(monkeypatch, capsys):
+    def broken(*_):
+        error = BoardError("the line is lost")
+        error.add_note("LEDs not confirmed off: no reply")
+        raise error
+
+    monkeypatch.setattr("sgp.commands.rig.open_rig", broken)
+    assert run(build(), ["rig", "off"]) == 3
+    said = capsys.readouterr().err
+    assert said == "error: the line is lost; LEDs not confirmed off: no reply\n"
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        pytest.param(["surface", "x", "--out", "o", "--pixel-mm", "-3"], id="pixel size"),
+        pytest.param(["detail", "separate", "x", "--out", "o", "--w", "0"], id="window"),
+        pytest.param(["normals", "x", "--out", "o", "--gamma", "nan"], id="gamma"),
+        pytest.param(["demo", "--seed", "-1"], id="seed"),
+        pytest.param(["capture", "plan", "--leds", "0"], id="leds"),
+        pytest.param(["rig", "snap", "--out", "frame.png"], id="suffix"),
+        pytest.param(["calibrate", "spheres", "x", "--out", "lights.lp"], id="lights suffix"),
+        pytest.param(["detail", "transfer", "x", "y", "--out", "o", "--at", "5"], id="place"),
+    ],
+)
+def test_options_out_of_range_are_usage_errors(sgp, tmp_path, monkeypatch, option):
+    monkeypatch.chdir(tmp_path)
+    answer = sgp(*option)
+    assert answer.code == 2, answer.err
+    assert answer.err.startswith("error: ")
+    assert answer.err.count("\n") == 1
+
+
+def test_calibrate_spheres_replaces_none_of_its_three_files(sgp, tmp_path):
+    (tmp_path / "lights.lp").write_text("mine", encoding="utf-8")
+    answer = sgp("calibrate", "spheres", tmp_path, "--out", tmp_path / "lights.json")
+    assert answer.code == 2
+    assert "lights.lp" in answer.err
+    assert (tmp_path / "lights.lp").read_text(encoding="utf-8") == "mine"
+
+
+def test_reading_a_map_at_an_output_that_cannot_be(sgp, words, tmp_path):
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    answer = sgp(*words, "--out", tmp_path / "file" / "below")
+    assert answer.code == 2
+    assert np.char.startswith(answer.err, "error: ")

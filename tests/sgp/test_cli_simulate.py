@@ -1,0 +1,215 @@
+"""Scenes recorded from the command line: real sessions, with a truth that the commands find."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import Session, read_image, read_source
+from simulator import SCENES
+
+SMALL = ("--size", "96x80", "--lights", "8")
+DISTANT = """
+[object]
+kind = "cap"
+radius_mm = 70.0
+height_mm = 25.0
+[pattern]
+kind = "even"
+albedo = 0.6
+[lights]
+kind = "listed"
+directions = [[1,0,1.5], [0.7,0.7,1.5], [0,1,1.5], [-0.7,0.7,1.5], [-1,0,1.5], [0,-1,1.5]]
+intensities = [0.8, 0.9, 1.0, 1.1, 1.2, 1.0]
+[lens]
+kind = "orthographic"
+width = 96
+height = 80
+pixel_mm = 2.0
+"""
+
+
+@pytest.fixture
+def distant(tmp_path: Path) -> Path:
+    path = tmp_path / "cap.toml"
+    path.write_text(DISTANT, encoding="utf-8")
+    return path
+
+
+def test_a_session_is_recorded_and_judged_by_its_own_truth(sgp, tmp_path):
+    out = tmp_path / "coin"
+    answer = sgp("simulate", "coin", "--out", out, *SMALL, "--json")
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told["outputs"]["session"] == str(out)
+    assert (told["metrics"]["width"], told["metrics"]["height"]) == (96, 80)
+    assert sgp("capture", "verify", out).code == 0
+    session = Session.open(out)
+    assert session.complete
+    assert len([frame for frame in session.frames if frame.role == "light"]) == 8
+    truth = out / "derived" / "truth"
+    judged = sgp(
+        "normals", out, "--lights", truth / "lights.json", "--out", tmp_path / "n", "--json"
+    )
+    metrics = json.loads(judged.out)["metrics"]
+    # Lights as near as those of a dome are known only at the working plane: a few tenths.
+    assert metrics["mae_deg"] < 1.0
+    assert metrics["coverage"] == 1.0
+    assert metrics["pixels"] == told["metrics"]["pixels"]
+    bound = read_image(truth / "cramer_rao.exr")
+    known = bound[read_source(out).mask]
+    assert 0 < np.median(known) < 1.0
+
+
+def test_exposures_are_metered(sgp, tmp_path):
+    out = tmp_path / "scene"
+    answer = sgp("simulate", "coin-with-spheres", "--out", out, *SMALL, "--json")
+    long_us, short_us = json.loads(answer.out)["metrics"]["exposures_us"]
+    source = read_source(out)
+    spheres = np.zeros(source.size, np.bool_)
+    for path in (out / "derived" / "truth").glob("sphere_*.png"):
+        spheres |= read_image(path) > 0
+    white, black = source.white_level, source.black_level
+    frames = {0: [], 1: []}
+    for frame in source.frames:
+        if frame.role == "light":
+            assert frame.exposure_us == (long_us, short_us)[frame.bracket]
+            frames[frame.bracket].append((frame.read() - black) / (white - black))
+    brightest = np.max(frames[0], axis=0)[source.mask]
+    assert 0.65 < np.quantile(brightest, 0.99) < 0.85
+    assert 0.5 < np.max(frames[1], axis=0)[spheres].max() < 1.0
+
+
+def test_exposures_can_be_given(sgp, tmp_path):
+    out = tmp_path / "coin"
+    words = ("simulate", "coin", "--out", out, *SMALL)
+    assert sgp(*words, "--exposure-us", 3000, "--exposure-us", 500).code == 0
+    assert {frame.exposure_us for frame in Session.open(out).frames} == {3000.0, 500.0}
+
+
+def test_seeds_and_noise(sgp, tmp_path):
+    def frame(name: str, *words: object) -> np.ndarray:
+        out = tmp_path / name
+        assert sgp("simulate", "coin", "--out", out, *SMALL, *words).code == 0
+        return read_image(out / "frames" / "L05_E0.tif").astype(np.int64)
+
+    first, again, other = frame("a"), frame("b", "--seed", 0), frame("c", "--seed", 1)
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).mean() > 0.5
+    clean = frame("d", "--no-noise")
+    spread = first - clean
+    assert 0.5 < spread.std() < 40
+    assert abs(spread.mean()) < 1.0
+
+
+def test_a_scene_file_and_the_scene_it_leaves_behind_give_the_same_frames(sgp, distant, tmp_path):
+    assert sgp("simulate", distant, "--out", tmp_path / "a").code == 0
+    left = tmp_path / "a" / "derived" / "truth" / "scene.toml"
+    assert sgp("simulate", left, "--out", tmp_path / "b").code == 0
+    for name in ("L00_E0.tif", "L05_E0.tif"):
+        first, second = (tmp_path / run / "frames" / name for run in "ab")
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_diligent_layout(sgp, distant, tmp_path):
+    out = tmp_path / "cap"
+    answer = sgp("simulate", distant, "--out", out, "--format", "diligent", "--no-noise")
+    assert answer.code == 0, answer.err
+    source = read_source(out)
+    assert source.kind == "diligent"
+    assert len(source.frames) == 6
+    truth = out / "truth"
+    np.testing.assert_allclose(source.normals_truth, read_image(truth / "normals.exr"), atol=1e-6)
+    np.testing.assert_array_equal(source.mask, read_image(truth / "mask.png") > 0)
+    # A cap of a sphere 110.5 mm in radius, seen along parallel rays: its normals by hand.
+    rows, columns = np.nonzero(source.mask)
+    x, y = 2.0 * (columns - 47.5), -2.0 * (rows - 39.5)
+    sphere = (70.0**2 + 25.0**2) / 50.0
+    z = np.sqrt(sphere**2 - x**2 - y**2)
+    normals = np.stack([x, y, z], axis=1) / sphere
+    np.testing.assert_allclose(source.normals_truth[source.mask], normals, atol=1e-6)
+    intensities = np.array([0.8, 0.9, 1.0, 1.1, 1.2, 1.0])
+    np.testing.assert_allclose(source.lights.intensities[:, 1], intensities)
+    # Images are proportional to albedo, intensity and cosine: one factor for all of them.
+    factors = []
+    for frame, light, intensity in zip(
+        source.frames, source.lights.unit_directions, intensities, strict=True
+    ):
+        cosine = normals @ light
+        lit = cosine > 0.2
+        factors.append(frame.read()[source.mask][lit] / (intensity * cosine[lit]))
+    factors = np.concatenate(factors)
+    assert factors.std() / factors.mean() < 2e-3
+    judged = sgp("normals", out, "--method", "ls", "--out", tmp_path / "n", "--json")
+    assert json.loads(judged.out)["metrics"]["mae_deg"] < 0.1
+    assert not [path for path in out.iterdir() if path.name.startswith(".")]
+
+
+def test_diligent_layout_of_near_lights_says_what_it_loses(sgp, tmp_path):
+    out = tmp_path / "coin"
+    answer = sgp("simulate", "coin-with-spheres", "--out", out, *SMALL, "--format", "diligent")
+    assert answer.code == 0
+    assert "positions" in answer.err
+    assert len(read_source(out).frames) == 8, "one image a light, whatever the brackets"
+
+
+def test_list_names_every_scene(sgp):
+    answer = sgp("simulate", "list")
+    assert answer.code == 0
+    lines = [line.split()[0] for line in answer.out.splitlines() if line.strip()]
+    assert lines == list(SCENES)
+
+
+def test_contact_sheet(sgp, tmp_path, monkeypatch):
+    monkeypatch.setattr("sgp.commands.simulate.SCENES", {"coin": "", "spheres": ""})
+    sheet = tmp_path / "sheet.png"
+    assert sgp("simulate", "list", "--sheet", sheet).code == 0
+    picture = read_image(sheet)[..., :3].astype(float)
+    # The coin's normals lie in the middle of the left third: blue, redder on the right.
+    coin = picture[:, : picture.shape[1] // 3]
+    middle = coin[40:-20, int(coin.shape[1] * 0.38) : int(coin.shape[1] * 0.58)]
+    assert middle[..., 2].mean() > middle[..., 0].mean() + 40
+    half = middle.shape[1] // 2
+    assert middle[:, half:, 0].mean() > middle[:, :half, 0].mean()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        pytest.param(["coin"], 2, "--out", id="no folder"),
+        pytest.param(["coyn", "--out", "o"], 2, "sgp simulate list", id="unknown scene"),
+        pytest.param(["nowhere.toml", "--out", "o"], 2, "nowhere.toml", id="missing file"),
+        pytest.param(
+            ["bad.toml", "--out", "o"], 4, "[object]: unknown key 'radius'", id="bad file"
+        ),
+        pytest.param(["coin", "--out", "o", "--size", "64"], 2, "640x512", id="half a size"),
+        pytest.param(["coin", "--out", "o", "--size", "0x5"], 2, "640x512", id="no pixels"),
+        pytest.param(["coin", "--out", "o", "--lights", "0"], 2, "lights", id="no lights"),
+        pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
+        pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
+        pytest.param(["coin", "--out", "full"], 2, "full", id="folder that holds files"),
+        pytest.param(["coin", "--out", "bad.toml"], 2, "bad.toml", id="folder that is a file"),
+        pytest.param(["coin", "--out", "o", "--sheet", "s.png"], 2, "list", id="sheet of one"),
+        pytest.param(["list", "--out", "o"], 2, "--out", id="list with a folder"),
+        pytest.param(["list", "--sheet", "s.jpg"], 2, ".png", id="sheet of another type"),
+        pytest.param(
+            ["bayer.toml", "--out", "o", "--format", "diligent"], 2, "mosaic", id="mosaic"
+        ),
+    ],
+)
+def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("years of work", encoding="utf-8")
+    (tmp_path / "bad.toml").write_text(
+        "[object]\nkind='coin'\nradius_mm=5\nradius=5\n", encoding="utf-8"
+    )
+    (tmp_path / "bayer.toml").write_text(DISTANT + "cfa = 'RGGB'\n", encoding="utf-8")
+    answer = sgp("simulate", *words)
+    assert answer.code == code, answer.err
+    line = [line for line in answer.err.splitlines() if line.startswith("error:")]
+    assert len(line) == 1
+    assert said in line[0]
+    assert not (tmp_path / "o").exists()
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]

@@ -1,0 +1,438 @@
+"""Scene files: what is written is read back as the same scene, and what is wrong is named."""
+
+import inspect
+import os
+import re
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition import (
+    CameraModel,
+    DataError,
+    Lights,
+    MissingPathError,
+    NoiseModel,
+    StorageError,
+    write_camera,
+    write_lights,
+)
+from simulator import (
+    SCENES,
+    Checker,
+    ChromeSphere,
+    Coin,
+    Even,
+    Ggx,
+    Lambert,
+    Lamps,
+    Lens,
+    Plane,
+    Scene,
+    SphericalCap,
+    dome_lights,
+    read_scene,
+    render,
+    scene_named,
+    write_scene,
+)
+from simulator._scene_parts import BODIES, LENSES, LIGHTS, MATERIALS, PATTERNS
+
+SMALL = "[lens]\nkind = 'perspective'\nwidth = 48\nheight = 40\n"
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def write(text: str) -> Path:
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_an_empty_file_is_the_bare_bench(write):
+    scene, bench = read_scene(write("")), scene_named("coin")
+    assert scene.body is None
+    assert (scene.board, scene.material, scene.lamps) == (bench.board, Lambert(), Lamps())
+    np.testing.assert_array_equal(scene.lights.positions_mm, bench.lights.positions_mm)
+    np.testing.assert_allclose(scene.lens.camera.K, bench.lens.camera.K, rtol=1e-12)
+    assert scene.lens.size == bench.lens.size
+    assert scene.noise == bench.noise
+    assert scene.electrons_per_us == bench.electrons_per_us
+
+
+def test_every_table_is_heard(write):
+    scene = read_scene(
+        write(
+            """
+            electrons_per_us = 0.5
+            ambient = 0.01
+            shadows = false
+            soft_shadow_samples = 4
+            [object]
+            kind = "coin"
+            radius_mm = 60
+            relief_mm = 0.8
+            [pattern]
+            kind = "checker"
+            low = [0.1, 0.2, 0.3]
+            [material]
+            kind = "ggx"
+            roughness = 0.2
+            [board]
+            kind = "even"
+            albedo = 0.3
+            [[spheres]]
+            centre_mm = [90, 70, 10]
+            radius_mm = 10
+            [lights]
+            kind = "ring"
+            count = 12
+            elevation_deg = 30
+            radius_mm = 400
+            mu = 0.5
+            [lamps]
+            flicker = 0.01
+            dead = [3]
+            [lens]
+            kind = "orthographic"
+            width = 100
+            height = 80
+            pixel_mm = 2
+            cfa = "RGGB"
+            [sensor]
+            read_noise_e = 4.0
+            bit_depth = 10
+            """
+        )
+    )
+    assert scene.body == Coin(60.0, relief_mm=0.8)
+    assert scene.pattern == Checker(low=(0.1, 0.2, 0.3))
+    assert scene.material == Ggx(roughness=0.2)
+    assert scene.board == Even(0.3)
+    assert scene.spheres == (ChromeSphere((90.0, 70.0, 10.0), 10.0),)
+    assert scene.lamps == Lamps(flicker=0.01, dead=(3,))
+    assert (scene.shadows, scene.soft_shadow_samples) == (False, 4)
+    assert (scene.electrons_per_us, scene.ambient) == (0.5, 0.01)
+    assert (scene.noise.read_noise_e, scene.noise.bit_depth) == (4.0, 10)
+    lens = scene.lens
+    assert (lens.size, lens.pixel_mm, lens.cfa, lens.camera) == ((80, 100), 2.0, "RGGB", None)
+    lights = scene.lights
+    assert len(lights) == 12
+    np.testing.assert_array_equal(lights.mu, np.full(12, 0.5))
+    place = lights.positions_mm
+    np.testing.assert_allclose(np.linalg.norm(place, axis=1), 400.0)
+    np.testing.assert_allclose(place[:, 2], 200.0)
+    # From the right, counterclockwise.
+    np.testing.assert_allclose(place[3, :2], [0.0, 400 * np.cos(np.pi / 6)], atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, id=kind) for kind in BODIES if kind != "mesh"])
+def test_every_object_has_its_table(write, tmp_path, kind):
+    scene = read_scene(write(f"[object]\nkind = '{kind}'\nradius_mm = 50\n{SMALL}"))
+    assert type(scene.body) is BODIES[kind]
+    assert scene.body.radius_mm == 50.0
+    again = write_scene(tmp_path / "again.toml", scene)[0]
+    assert read_scene(again).body == scene.body
+
+
+@pytest.mark.parametrize("kind", PATTERNS)
+def test_every_pattern_has_its_table(write, tmp_path, kind):
+    text = f"kind = '{kind}'\n" + ("low = 0.2\nhigh = 0.4\n" if kind == "paint" else "")
+    scene = read_scene(write(f"[board]\n{text}[pattern]\n{text}{SMALL}"))
+    assert type(scene.board) is type(scene.pattern) is PATTERNS[kind]
+    again = read_scene(write_scene(tmp_path / "again.toml", scene)[0])
+    assert (again.board, again.pattern) == (scene.board, scene.pattern)
+
+
+def scenes() -> dict[str, Scene]:
+    camera = CameraModel(
+        np.array([[1400.0, 0.3, 30.0], [0, 1410.0, 26.5], [0, 0, 1]]), 64, 50, 600.0,
+        np.array([-0.1, 0.02, 1e-3, -2e-3, 0.01]),
+    )  # fmt: skip
+    bench = scene_named("coin-with-spheres", width=64, height=50, leds=5, seed=3)
+    around = np.linspace(0, 2 * np.pi, 5, endpoint=False)
+    distant = Lights(
+        directions=np.stack([np.cos(around), np.sin(around), np.full(5, 1.5)], 1),
+        intensities=np.linspace(0.3, 1.2, 15).reshape(5, 3),
+    )
+    sensor = NoiseModel(4.0, 3.0, 20.0, 10, quantum_efficiency=0.6, full_well_e=3000.0, prnu=0.01)
+    colour = Checker((0.1, 0.2, 0.3), (0.9, 0.5, 0.4), 7.0)
+    plane = replace(bench, body=Plane(60.0, height_mm=2.0), spheres=(), lights=distant)
+    return {
+        "near and crooked": replace(bench, lens=Lens.of(camera, vignetting=0.4, cfa="GBRG")),
+        "distant and coloured": replace(plane, pattern=colour, noise=sensor),
+        "parallel": replace(plane, lens=Lens.orthographic(64, 50, 3.0, 500.0), shadows=False),
+        "faulty": replace(plane, material=Ggx(), lamps=Lamps(0.1, flicker=0.02, dead=(1, 4))),
+    }
+
+
+@pytest.mark.parametrize("name", scenes())
+def test_a_scene_written_and_read_gives_the_same_picture(tmp_path, name):
+    scene = scenes()[name]
+    made = write_scene(tmp_path / "scene.toml", scene)
+    assert all(path.is_file() for path in made)
+    again = read_scene(made[0])
+    assert (again.noise, again.lamps, again.spheres) == (scene.noise, scene.lamps, scene.spheres)
+    first, second = render(scene), render(again)
+    np.testing.assert_array_equal(first.planes, second.planes)
+    np.testing.assert_array_equal(first.ambient, second.ambient)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    radius=st.floats(1, 200),
+    seed=st.integers(0, 2**40),
+    low=st.floats(0, 0.5),
+    noise=st.floats(0, 50),
+    flicker=st.floats(0, 0.29),
+)
+def test_numbers_survive_to_the_last_bit(tmp_path_factory, radius, seed, low, noise, flicker):
+    scene = replace(
+        scene_named("coin", width=32, height=24, leds=3),
+        body=SphericalCap(radius, radius / 3),
+        pattern=Checker(low, 1 - low),
+        noise=NoiseModel(2.5, noise, 64.0, 12),
+        lamps=Lamps(flicker=flicker),
+        board=Even(low),
+    )
+    path = write_scene(tmp_path_factory.mktemp("scene") / "scene.toml", scene)[0]
+    again = read_scene(path, seed=seed)
+    for name in ("body", "pattern", "noise", "lamps", "board"):
+        assert getattr(again, name) == getattr(scene, name)
+
+
+def test_a_seed_is_for_what_has_none_of_its_own(write):
+    path = write(f"seed = 5\n[object]\nkind='coin'\nradius_mm=50\n[pattern]\nkind='paint'\n"
+                 f"low=0.2\nhigh=0.4\nseed=9\n{SMALL}")  # fmt: skip
+    scene = read_scene(path)
+    assert (scene.body.seed, scene.pattern.seed) == (5, 9)
+    np.testing.assert_array_equal(scene.lights.positions_mm, dome_lights(36, seed=5).positions_mm)
+    other = read_scene(path, seed=6)
+    assert (other.body.seed, other.pattern.seed) == (6, 9)
+
+
+def test_number_of_lights_and_pixels_from_outside(write):
+    path = write("[object]\nkind='plane'\nradius_mm=50\n[lights]\nkind='ring'\ncount=8\n")
+    scene, other = read_scene(path), read_scene(path, leds=5, size=(1280, 900))
+    assert (len(scene.lights), len(other.lights)) == (8, 5)
+    assert other.lens.size == (900, 1280)
+    # The corner of the field stays where it was: at x = 146.65 mm, at half a pixel beyond the last.
+    for lens in (scene.lens, other.lens):
+        _, ray = lens.origins_and_rays(lens.size[1] - 0.5, (lens.size[0] - 1) / 2)
+        np.testing.assert_allclose(600 * ray, [293.76 / 2, 0.0, -600.0], atol=1e-9)
+
+
+def test_files_are_found_from_where_the_scene_is(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path.parent)
+    (tmp_path / "parts").mkdir()
+    lights = Lights(positions_mm=np.array([[100.0, 0, 400], [0, 90, 380]]), ids=("east", "north"))
+    write_lights(tmp_path / "parts" / "lights.json", lights)
+    write_camera(tmp_path / "parts" / "camera.json", scene_named("coin", width=40).lens.camera)
+    trimesh.creation.box(extents=(2.0, 1.0, 1.0)).export(tmp_path / "parts" / "box.obj")
+    scene = read_scene(
+        write(
+            "[object]\nkind='mesh'\nfile='parts/box.obj'\nradius_mm=50\nsmooth=false\n"
+            "[lights]\nkind='file'\nfile='parts/lights.json'\n"
+            "[lens]\nkind='file'\nfile='parts/camera.json'\n"
+        )
+    )
+    np.testing.assert_array_equal(scene.lights.positions_mm, lights.positions_mm)
+    assert scene.lights.ids == ("L00", "L01"), "LEDs are named by their number"
+    assert scene.lens.size == (512, 40)
+    # Half the diagonal of the footprint is the radius; the box is half as high as long.
+    assert scene.body.top_mm == pytest.approx(50 / np.hypot(1, 0.5))
+
+
+def test_a_mesh_is_written_in_its_place(write, tmp_path):
+    trimesh.creation.icosphere(subdivisions=2, radius=3.0).export(tmp_path / "ball.ply")
+    scene = read_scene(
+        write(
+            "[object]\nkind='mesh'\nfile='ball.ply'\nradius_mm=40\nturn_deg=[20,30,0]\n"
+            f"[lights]\nkind='dome'\ncount=3\n{SMALL}"
+        )
+    )
+    made = write_scene(tmp_path / "other.toml", scene)
+    assert {path.name for path in made} == {"other.toml", "other.lights.json", "other.ply"}
+    again = read_scene(made[0])
+    np.testing.assert_allclose(again.body.vertices_mm, scene.body.vertices_mm, atol=1e-4)
+    assert again.body.smooth == scene.body.smooth
+
+
+@pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+def test_a_real_mesh_stands_on_the_board(write):
+    file = Path(os.environ["SGP_DATA"]) / "meshes" / "stanford-bunny.obj"
+    scene = read_scene(write(f"[object]\nkind='mesh'\nfile='{file}'\nradius_mm=60\n{SMALL}"))
+    assert scene.body.vertices_mm[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert scene.body.radius_mm == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        pytest.param("ambiant = 0.1", ["ambiant", "ambient"], id="unknown key"),
+        pytest.param("ambient = 'much'", ["ambient"], id="text for a number"),
+        pytest.param("ambient = nan", ["ambient"], id="not a number"),
+        pytest.param("seed = -1", ["seed"], id="negative seed"),
+        pytest.param("[object", ["TOML"], id="not TOML"),
+        pytest.param("ambient = 2", ["ambient", "0..1"], id="too much ambient light"),
+        pytest.param("[object]\nradius_mm=5", ["[object]", "kind", "coin"], id="no kind"),
+        pytest.param("[object]\nkind='con'", ["[object]", "'con'", "coin"], id="unknown kind"),
+        pytest.param("[object]\nkind=3", ["[object]", "3", "coin"], id="kind of another type"),
+        pytest.param("[object]\nkind=['coin']", ["[object]", "coin"], id="kind as a list"),
+        pytest.param("[object]\nkind='coin'", ["[object]", "radius_mm"], id="missing key"),
+        pytest.param(
+            "[object]\nkind='coin'\nradius_mm=-5", ["[object]", "radius_mm", "-5"],
+            id="negative radius",
+        ),
+        pytest.param(
+            "[object]\nkind='coin'\nradius_mm=5\nreleif_mm=1", ["[object]", "releif_mm"],
+            id="unknown key of a kind",
+        ),
+        pytest.param(
+            "[object]\nkind='mesh'\nfile='no.obj'\nradius_mm=5", ["[object]", "no.obj"],
+            id="missing mesh",
+        ),
+        pytest.param(
+            "[object]\nkind='mesh'\nfile='points.ply'\nradius_mm=5", ["[object]", "points.ply"],
+            id="mesh without faces",
+        ),
+        pytest.param(
+            "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=5\n[[spheres]]\ncentre_mm=[0,9]\nradius_mm=1",
+            ["[spheres.1]", "centre_mm"], id="sphere with two coordinates",
+        ),
+        pytest.param(
+            "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=-5", ["[spheres.0]", "-5"],
+            id="sphere of negative radius",
+        ),
+        pytest.param(
+            "[object]\nkind='plane'\nradius_mm=50\n[[spheres]]\ncentre_mm=[9,0,5]\nradius_mm=5",
+            ["sphere 0", "overlaps"], id="sphere in the object",
+        ),
+        pytest.param(
+            "[lights]\nkind='listed'\npositions_mm=[[0,100,-5]]", ["LED L00", "below"],
+            id="LED below the surface",
+        ),
+        pytest.param("[lights]\nkind='ring'\ncount=0", ["[lights]", "0 LEDs"], id="no lights"),
+        pytest.param("[lights]\nkind='dome'\nspread=0.5", ["[lights]", "spread"], id="wide spread"),
+        pytest.param("[lights]\nkind='file'\nfile='bad.json'", ["bad.json"], id="bad lights"),
+        pytest.param("[lamps]\nflicker=2", ["[lamps]", "flicker"], id="flicker"),
+        pytest.param("[sensor]\nbit_depth=40", ["[sensor]", "bits"], id="bit depth"),
+        pytest.param("[sensor]\niso=100", ["[sensor]", "iso"], id="unknown key of the sensor"),
+        pytest.param("[lens]\nkind='perspective'\nwidth=0", ["[lens]"], id="zero-size image"),
+        pytest.param(
+            "[lens]\nkind='perspective'\nworking_distance_mm=-1", ["[lens]", "working_distance_mm"],
+            id="negative distance",
+        ),
+        pytest.param(
+            "[lens]\nkind='perspective'\nworking_distance_mm=8\n[object]\nkind='coin'\nradius_mm=50",
+            ["camera", "inside the object"], id="camera inside the object",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_line(write, tmp_path, text, words):
+    (tmp_path / "bad.json").write_text("{}", encoding="utf-8")
+    trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
+    path = write(text)
+    with pytest.raises(DataError) as caught:
+        read_scene(path)
+    line = str(caught.value)
+    assert line.startswith(str(path))
+    assert "\n" not in line.strip()
+    for word in words:
+        assert word in line
+
+
+def test_lights_from_a_file_keep_their_number(write, tmp_path):
+    write_lights(tmp_path / "l.json", dome_lights(4))
+    path = write("[lights]\nkind='file'\nfile='l.json'\n")
+    with pytest.raises(DataError, match=r"\[lights\]"):
+        read_scene(path, leds=5)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises(MissingPathError, match=r"nowhere\.toml"):
+        read_scene(tmp_path / "nowhere.toml")
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(StorageError, match="nowhere"):
+        write_scene(tmp_path / "nowhere" / "scene.toml", scene_named("coin", leds=1))
+
+
+def test_an_object_of_ones_own_has_no_table(tmp_path):
+    class Hill(Plane):
+        pass
+
+    scene = replace(scene_named("coin", leds=1), body=Hill(40.0))
+    with pytest.raises(DataError, match="Hill"):
+        write_scene(tmp_path / "scene.toml", scene)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_every_material_has_its_table(write):
+    for kind, material in MATERIALS.items():
+        assert read_scene(write(f"[material]\nkind = '{kind}'\n{SMALL}")).material == material()
+
+
+def documented() -> str:
+    return (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
+
+
+def value_of(text: str) -> object:
+    """Read a default as the documentation prints it: TOML, but for bare words and none."""
+    if text == "none":
+        return None
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+    return tuple(value) if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize(
+    ("kinds", "heading"),
+    [
+        pytest.param(BODIES, "`[object]`", id="objects"),
+        pytest.param(PATTERNS, "`[pattern]`", id="patterns"),
+        pytest.param(MATERIALS, "`[material]`", id="materials"),
+        pytest.param(LIGHTS, "`[lights]`", id="lights"),
+        pytest.param(LENSES, "`[lens]`", id="lenses"),
+    ],
+)
+def test_the_documentation_has_every_kind_with_its_keys_and_defaults(kinds, heading):
+    section = documented().partition(f"### {heading}")[2].partition("\n### ")[0]
+    rows = dict(re.findall(r"^\| `([a-z-]+)` \|.*\| (.*?) ?\|$", section, re.MULTILINE))
+    assert rows.keys() == kinds.keys()
+    for kind, maker in kinds.items():
+        said = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
+        keys = inspect.signature(maker).parameters
+        assert list(said) == list(keys), kind
+        for name, text in said.items():
+            default = keys[name].default
+            if default is inspect.Parameter.empty:
+                assert text == "", (kind, name)
+            else:
+                expected = pytest.approx(default) if isinstance(default, float) else default
+                assert value_of(text) == expected, (kind, name)
+
+
+def test_the_documented_example_is_a_scene(write, tmp_path):
+    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "owl.obj")
+    example = documented().partition("```toml\n")[2].partition("```")[0]
+    scene = read_scene(write(example))
+    assert scene.lens.cfa == "RGGB"
+    assert len(scene.lights) == 24
+    assert scene.body.radius_mm == pytest.approx(70.0)
+
+
+def test_the_documentation_lists_the_scenes():
+    rows = re.findall(r"^\| `([a-z-]+)` \| (.*) \|$", documented().partition("\n## ")[0], re.M)
+    assert dict(rows) == SCENES
