@@ -182,7 +182,7 @@ class _Canvas:
     def finish(self) -> Rendering:
         """Add mirrored lights and vignetting, and hand everything over."""
         scene, lens = self._scene, self._scene.lens
-        highlights = find_highlights(scene)
+        highlights = find_highlights(scene, self._shader.occluders)
         draw_highlights(scene, highlights, self._planes)
         height, width = lens.size
         for row in range(height):

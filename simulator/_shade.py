@@ -49,7 +49,7 @@ class Shader:
         return lamp_parts(lights, self.scene.led_radius_mm, count if lights.near else 1)
 
     @cached_property
-    def _occluders(self) -> Occluders:
+    def occluders(self) -> Occluders:
         scene, caster = self.scene, None
         if scene.body is not None and scene.shadows:
             caster = scene.body.shadow_caster(self.shadow_step_mm)
@@ -80,7 +80,7 @@ class Shader:
         """
         scene, near = self.scene, self.scene.lights.near
         light = irradiance(self._lamps, seen.points_mm, seen.normals, near=near)
-        dark = self._occluders.occlude(
+        dark = self.occluders.occlude(
             light, seen.points_mm, seen.normals, seen.direct, self._parts, near
         )
         albedo = albedo * np.where(seen.lost, 0.0, seen.weight).astype(np.float32)[:, None]

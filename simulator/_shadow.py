@@ -16,7 +16,7 @@ from functools import cached_property
 import numba
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from simulator._body import HeightGrid
 from simulator._bvh import TriangleTree
@@ -32,6 +32,8 @@ _TILE = 16
 _WALL = 4.0
 # What the error of interpolation may be above its estimate from second differences.
 _SPARE = 1.5
+# A bend of this many steps within one step is not resolved by the grid.
+_UNRESOLVED = 0.25
 _ROUNDING = 1e-6
 # Lifts the points of a mesh off their own triangles: far below a pixel, far above rounding.
 _LIFT_MM = 1e-4
@@ -151,6 +153,9 @@ def lowered(grid: HeightGrid) -> Values:
             inner[axis] = slice(1, -1)
             bend[tuple(inner)] += second
         sag = maximum_filter(bend, 3) * np.float32(_SPARE / 8)
+        # Between heights this uneven the surface may do anything: only the least of them is safe.
+        unresolved = sag > _UNRESOLVED * grid.step_mm
+        sag[unresolved] = (band - minimum_filter(band, 3))[unresolved]
         stop = min(len(heights), start + _ROWS)
         part = slice(start - low, stop - low)
         out[start:stop] = band[part] - sag[part] - np.float32(rounding)
