@@ -43,15 +43,16 @@ def metered_exposures(rendering: Rendering) -> tuple[float, ...]:
 def _brightest(
     planes: npt.NDArray[np.float32], where: npt.NDArray[np.bool_], quantile: float
 ) -> float:
-    """Return the signal, electrons per microsecond, that so large a part of pixels stays under."""
+    """Return the signal, photons per microsecond, that so large a part of pixels stays under."""
     places = np.flatnonzero(where)
     if quantile < 1:
         places = places[:: -(-len(places) // _METERED_PIXELS)]
     return max(float(np.quantile(plane.ravel()[places], quantile)) for plane in planes)
 
 
-def _exposure_us(rendering: Rendering, electrons_per_us: float) -> float:
+def _exposure_us(rendering: Rendering, photons_per_us: float) -> float:
     noise = rendering.truth.noise
+    electrons_per_us = photons_per_us * noise.quantum_efficiency
     full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
     low, high = _EXPOSURE_RANGE_US
     exposure = min(max(_FILL * full / max(electrons_per_us, 1e-9), low), high)

@@ -45,10 +45,10 @@ class Rendering:
     Parameters
     ----------
     planes
-        ``(N, H, W)`` electrons per microsecond that each light gives alone. A Bayer lens has
+        ``(N, H, W)`` photons per microsecond that each light gives alone. A Bayer lens has
         rendered its mosaic: each pixel holds its own colour.
     ambient
-        ``(H, W)`` electrons per microsecond from the room, in every frame.
+        ``(H, W)`` photons per microsecond from the room, in every frame.
     truth
         What the scene is.
     scene
@@ -71,7 +71,7 @@ class Rendering:
         Returns
         -------
         Values
-            ``(H, W)`` electrons per microsecond, the rendering's own memory.
+            ``(H, W)`` photons per microsecond, the rendering's own memory.
 
         Raises
         ------

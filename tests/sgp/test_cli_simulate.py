@@ -1,13 +1,15 @@
 """Scenes recorded from the command line: real sessions, with a truth that the commands find."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acquisition import Session, read_image, read_source
-from simulator import SCENES
+from sgp._simulation import metered_exposures
+from simulator import SCENES, render, scene_named
 
 SMALL = ("--size", "96x80", "--lights", "8")
 DISTANT = """
@@ -213,3 +215,12 @@ def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
     assert said in line[0]
     assert not (tmp_path / "o").exists()
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
+
+
+def test_metering_knows_the_quantum_efficiency():
+    plain = render(scene_named("plane", width=48, height=40, leds=4))
+    (exposure_us,) = metered_exposures(plain)
+    noise = replace(plain.truth.noise, quantum_efficiency=0.5)
+    dim = replace(plain, truth=replace(plain.truth, noise=noise))
+    (longer_us,) = metered_exposures(dim)
+    assert longer_us == pytest.approx(2 * exposure_us, rel=0.1)
