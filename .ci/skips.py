@@ -1,5 +1,6 @@
 """Print the skipped tests of a junit report; exit 1 for one that no expected reason covers."""
 
+import os
 import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -8,6 +9,8 @@ from xml.etree import ElementTree as ET
 def main(report: Path, expected: Path) -> int:
     lines = (line.strip() for line in expected.read_text(encoding="utf-8").splitlines())
     reasons = [line for line in lines if line and not line.startswith("#")]
+    if not os.environ.get("SGP_DATA"):
+        reasons.append("SGP_DATA is not set")
     surprises = 0
     for case in ET.parse(report).iter("testcase"):
         skipped = case.find("skipped")

@@ -199,7 +199,8 @@ def _describe(found: SphereCalibration) -> Result:
         }
     )
     kind = "positions" if found.lights.near else "directions"
-    result.summary = [f"{len(found.lights)} light {kind} from {len(found.spheres)} spheres"]
+    balls = "1 sphere" if len(found.spheres) == 1 else f"{len(found.spheres)} spheres"
+    result.summary = [f"{len(found.lights)} light {kind} from {balls}"]
     for sphere in found.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")

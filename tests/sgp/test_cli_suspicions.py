@@ -1,0 +1,80 @@
+"""What is in order as files and yet wrong: the commands say so instead of believing it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import Lights, read_lights, write_lights, write_png
+from processing import angle_deg, read_normals
+
+
+@pytest.fixture
+def words(recording):
+    return ("normals", recording, "--lights", recording.parent / "lights.json")
+
+
+def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
+    assert sgp(*words, "--method", "ls", "--out", tmp_path / "whole").code == 0
+    write_png(recording / "ball.3.png", np.zeros((40, 48), np.uint16))
+    answer = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json")
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out)
+    assert any("ball.3" in line and "nothing is lit" in line for line in said["warnings"])
+    assert said["metrics"]["images"] == 7
+    whole = read_normals(tmp_path / "whole").normal_map
+    dead = read_normals(tmp_path / "dead").normal_map
+    both = whole.mask & dead.mask
+    assert angle_deg(whole.normals[both], dead.normals[both]).mean() < 6
+
+
+def test_lights_behind_the_object_are_refused(sgp, words, recording, tmp_path):
+    path = recording.parent / "lights.json"
+    turned = np.asarray(read_lights(path).directions) * [1, 1, -1]
+    write_lights(path, Lights(directions=turned))
+    answer = sgp(*words, "--out", tmp_path / "out")
+    assert answer.code == 5
+    assert "face away" in answer.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_sphere_mask_that_is_no_disc_is_refused(sgp, recording, tmp_path):
+    square = np.zeros((40, 48), np.uint8)
+    square[10:14, 5:40] = 255
+    write_png(tmp_path / "mask.png", square)
+    answer = sgp(
+        "calibrate", "spheres", recording, "--mask", tmp_path / "mask.png",
+        "--out", tmp_path / "found.json",
+    )  # fmt: skip
+    assert answer.code == 5
+    assert "no disc of a sphere" in answer.err
+    assert not (tmp_path / "found.json").exists()
+
+
+def test_what_is_not_used_is_told(sgp, words, recording, tmp_path):
+    (recording / "notes.txt").write_text("n", encoding="utf-8")
+    answer = sgp(*words, "--out", tmp_path / "out")
+    assert answer.code == 0
+    assert "not used: notes.txt" in answer.err
+    assert "no mask came with the images" in answer.err
+
+
+@pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
+def test_a_part_of_a_whole_number_is_not_rounded(sgp, number):
+    answer = sgp("capture", "plan", "--leds", number)
+    assert answer.code == 2
+    assert number in answer.err
+
+
+def test_an_exposure_the_camera_lacks_costs_no_folder(sgp, tmp_path):
+    plan = tmp_path / "plan.toml"
+    plan.write_text("leds = [0]\nexposures_us = [1]\n", encoding="utf-8")
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'name = "s"\ndriver = "simulated"\nleds = 2\n[options]\nwidth = 32\nheight = 32\n',
+        encoding="utf-8",
+    )
+    answer = sgp("capture", "run", tmp_path / "s", "--plan", plan, "--rig", rig)
+    assert answer.code == 3
+    assert "10 to 1e+07 us" in answer.err
+    assert not (tmp_path / "s").exists()
