@@ -10,7 +10,7 @@ def main(report: Path, expected: Path) -> int:
     lines = (line.strip() for line in expected.read_text(encoding="utf-8").splitlines())
     reasons = [line for line in lines if line and not line.startswith("#")]
     if not os.environ.get("SGP_DATA"):
-        reasons.append("SGP_DATA is not set")
+        reasons.append("SGP_DATA")
     surprises = 0
     for case in ET.parse(report).iter("testcase"):
         skipped = case.find("skipped")
