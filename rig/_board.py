@@ -1,111 +1,42 @@
-"""The LED board as the host sees it: a client over pyserial."""
+"""The LED board as the host sees it: its commands, each with what the board said it did."""
 
 from __future__ import annotations
 
-import secrets
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Literal
 
-import serial
-
-from rig._errors import BoardError
-from rig._protocol import (
-    BAUD_RATE,
-    NO_LED,
-    PROTOCOL_VERSION,
-    SEQUENCE_NUMBERS,
-    Command,
-    ErrorCode,
-    LineBuffer,
-    LineError,
-    Reply,
-    decode_reply,
-    encode_command,
+from rig._board_line import ATTEMPTS, REPLY_TIMEOUT_S, BoardLine
+from rig._board_replies import Outcome
+from rig._board_values import (
+    BoardEcho,
+    BoardIdentity,
+    BoardStatus,
+    FlashReport,
+    Step,
+    StepReport,
 )
+from rig._errors import BoardError
+from rig._protocol import NO_LED, PROTOCOL_VERSION, ErrorCode
 
-# An unplugged port shows as any of these; SerialException is an OSError.
-try:
-    import termios
-
-    _LINE_FAILURES: tuple[type[Exception], ...] = (OSError, termios.error)
-except ImportError:  # Windows
-    _LINE_FAILURES = (OSError,)
-_OPEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError)
-
-REPLY_TIMEOUT_S = 0.25
-ATTEMPTS = 3
 OFF_ATTEMPTS = 8
 # How long an ON and the OFF after it may take at worst.
 ON_OFF_TIMEOUT_S = (ATTEMPTS + OFF_ATTEMPTS) * REPLY_TIMEOUT_S
 # A board that resets when its port opens may sit in its boot loader for two seconds.
 HANDSHAKE_TIMEOUT_S = 4.0
-
-
-@dataclass(frozen=True)
-class BoardIdentity:
-    """Who answered on the port.
-
-    Parameters
-    ----------
-    name
-        The firmware's name.
-    protocol
-        Version of the serial protocol.
-    firmware
-        Version of the firmware.
-    leds
-        How many LEDs the board drives; they count from 0.
-    max_hold_ms
-        Longest time for which the board keeps an LED on.
-    """
-
-    name: str
-    protocol: int
-    firmware: str
-    leds: int
-    max_hold_ms: int
-
-
-@dataclass(frozen=True)
-class BoardEcho:
-    """What the board said it did.
-
-    Parameters
-    ----------
-    seq
-        Sequence number of the command.
-    led
-        The LED acted on. Of an OFF: the LED that burned until now, None where all were dark.
-    """
-
-    seq: int
-    led: int | None
-
-
-@dataclass(frozen=True)
-class BoardStatus:
-    """How the board is.
-
-    Parameters
-    ----------
-    uptime_ms
-        Time since the board started; a small value betrays a reset.
-    led
-        The LED that burns, None where all are dark.
-    faults
-        Damaged lines received since the board started.
-    """
-
-    uptime_ms: int
-    led: int | None
-    faults: int
+_UPTIME_WRAPS_MS = 1_000_000_000
+_PACES: dict[Literal["time", "exposure"], str] = {"time": "T", "exposure": "A"}
+# A ceramic resonator is off by up to 1 %.
+_CLOCKS_DIFFER = 0.01
+_ZERO_CELSIUS_DK = 2731.5
 
 
 class Board:
     """An open LED board.
 
     A command whose reply does not come is sent again under the same sequence number. The board
-    answers such a repetition without acting twice, so no repeat can light an LED again.
+    answers such a repetition without acting twice, so no repeat can light an LED again. For one
+    thread, except `darken`.
 
     Parameters
     ----------
@@ -114,29 +45,24 @@ class Board:
     handshake_timeout_s
         How long the board may take to say who it is; it may still be starting.
 
+    Attributes
+    ----------
+    identity
+        Who answered.
+
     Raises
     ------
     BoardError
         If the port is absent or busy, nobody answers, or what answers is no board of this
-        protocol version.
+        protocol version. Also by every method: if the line is lost, the board does not answer or
+        refuses, or its answer makes no sense.
     """
 
     def __init__(self, port: str, *, handshake_timeout_s: float = HANDSHAKE_TIMEOUT_S) -> None:
         self.port = port
-        self._lines = LineBuffer()
-        self._unread: list[bytes] = []
-        self._rejected = b""
-        # A random start keeps the late replies of an earlier program from fitting.
-        self._seq = secrets.randbelow(SEQUENCE_NUMBERS)
-        try:
-            self._serial = serial.Serial(
-                port, BAUD_RATE, timeout=REPLY_TIMEOUT_S, write_timeout=1.0, exclusive=True
-            )
-        except _OPEN_FAILURES as error:
-            raise BoardError(
-                f"LED board on {port}: the port cannot be opened ({error}); check the cable, "
-                "the name, your permissions and that no other program uses it"
-            ) from error
+        self._line = BoardLine(port)
+        self._uptime_ms = 0
+        self._uptime_asked_s = time.monotonic()
         try:
             self.identity = self._handshake(handshake_timeout_s)
         except BaseException as error:
@@ -147,140 +73,186 @@ class Board:
             raise
 
     def on(self, led: int, hold_ms: int) -> BoardEcho:
-        """Light exactly this LED; the board itself turns it off after ``hold_ms``.
+        """Light exactly this LED; the board itself turns it off.
 
-        Raises
-        ------
-        BoardError
-            If the board does not answer, refuses, or lit another LED or for another time.
+        It goes out ``hold_ms`` after it was lit, or when the board has not heard of the host for
+        its watchdog's time: see `ping`.
+
+        Parameters
+        ----------
+        led
+            The LED.
+        hold_ms
+            1 to the board's ``max_hold_ms``.
         """
-        reply = self._ask("ON", str(led), str(hold_ms))
-        lit, held_ms = self._number(reply, 0), self._number(reply, 1)
-        if (lit, held_ms) != (led, hold_ms):
-            raise BoardError(
-                f"{self._where('ON', (str(led),))}: for {hold_ms} ms was asked, the board lit LED "
-                f"{lit} for {held_ms} ms; check its firmware"
-            )
-        return BoardEcho(reply.seq, lit)
+        outcome = self._echoed("ON", str(led), str(hold_ms))
+        return BoardEcho(outcome.seq, led)
 
     def off(self) -> BoardEcho:
-        """Turn all LEDs off, trying hard, and say which one burned until now.
+        """Turn all LEDs off, trying hard, end flash and sequence, and say what burned until now.
 
         Raises
         ------
         BoardError
-            If the board does not confirm it; its own hold limit then ends the light.
+            If the board does not confirm it; hold and watchdog then end the light.
         """
-        reply = self._ask("OFF", attempts=OFF_ATTEMPTS)
-        return BoardEcho(reply.seq, self._led(reply, 0))
+        self._line.abandon()
+        outcome = self._line.ask("OFF", attempts=OFF_ATTEMPTS).done()
+        return BoardEcho(outcome.seq, outcome.led(0))
+
+    def level(self, led: int, level: int) -> BoardEcho:
+        """Set the brightness of an LED from its next lighting on, 0 to 4095."""
+        outcome = self._echoed("LEVEL", str(led), str(level))
+        return BoardEcho(outcome.seq, led)
 
     def status(self) -> BoardStatus:
-        """Ask how the board is.
+        """Ask how the board is."""
+        told = self._line.ask("STATUS").done()
+        unknown = told.word(4) == NO_LED
+        status = BoardStatus(
+            uptime_ms=told.number(0),
+            led=told.led(1),
+            faults=told.number(2),
+            trips=told.number(3),
+            temperature_c=None if unknown else round((told.number(4) - _ZERO_CELSIUS_DK) / 10, 2),
+            state=told.word(5),
+            done=told.number(6),
+        )
+        self._uptime_ms, self._uptime_asked_s = status.uptime_ms, time.monotonic()
+        return status
+
+    def ping(self) -> None:
+        """Give the board a sign of life, which keeps its watchdog from acting.
+
+        Due at least every 300 ms while an LED is kept on or a sequence runs.
 
         Raises
         ------
         BoardError
-            If the board does not answer.
+            Also if the board has restarted since it was asked last, or refused the flash that was
+            begun.
         """
-        reply = self._ask("STATUS")
-        return BoardStatus(self._number(reply, 0), self._led(reply, 1), self._number(reply, 2))
+        # Asked now at the earliest, so the board's clock has gone on by at least that.
+        passed_ms = (time.monotonic() - self._uptime_asked_s) * 1000
+        before_ms = self._uptime_ms
+        now_ms = self.status().uptime_ms
+        wrapped = before_ms + passed_ms * (1 + _CLOCKS_DIFFER) >= _UPTIME_WRAPS_MS
+        if now_ms + 2 < before_ms + passed_ms * (1 - _CLOCKS_DIFFER) and not wrapped:
+            raise BoardError(
+                f"LED board on {self.port} restarted {now_ms} ms ago: what it was doing is lost; "
+                "check its supply and cable, then shoot again"
+            )
+        flash = self._line.begun()
+        if flash is not None and flash.error is not None:
+            self._line.abandon()
+            flash.done()
+
+    def flash(self, led: int | None, settle_us: int, hold_us: int) -> FlashReport:
+        """Do a flash with one trigger pulse, and wait for its end: see `begin_flash`."""
+        self.begin_flash(led, settle_us, hold_us)
+        return self.end_flash()
+
+    def begin_flash(self, led: int | None, settle_us: int, hold_us: int) -> None:
+        """Have the board light an LED, pulse the trigger line, and turn the LED off by itself.
+
+        Parameters
+        ----------
+        led
+            The LED, None for a flash in the dark.
+        settle_us
+            From the light to the pulse, 0 to 1 000 000.
+        hold_us
+            From the pulse to the end of the light, at least 10.
+        """
+        lasts_s = (settle_us + hold_us) / 1e6
+        self._line.begin(lasts_s, "FLASH", _word(led), str(settle_us), str(hold_us))
+
+    def end_flash(self) -> FlashReport:
+        """Wait for the end of the flash that was begun, and return what it did.
+
+        Raises
+        ------
+        BoardError
+            Also if the board may have flashed twice, because it restarted in between.
+        """
+        told = self._line.finish().done().repeats(1)
+        if told.again:
+            self.ping()
+        since_us = None if told.word(1) == NO_LED else told.number(1)
+        active_us, cut_off = told.exposure(3)
+        return FlashReport(told.seq, told.led(0), since_us, told.number(2), active_us, cut_off)
+
+    def load(self, steps: Sequence[Step]) -> None:
+        """Load a sequence, at most the board's ``max_steps`` long."""
+        for index, step in enumerate(steps):
+            times = (str(step.settle_us), str(step.hold_us), str(step.gap_us))
+            self._echoed("STEP", str(index), _word(step.led), *times)
+
+    def run(self, count: int, pace: Literal["time", "exposure"] = "time") -> BoardEcho:
+        """Start the first ``count`` of the loaded steps.
+
+        Parameters
+        ----------
+        count
+            How many steps.
+        pace
+            "time": every step lasts as declared. "exposure": its light goes out when the camera's
+            exposure-active output has risen and fallen, and a step without ends the sequence.
+        """
+        outcome = self._line.ask("RUN", str(count), _PACES[pace]).done().repeats(1)
+        return BoardEcho(outcome.seq, None)
+
+    def did(self, index: int) -> StepReport | None:
+        """Ask what a step of the running or last sequence did; None where it has not ended."""
+        told = self._line.ask("DID", str(index))
+        if told.error == ErrorCode.NO_SUCH_STEP:
+            return None
+        told.done().repeats(1)
+        active_us, cut_off = told.exposure(4)
+        return StepReport(index, told.led(1), told.number(2), told.number(3), active_us, cut_off)
+
+    def darken(self) -> None:
+        """Send one OFF straight to the port; wait for nothing and raise nothing.
+
+        For emergencies: may be called from a signal handler or another thread, whatever this board
+        is being asked just then. A command that is under way is not repeated any more, except OFF.
+        """
+        self._line.darken()
 
     def close(self) -> None:
-        """Give the port back. LEDs are left as they are: their hold ends by itself."""
-        try:
-            self._serial.close()
-        except _LINE_FAILURES as error:
-            raise BoardError(f"LED board on {self.port}: closing failed ({error})") from error
+        """Give the port back. LEDs are left as they are: the board ends their light by itself.
+
+        Raises
+        ------
+        BoardError
+            If closing fails.
+        """
+        self._line.close()
 
     def _handshake(self, timeout_s: float) -> BoardIdentity:
-        try:
-            self._serial.reset_input_buffer()
-            # Ends whatever an earlier program left half sent.
-            self._serial.write(b"\n")
-        except _LINE_FAILURES as error:
-            raise self._lost("ID", error) from error
-        reply = self._ask("ID", attempts=max(1, round(timeout_s / REPLY_TIMEOUT_S)))
-        words = reply.args
+        self._line.clear()
+        told = self._line.ask("ID", attempts=max(1, round(timeout_s / REPLY_TIMEOUT_S))).done()
         # Name and version come first in every version of the protocol.
-        if len(words) < 2 or words[1] != str(PROTOCOL_VERSION):
+        version = " ".join(told.words[1:2])
+        if version != str(PROTOCOL_VERSION):
             raise BoardError(
-                f"LED board on {self.port} speaks protocol {' '.join(words[1:2]) or '?'}, this "
-                f"software speaks {PROTOCOL_VERSION}: update the firmware or the software"
+                f"LED board on {self.port} speaks protocol {version or '?'}, this software speaks "
+                f"{PROTOCOL_VERSION}: update the firmware or the software"
             )
-        firmware = words[2] if len(words) > 2 else "?"
         return BoardIdentity(
-            words[0], PROTOCOL_VERSION, firmware, self._number(reply, 3), self._number(reply, 4)
+            name=told.word(0),
+            protocol=PROTOCOL_VERSION,
+            firmware=told.word(2),
+            leds=told.number(3),
+            max_hold_ms=told.number(4),
+            watchdog_ms=told.number(5),
+            max_steps=told.number(6),
         )
 
-    def _ask(self, verb: str, *args: str, attempts: int = ATTEMPTS) -> Reply:
-        self._seq = (self._seq + 1) % SEQUENCE_NUMBERS
-        line = encode_command(Command(self._seq, verb, args))
-        where = self._where(verb, args)
-        self._rejected = b""
-        for _ in range(attempts):
-            try:
-                self._serial.write(line)
-                reply = self._await(verb)
-            except _LINE_FAILURES as error:
-                raise self._lost(verb, error, args) from error
-            if reply is not None:
-                break
-        else:
-            talk = f"; it does send {self._rejected[:40]!r}" if self._rejected else ""
-            raise BoardError(
-                f"{where}: no answer within {attempts * REPLY_TIMEOUT_S:g} s{talk}; check power, "
-                "cable, and that this port is the LED board's"
-            )
-        if reply.error is not None:
-            raise BoardError(f"{where}: the board refused, {_reason(reply.error)}")
-        return reply
-
-    def _await(self, verb: str) -> Reply | None:
-        """Return the reply to the current command, dropping what is damaged or answers others."""
-        deadline = time.monotonic() + REPLY_TIMEOUT_S
-        while True:
-            while self._unread:
-                line = self._unread.pop(0)
-                try:
-                    reply = decode_reply(line)
-                except LineError:
-                    self._rejected = line
-                    continue
-                if reply.seq == self._seq and reply.verb == verb:
-                    return reply
-            left_s = deadline - time.monotonic()
-            if left_s <= 0:
-                return None
-            self._serial.timeout = left_s
-            data = self._serial.read(1)
-            data += self._serial.read(self._serial.in_waiting)
-            self._unread += self._lines.feed(data)
-
-    def _where(self, verb: str, args: tuple[str, ...]) -> str:
-        led = f" LED {args[0]}" if args else ""
-        return f"LED board on {self.port}, {verb}{led}"
-
-    def _lost(self, verb: str, error: Exception, args: tuple[str, ...] = ()) -> BoardError:
-        return BoardError(
-            f"{self._where(verb, args)}: the line is lost ({error}); was the board unplugged?"
-        )
-
-    def _number(self, reply: Reply, index: int) -> int:
-        try:
-            return int(reply.args[index])
-        except (IndexError, ValueError):
-            raise BoardError(
-                f"{self._where(reply.verb, ())}: a reply that makes no sense "
-                f"({' '.join(reply.args)}); check the firmware"
-            ) from None
-
-    def _led(self, reply: Reply, index: int) -> int | None:
-        return None if reply.args[index : index + 1] == (NO_LED,) else self._number(reply, index)
+    def _echoed(self, verb: str, *args: str) -> Outcome:
+        """Ask for something that the board repeats when it has done it."""
+        return self._line.ask(verb, *args).done().repeats(len(args))
 
 
-def _reason(error: int) -> str:
-    try:
-        text = ErrorCode(error).name.lower().replace("_", " ")
-    except ValueError:
-        text = "for a reason this software does not know"
-    return f"error {error}: {text}"
+def _word(led: int | None) -> str:
+    return NO_LED if led is None else str(led)

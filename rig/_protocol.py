@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from enum import IntEnum
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 BAUD_RATE = 115200
 # Longest lines in bytes, without the line end. A refusal repeats its command and is 3 bytes longer.
 MAX_COMMAND = 64
@@ -33,7 +33,10 @@ class ErrorCode(IntEnum):
     UNKNOWN_COMMAND = 1
     BAD_ARGUMENTS = 2
     NO_SUCH_LED = 3
-    BAD_HOLD = 4
+    BAD_TIME = 4
+    BUSY = 5
+    NO_SUCH_LEVEL = 6
+    NO_SUCH_STEP = 7
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Command:
     seq
         Sequence number, 0 to 65535.
     verb
-        ID, ON, OFF or STATUS.
+        What is to be done, for instance ON.
     args
         Words without spaces or ``*``.
     """
@@ -122,18 +125,25 @@ def decode_reply(line: bytes) -> Reply:
 
 
 class LineBuffer:
-    """Puts lines together from the pieces in which a serial line delivers them."""
+    """Puts lines together from the pieces in which a serial line delivers them.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    limit
+        Longest line that is kept, bytes without its line end.
+    """
+
+    def __init__(self, limit: int = MAX_REPLY) -> None:
+        self._limit = limit
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the lines that ``data`` completes, without line ends and without overlong ones."""
         *lines, rest = (self._rest + data).split(b"\n")
         # A piece this long is still too long when its line end comes, so noise cannot pile up.
-        self._rest = rest[: MAX_REPLY + 2]
+        self._rest = rest[: self._limit + 2]
         stripped = [line.removesuffix(b"\r") for line in lines]
-        return [line for line in stripped if 0 < len(line) <= MAX_REPLY]
+        return [line for line in stripped if 0 < len(line) <= self._limit]
 
 
 def _encode(mark: bytes, limit: int, seq: int, words: tuple[str, ...]) -> bytes:

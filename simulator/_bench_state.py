@@ -1,21 +1,40 @@
-"""The light in the room: which LED burned when, in a small file that processes share.
+"""Light and trigger line of the bench, in a small file that processes share.
 
-The virtual board writes it, virtual cameras read it. Layout, little-endian, for readers in any
-language: a header of 32 bytes (8 bytes ``SGPBENCH``; u32 version 1; u32 ring length R; u64 change
-counter, odd while a change is being written; u64 count of periods), then R periods of 24 bytes
-(i64 LED; i64 start; i64 end; CLOCK_MONOTONIC in nanoseconds). Period k lies at slot k mod R. A
-reader copies the file, and copies again if the change counter was odd or has moved.
+The virtual board writes light and trigger pulses, a virtual camera reads them and writes when it
+exposed. Layout, little-endian, times CLOCK_MONOTONIC in nanoseconds, for readers in any language:
 
-The end of a period is written when it begins, as the end of the declared hold, and brought forward
-when the LED is turned off earlier: like a timer set in hardware, it needs nobody awake to be exact,
-and a board that has died is dark by then.
+==========  ========================================================================
+byte        what
+==========  ========================================================================
+0           8 bytes ``SGPBENCH``
+8           u32 version 2
+12          u32 R = 64, length of the ring of lit periods
+16          u64 board's change counter, odd while the board is writing
+24          u64 count of lit periods
+32          u64 count of trigger pulses
+40          u32 T = 64, length of the ring of trigger pulses
+44          u32 X = 64, length of the ring of exposures
+48          u64 camera's change counter, odd while the camera is writing
+56          u64 count of exposures
+64          R x (i32 LED; i32 dimming; i64 start; i64 end): lit period k at slot k mod R
+then        T x (i64 number, from 0; i64 time): trigger pulses; time 2^63-1: withdrawn
+then        X x (i64 start; i64 end): exposures of the camera
+==========  ========================================================================
+
+The light of a period is that of the LED times ``1 - dimming / 4095``. A reader copies the file, and
+copies again if the counter of the writer it reads from was odd or has moved.
+
+The board writes ahead of time: the end of a light when it begins, and the light and pulse of a
+flash or step when it is certain, some before they happen. It brings ends forward and withdraws
+pulses when it is told to stop. Like timers set in hardware they need nobody awake to be exact, and
+a board that has died is dark by then.
 """
 
 from __future__ import annotations
 
 import mmap
 import struct
-from collections.abc import Iterator
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -23,67 +42,117 @@ from typing import Self
 from rig import RigError
 
 RING = 64
-_HEADER = struct.Struct("<8sIIQQ")
-_PERIOD = struct.Struct("<qqq")
-_COUNTERS = struct.Struct("<QQ")
-_COUNTERS_AT = 16
+FULL_LEVEL = 4095
+NEVER_NS = 2**63 - 1
+# A change takes microseconds, unless its process is put to sleep amid it.
+_WRITER_PATIENCE_S = 0.5
 _MAGIC = b"SGPBENCH"
-_VERSION = 1
-SIZE = _HEADER.size + RING * _PERIOD.size
+_VERSION = 2
+_HEADER = struct.Struct("<8sIIQQQIIQQ")
+_HEAD = (_MAGIC, _VERSION, RING)
+_BOARD_COUNTERS = struct.Struct("<QQQ")
+_BOARD_AT = 16
+_CAMERA_COUNTERS = struct.Struct("<QQ")
+_CAMERA_AT = 48
+_PERIOD = struct.Struct("<iiqq")
+_PAIR = struct.Struct("<qq")
+_PERIODS_AT = _HEADER.size
+_TRIGGERS_AT = _PERIODS_AT + RING * _PERIOD.size
+_EXPOSURES_AT = _TRIGGERS_AT + RING * _PAIR.size
+SIZE = _EXPOSURES_AT + RING * _PAIR.size
 
 
 @dataclass(frozen=True)
 class LitPeriod:
-    """One LED burning from ``start_ns`` up to ``end_ns``, which may still lie ahead."""
+    """One LED burning from ``start_ns`` up to ``end_ns``, which may still lie ahead.
+
+    ``level`` is its brightness, 0 to 4095.
+    """
 
     led: int
+    start_ns: int
+    end_ns: int
+    level: int = FULL_LEVEL
+
+
+@dataclass(frozen=True)
+class TriggerPulse:
+    """One rising edge of the trigger line, which may still lie ahead."""
+
+    number: int
+    time_ns: int
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One exposure of the camera, whose end may still lie ahead."""
+
     start_ns: int
     end_ns: int
 
 
 class BenchWriter:
-    """The board's side: states what burns. There is one writer per file."""
+    """The board's side: states what burns and when it triggers. There is one writer per file."""
 
     def __init__(self, path: Path) -> None:
-        header = _HEADER.pack(_MAGIC, _VERSION, RING, 0, 0)
+        header = _HEADER.pack(_MAGIC, _VERSION, RING, 0, 0, 0, RING, RING, 0, 0)
         path.write_bytes(header.ljust(SIZE, b"\0"))
         with path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), SIZE)
         self._changes = 0
-        self._count = 0
-        self._last = LitPeriod(-1, 0, 0)
+        self._lit = 0
+        self._triggers = 0
 
-    def led(self, now_ns: int) -> int | None:
-        """Return the LED that burns now."""
-        return self._last.led if now_ns < self._last.end_ns else None
+    def light(self, led: int, start_ns: int, end_ns: int, level: int = FULL_LEVEL) -> int:
+        """Let an LED burn from ``start_ns`` to ``end_ns``; return the number of the period."""
+        number = self._lit
+        self._lit += 1
+        self._write({_period_at(number): _PERIOD.pack(led, FULL_LEVEL - level, start_ns, end_ns)})
+        return number
 
-    def light(self, led: int, now_ns: int, end_ns: int) -> None:
-        """Let exactly this LED burn until ``end_ns``."""
-        self.put_out(now_ns)
-        self._last = LitPeriod(led, now_ns, end_ns)
-        self._count += 1
-        self._write()
+    def end(self, period: int, end_ns: int) -> None:
+        """Move the end of a lit period, of the last `RING` ones, not before its start."""
+        at = _period_at(period)
+        led, dimming, start_ns, _ = _PERIOD.unpack_from(self._map, at)
+        self._write({at: _PERIOD.pack(led, dimming, start_ns, max(start_ns, end_ns))})
+
+    def pulse(self, time_ns: int) -> int:
+        """Pulse the trigger line at a time; return the number of the pulse."""
+        number = self._triggers
+        self._triggers += 1
+        self._write({_trigger_at(number): _PAIR.pack(number, time_ns)})
+        return number
 
     def put_out(self, now_ns: int) -> None:
-        """Let nothing burn."""
-        if now_ns < self._last.end_ns:
-            self._last = LitPeriod(self._last.led, self._last.start_ns, now_ns)
-            self._write()
+        """Let nothing burn from now on, and withdraw the pulses that have not been."""
+        changed = {}
+        for number in range(max(0, self._lit - RING), self._lit):
+            at = _period_at(number)
+            led, dimming, start_ns, end_ns = _PERIOD.unpack_from(self._map, at)
+            if end_ns > now_ns:
+                changed[at] = _PERIOD.pack(led, dimming, start_ns, max(start_ns, now_ns))
+        for number in range(max(0, self._triggers - RING), self._triggers):
+            at = _trigger_at(number)
+            if now_ns < _PAIR.unpack_from(self._map, at)[1] < NEVER_NS:
+                changed[at] = _PAIR.pack(number, NEVER_NS)
+        if changed:
+            self._write(changed)
 
     def close(self) -> None:
         """Let go of the file."""
         self._map.close()
 
-    def _write(self) -> None:
-        _COUNTERS.pack_into(self._map, _COUNTERS_AT, 2 * self._changes + 1, self._count)
-        slot = _HEADER.size + (self._count - 1) % RING * _PERIOD.size
-        _PERIOD.pack_into(self._map, slot, self._last.led, self._last.start_ns, self._last.end_ns)
+    def _write(self, changed: dict[int, bytes]) -> None:
+        counts = self._lit, self._triggers
+        _BOARD_COUNTERS.pack_into(self._map, _BOARD_AT, 2 * self._changes + 1, *counts)
+        for at, data in changed.items():
+            self._map[at : at + len(data)] = data
         self._changes += 1
-        _COUNTERS.pack_into(self._map, _COUNTERS_AT, 2 * self._changes, self._count)
+        _BOARD_COUNTERS.pack_into(self._map, _BOARD_AT, 2 * self._changes, *counts)
 
 
 class BenchState:
-    """The camera's side: sees what burns.
+    """What burns, what was triggered, and when the camera exposed.
 
     Raises
     ------
@@ -94,27 +163,46 @@ class BenchState:
     def __init__(self, path: Path) -> None:
         self._path = path
         try:
-            with path.open("rb") as file:
-                self._map = mmap.mmap(file.fileno(), SIZE, access=mmap.ACCESS_READ)
+            with path.open("r+b") as file:
+                self._map = mmap.mmap(file.fileno(), SIZE)
         except (OSError, ValueError) as error:
             raise RigError(f"{path}: the bench state cannot be read ({error})") from error
-        if _HEADER.unpack_from(self._map)[:3] != (_MAGIC, _VERSION, RING):
+        if _HEADER.unpack_from(self._map)[:3] != _HEAD:
             self._map.close()
             raise RigError(f"{path}: not a bench state of version {_VERSION}")
 
     @property
     def changes(self) -> int:
-        """How often the light has changed by command."""
-        changes: int = _COUNTERS.unpack_from(self._map, _COUNTERS_AT)[0] // 2
+        """How often the board has changed light or trigger."""
+        changes: int = _BOARD_COUNTERS.unpack_from(self._map, _BOARD_AT)[0] // 2
         return changes
 
     def periods(self) -> tuple[LitPeriod, ...]:
-        """Return the periods that are still in the ring, oldest first."""
-        while True:
-            snapshot = self._map[:]
-            changes, count = _COUNTERS.unpack_from(snapshot, _COUNTERS_AT)
-            if changes % 2 == 0 and _COUNTERS.unpack_from(self._map, _COUNTERS_AT)[0] == changes:
-                return tuple(_periods(snapshot, count))
+        """Return the lit periods that are still in the ring, oldest first."""
+        data, (_, lit, _) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
+        return tuple(
+            LitPeriod(led, start_ns, end_ns, FULL_LEVEL - dimming)
+            for led, dimming, start_ns, end_ns in _ring(data, _PERIOD, _PERIODS_AT, lit)
+        )
+
+    def triggers(self) -> tuple[TriggerPulse, ...]:
+        """Return the trigger pulses that are still in the ring, without those withdrawn."""
+        data, (_, _, count) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
+        pulses = (TriggerPulse(*pair) for pair in _ring(data, _PAIR, _TRIGGERS_AT, count))
+        return tuple(pulse for pulse in pulses if pulse.time_ns != NEVER_NS)
+
+    def exposures(self) -> tuple[Exposure, ...]:
+        """Return the camera's exposures that are still in the ring, oldest first."""
+        data, (_, count) = self._snapshot(_CAMERA_COUNTERS, _CAMERA_AT)
+        return tuple(Exposure(*pair) for pair in _ring(data, _PAIR, _EXPOSURES_AT, count))
+
+    def expose(self, start_ns: int, end_ns: int) -> None:
+        """State an exposure as soon as it begins. There is one camera per file that does."""
+        changes, count = _CAMERA_COUNTERS.unpack_from(self._map, _CAMERA_AT)
+        changes += changes % 2  # A camera that died while it wrote leaves it odd.
+        _CAMERA_COUNTERS.pack_into(self._map, _CAMERA_AT, changes + 1, count)
+        _PAIR.pack_into(self._map, _EXPOSURES_AT + count % RING * _PAIR.size, start_ns, end_ns)
+        _CAMERA_COUNTERS.pack_into(self._map, _CAMERA_AT, changes + 2, count + 1)
 
     def led(self, now_ns: int) -> int | None:
         """Return the LED that burns at a time of the monotonic clock."""
@@ -125,6 +213,8 @@ class BenchState:
 
     def lit_ns(self, start_ns: int, end_ns: int) -> dict[int, int]:
         """Return for how long each LED burned between two times, LEDs that did not left out.
+
+        The time of a dimmed LED is that of full brightness that gives as much light.
 
         Raises
         ------
@@ -138,7 +228,8 @@ class BenchState:
         for period in periods:
             overlap = min(end_ns, period.end_ns) - max(start_ns, period.start_ns)
             if overlap > 0:
-                lit[period.led] = lit.get(period.led, 0) + overlap
+                full_ns = overlap * period.level // FULL_LEVEL
+                lit[period.led] = lit.get(period.led, 0) + full_ns
         return lit
 
     def close(self) -> None:
@@ -151,7 +242,27 @@ class BenchState:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _snapshot(self, counters: struct.Struct, at: int) -> tuple[bytes, tuple[int, ...]]:
+        """Return a copy of the file in which no change of this writer is half done."""
+        ends_s = time.monotonic() + _WRITER_PATIENCE_S
+        while True:
+            data = self._map[:]
+            counts = counters.unpack_from(data, at)
+            if counts[0] % 2 == 0 and counters.unpack_from(self._map, at)[0] == counts[0]:
+                return data, counts
+            # A writer that died in the middle of a change left what it will ever leave.
+            if time.monotonic() > ends_s:
+                return data, counts
 
-def _periods(snapshot: bytes, count: int) -> Iterator[LitPeriod]:
-    for index in range(max(0, count - RING), count):
-        yield LitPeriod(*_PERIOD.unpack_from(snapshot, _HEADER.size + index % RING * _PERIOD.size))
+
+def _ring(data: bytes, item: struct.Struct, at: int, count: int) -> list[tuple[int, ...]]:
+    numbers = range(max(0, count - RING), count)
+    return [item.unpack_from(data, at + k % RING * item.size) for k in numbers]
+
+
+def _period_at(number: int) -> int:
+    return _PERIODS_AT + number % RING * _PERIOD.size
+
+
+def _trigger_at(number: int) -> int:
+    return _TRIGGERS_AT + number % RING * _PAIR.size

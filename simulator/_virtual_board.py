@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import select
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -28,7 +29,7 @@ class VirtualBoard:
     Attributes
     ----------
     port
-        Path of its serial port.
+        Path of its serial port, a symbolic link.
     bench_state_path
         File in which it states what burns (see `BenchState`).
     pid
@@ -69,14 +70,14 @@ class VirtualBoard:
             raise RigError(f"the virtual board is gone ({error})") from error
 
     def unplug(self) -> None:
-        """Kill the process: the port goes dead, an LED burns on to the end of its hold."""
+        """Kill the process: the port goes dead, an LED burns on to its declared end."""
         self._process.kill()
         self._process.wait()
 
     def close(self) -> None:
         """End the process and remove its bench state; closing twice does nothing."""
         self._end(_END_TIMEOUT_S)
-        self.bench_state_path.unlink(missing_ok=True)
+        shutil.rmtree(self.bench_state_path.parent, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self

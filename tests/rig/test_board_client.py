@@ -1,11 +1,14 @@
 """The board client on a virtual board that is made to fail."""
 
+import signal
+import termios
+import threading
 import time
 
 import pytest
 import serial
 
-from rig import Board, BoardError
+from rig import Board, BoardError, Step
 from simulator._board_faults import BoardFault
 
 
@@ -22,8 +25,9 @@ def burning(bench):
 
 
 def test_identity(board):
-    identity = board.identity
-    assert (identity.protocol, identity.leds, identity.max_hold_ms) == (1, 36, 10_000)
+    told = board.identity
+    assert (told.name, told.protocol, told.firmware) == ("sgp-virtual-board", 2, "2.0.0")
+    assert (told.leds, told.max_hold_ms, told.watchdog_ms, told.max_steps) == (36, 60_000, 900, 48)
 
 
 def test_on_lights_the_led_and_off_says_that_it_burned(bench, board):
@@ -57,6 +61,14 @@ def test_the_board_itself_ends_the_hold(bench, board):
     "fault",
     [
         pytest.param(BoardFault(kind="drop-command", verb="ON"), id="lost command"),
+        pytest.param(BoardFault(kind="corrupt-command", verb="ON", value=9), id="corrupt command"),
+        pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=4), id="lost byte"),
+        pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=-1), id="lost line end"),
+        pytest.param(BoardFault(kind="double-byte-command", verb="ON", value=2), id="double byte"),
+        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command comes twice"),
+        pytest.param(BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply unended"),
+        pytest.param(BoardFault(kind="double-byte-reply", verb="ON", value=7), id="reply garbled"),
+        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply comes twice"),
         pytest.param(BoardFault(kind="drop-reply", verb="ON"), id="lost reply"),
         pytest.param(BoardFault(kind="corrupt-reply", verb="ON"), id="corrupt reply"),
         pytest.param(BoardFault(kind="delay-reply", verb="ON", value=300), id="late reply"),
@@ -72,6 +84,31 @@ def test_one_failed_exchange_is_mended_by_a_repetition(bench, board, fault):
     assert board.off().led == 9
     # A repetition must not light the LED a second time.
     assert len([p for p in bench.state.periods() if p.led == 9]) == before + 1
+
+
+VERBS = {
+    "ON": lambda board: board.on(9, 5000),
+    "OFF": lambda board: board.off(),
+    "LEVEL": lambda board: board.level(9, 4095),
+    "FLASH": lambda board: board.flash(9, 1000, 2000),
+    "STEP": lambda board: board.load([Step(9, 1000, 2000, 0)]),
+    "RUN": lambda board: board.run(1),
+    "DID": lambda board: board.did(0),
+    "STATUS": lambda board: board.status(),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("kind", ["drop-command", "drop-reply", "corrupt-reply", "double-reply"])
+def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board, verb, kind):
+    board.load([Step(9, 1000, 2000, 0)])
+    lit = len(bench.state.periods())
+    pulses = len(bench.state.triggers())
+    bench.virtual.set_faults(BoardFault(kind=kind, verb=verb))
+    VERBS[verb](board)
+    board.off()
+    assert len(bench.state.periods()) - lit <= (verb in ("ON", "FLASH", "RUN"))
+    assert len(bench.state.triggers()) - pulses <= (verb in ("FLASH", "RUN"))
 
 
 def test_a_late_reply_is_never_taken_for_the_next_commands(bench, board):
@@ -95,8 +132,195 @@ def test_a_lost_reply_to_off_still_tells_what_burned(bench, board):
 def test_off_tries_hard(bench, board):
     board.on(11, 9000)
     bench.virtual.set_faults(BoardFault(kind="drop-command", verb="OFF", times=6))
-    assert board.off().led == 11
+    # The silence is longer than the watchdog's: the LED is out before the OFF arrives.
+    assert board.off().led is None
     assert burning(bench) is None
+
+
+def test_a_flash_reports_what_it_did(bench, board):
+    report = board.flash(7, 2000, 6000)
+    assert (report.led, report.lit_us, report.active_us, report.cut_off) == (7, 8000, None, False)
+    dark = board.flash(None, 0, 1000)
+    assert (dark.led, dark.active_us) == (None, None)
+    first, second = bench.state.triggers()[-2:]
+    assert second.time_ns - first.time_ns > 6_000_000
+    assert bench.state.periods()[-1].led == 7
+
+
+def test_a_flash_reports_the_exposure(own_bench):
+    board = Board(own_bench.virtual.port)
+    for end_us, told in ((5000, (5000, False)), (90_000, (60_000, True))):
+        board.begin_flash(7, 2000, 60_000)
+        board.ping()
+        trigger_ns = own_bench.state.triggers()[-1].time_ns
+        own_bench.state.expose(trigger_ns, trigger_ns + end_us * 1000)
+        report = board.end_flash()
+        assert (report.active_us, report.cut_off) == told
+        time.sleep(0.1)
+    board.close()
+
+
+def test_others_may_be_asked_while_a_flash_burns(bench, board):
+    board.begin_flash(7, 0, 200_000)
+    for _ in range(3):
+        status = board.status()
+        assert (status.state, status.led) == ("FLASH", 7)
+        board.ping()
+    report = board.end_flash()
+    assert (report.led, report.lit_us) == (7, 200_000)
+
+
+def test_the_reply_to_a_flash_may_have_come_long_ago(bench, board):
+    board.begin_flash(7, 0, 1000)
+    time.sleep(0.3)
+    assert board.end_flash().lit_us == 1000
+    board.begin_flash(8, 0, 1000)
+    time.sleep(0.3)
+    board.ping()
+    assert board.end_flash().led == 8
+
+
+def test_a_flash_that_was_ended_has_no_report(bench, board):
+    board.begin_flash(7, 0, 5_000_000)
+    assert board.off().led == 7
+    with pytest.raises(BoardError, match="nothing was begun"):
+        board.end_flash()
+
+
+def test_a_refused_flash_is_told_by_the_next_ping(bench, board):
+    board.begin_flash(36, 0, 1000)
+    time.sleep(0.05)
+    with pytest.raises(BoardError, match=r"FLASH LED 36 .*the board refused, error 3"):
+        board.ping()
+    board.begin_flash(36, 0, 1000)
+    with pytest.raises(BoardError, match="error 3"):
+        board.end_flash()
+
+
+def test_a_sequence_tells_what_every_step_did(bench, board):
+    board.load([Step(3, 1000, 4000, 5000), Step(None, 0, 1000, 5000), Step(5, 0, 3000, 0)])
+    board.run(3)
+    reports = []
+    while len(reports) < 3:
+        report = board.did(len(reports))
+        reports += [] if report is None else [report]
+    assert [r.led for r in reports] == [3, None, 5]
+    assert [r.trigger_us for r in reports] == [1000, 10_000, 16_000]
+    assert [r.lit_us for r in reports] == [5000, 1000, 3000]
+    assert board.status().done == 3
+    assert board.status().state == "IDLE"
+
+
+def test_a_dimmed_led_is_stated_as_such(bench, board):
+    board.level(7, 1000)
+    board.on(7, 5000)
+    assert bench.state.periods()[-1].level == 1000
+    board.level(7, 4095)
+
+
+def test_a_restart_is_told_by_the_next_ping(bench, board):
+    time.sleep(0.05)
+    board.ping()
+    bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
+    with pytest.raises(BoardError, match="restarted") as error:
+        board.ping()
+    one_line(error, board.port)
+    board.ping()
+
+
+def test_a_flash_that_a_restart_may_have_doubled_is_refused(bench, board):
+    bench.virtual.set_faults(BoardFault(kind="reset-after", verb="FLASH"))
+    pulses = len(bench.state.triggers())
+    time.sleep(0.1)
+    with pytest.raises(BoardError, match="restarted"):
+        board.flash(7, 0, 1000)
+    assert len(bench.state.triggers()) > pulses
+
+
+def test_what_is_too_much_for_the_sequence_is_refused(bench, board):
+    with pytest.raises(BoardError, match=r"STEP 48 LED 1 .* error 7: no such step"):
+        board.load([Step(1, 0, 100, 0)] * 49)
+    with pytest.raises(BoardError, match="RUN 49 T: the board refused, error 7"):
+        board.run(49)
+
+
+def test_darkness_in_an_emergency_waits_for_nothing(bench, board):
+    board.on(7, 5000)
+    board.darken()
+    # The board needs no more than a moment; nothing was read.
+    ends = time.monotonic() + 5
+    while burning(bench) is not None:
+        assert time.monotonic() < ends
+        time.sleep(0.002)
+    # The light was cut: the OFF of the main path must not say that it burned until then.
+    assert board.off().led is None
+    assert board.on(8, 5000).led == 8
+    assert board.off().led == 8
+
+
+def test_a_command_that_darkness_overtakes_is_not_sent_again(bench, board):
+    bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=2))
+    timer = threading.Timer(0.1, board.darken)
+    timer.start()
+    with pytest.raises(BoardError, match="turned off meanwhile") as error:
+        board.on(7, 5000)
+    one_line(error, board.port, "ON LED 7")
+    timer.join()
+    assert burning(bench) is None
+
+
+def test_a_flash_that_darkness_overtakes_is_not_sent_again(bench, board):
+    board.begin_flash(7, 0, 200_000)
+    board.darken()
+    with pytest.raises(BoardError, match="turned off meanwhile"):
+        board.end_flash()
+    assert burning(bench) is None
+
+
+@pytest.mark.parametrize(
+    "sent", [0, 7, -1, None], ids=["before", "amid", "before its end", "after"]
+)
+def test_darkness_wins_wherever_it_overtakes_the_writing_of_a_command(
+    bench, board, monkeypatch, sent
+):
+    port = board._line._serial
+    write = port.write
+
+    def overtaken(line):
+        monkeypatch.undo()
+        write(line[:sent])
+        board.darken()
+        write(line[len(line[:sent]) :])
+
+    monkeypatch.setattr(port, "write", overtaken)
+    with pytest.raises(BoardError, match="turned off meanwhile"):
+        board.on(7, 5000)
+    assert board.status().led is None
+
+
+def test_a_signal_that_ends_the_program_finds_the_board_dark(bench, board):
+    bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=9))
+
+    def handler(number, frame):
+        board.darken()
+        raise SystemExit
+
+    before = signal.signal(signal.SIGALRM, handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        with pytest.raises(SystemExit):
+            board.on(7, 5000)
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    assert board.status().led is None
+
+
+def test_darkness_raises_nothing_where_there_is_no_board_any_more(own_bench):
+    board = Board(own_bench.virtual.port)
+    own_bench.virtual.unplug()
+    board.darken()
+    board.close()
+    board.darken()
 
 
 def one_line(error, *parts):
@@ -125,8 +349,8 @@ def test_a_board_that_stops_answering(bench, board):
     ("led", "hold_ms", "reason"),
     [
         pytest.param(36, 100, "error 3: no such led", id="LED"),
-        pytest.param(0, 0, "error 4: bad hold", id="no hold"),
-        pytest.param(0, 10_001, "error 4: bad hold", id="long hold"),
+        pytest.param(0, 0, "error 4: bad time", id="no hold"),
+        pytest.param(0, 60_001, "error 4: bad time", id="long hold"),
         pytest.param(-1, 100, "error 2: bad arguments", id="negative"),
     ],
 )
@@ -147,14 +371,14 @@ def test_a_reset_in_mid_shot_shows_in_off_and_uptime(bench, board):
 
 def test_damaged_commands_are_counted_and_not_obeyed(bench, board):
     before = board.status().faults
-    board._serial.write(b">0001 ON 7 5000*0000\n")
+    board._line._serial.write(b">0001 ON 7 5000*0000\n")
     assert board.status().faults == before + 1
     assert burning(bench) is None
 
 
 def test_a_command_cut_short_does_not_spoil_the_off_that_follows(bench, board):
     board.on(7, 5000)
-    board._serial.write(b">0001 ON 8 50")
+    board._line._serial.write(b">0001 ON 8 50")
     assert board.off().led == 7
     assert burning(bench) is None
 
@@ -178,13 +402,71 @@ def test_unplugged(own_bench):
     board = Board(own_bench.virtual.port)
     board.on(7, 200)
     own_bench.virtual.unplug()
-    for act in (lambda: board.on(8, 100), board.off, board.status):
+    for verb, act in VERBS.items():
         with pytest.raises(BoardError) as error:
-            act()
-        one_line(error, board.port, "unplugged")
+            act(board)
+        one_line(error, board.port, verb, "unplugged")
     time.sleep(0.2)
     assert burning(own_bench) is None
     board.close()
+
+
+def test_unplugged_and_plugged_in_again_on_the_same_path(own_bench):
+    port = own_bench.virtual.port
+    board = Board(port)
+    board.on(7, 5000)
+    own_bench.virtual.set_faults(BoardFault(kind="hang-up", verb="STATUS", value=200))
+    with pytest.raises(BoardError, match="unplugged"):
+        board.status()
+    assert burning(own_bench) is None
+    board.close()
+    ends = time.monotonic() + 10
+    while True:
+        try:
+            board = Board(port)
+            break
+        except BoardError:
+            assert time.monotonic() < ends
+    assert board.status().uptime_ms < 10_000
+    assert board.on(8, 5000).led == 8
+    assert board.off().led == 8
+    board.close()
+
+
+@pytest.mark.parametrize(
+    ("name", "error"),
+    [
+        pytest.param("write", serial.SerialException("gone"), id="write"),
+        pytest.param("read", serial.SerialException("gone"), id="read"),
+        pytest.param("in_waiting", OSError(5, "gone"), id="in_waiting"),
+        pytest.param("write", serial.SerialTimeoutException("Write timeout"), id="full"),
+    ],
+)
+def test_however_the_line_is_lost_the_error_is_the_boards(bench, board, monkeypatch, name, error):
+    def fail(*_):
+        raise error
+
+    broken = property(fail) if name == "in_waiting" else fail
+    monkeypatch.setattr(serial.Serial, name, broken)
+    for verb, act in VERBS.items():
+        with pytest.raises(BoardError) as caught:
+            act(board)
+        one_line(caught, board.port, verb, "gone" if "gone" in str(error) else "Write timeout")
+    monkeypatch.undo()
+    board.off()
+    assert burning(bench) is None
+
+
+@pytest.mark.parametrize("error", [termios.error(5, "gone"), serial.SerialException("gone")])
+def test_a_line_lost_while_it_is_opened_is_given_back(bench, monkeypatch, error):
+    def fail(self):
+        raise error
+
+    monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
+    with pytest.raises(BoardError, match=r"ID: the line is lost .*gone"):
+        Board(bench.virtual.port)
+    monkeypatch.undo()
+    Board(bench.virtual.port).close()
 
 
 def test_a_port_that_cannot_be_closed_does_not_hide_why_it_was_refused(bench, monkeypatch):

@@ -1,53 +1,18 @@
-"""Ports behind which no usable board is."""
+"""Ports behind which no usable board is, and answers that no sound board gives."""
 
 import contextlib
 import os
 import threading
+import time
 import tty
 from pathlib import Path
 
 import pytest
 
-from rig import Board, BoardError, Command, Reply, decode_command, encode_reply
+from rig import Board, BoardError, Step
+from tests.rig.fake_port import IDENTITY, device, saying
 
 TIMEOUT_S = 0.25
-
-
-@contextlib.contextmanager
-def device(answer):
-    """A pty whose far end sends ``answer(line)`` for every line it gets."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-
-    def serve():
-        rest = b""
-        # The read fails once the far end is closed below.
-        with contextlib.suppress(OSError):
-            while data := os.read(master, 1000):
-                *lines, rest = (rest + data).split(b"\n")
-                for line in lines:
-                    if line == b"stop":
-                        return
-                    if line:
-                        os.write(master, answer(line))
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield os.ttyname(slave)
-    finally:
-        os.write(slave, b"stop\n")
-        thread.join()
-        os.close(slave)
-        os.close(master)
-
-
-def identity(*words):
-    def answer(line: bytes) -> bytes:
-        command: Command = decode_command(line)
-        return encode_reply(Reply(command.seq, command.verb, words))
-
-    return answer
 
 
 @pytest.mark.parametrize(
@@ -57,10 +22,13 @@ def identity(*words):
         pytest.param(lambda line: line + b"\n", "it does send", id="echo of our own words"),
         pytest.param(lambda line: b"$GPGGA,1*00\r\n", "$GPGGA", id="another device"),
         pytest.param(lambda line: bytes(range(256)) * 4, "it does send", id="noise"),
-        pytest.param(identity("dome", "2", "3.0", "36", "10000"), "speaks protocol 2", id="newer"),
-        pytest.param(identity("dome"), "speaks protocol ?", id="no version"),
-        pytest.param(identity("dome", "1", "1.0"), "makes no sense", id="no LED count"),
-        pytest.param(identity("dome", "1", "1.0", "x", "5"), "makes no sense", id="LED count x"),
+        pytest.param(saying("dome", "1", "3.0", "36", "10000"), "speaks protocol 1", id="older"),
+        pytest.param(saying("dome", "3", "3.0", "36"), "speaks protocol 3", id="newer"),
+        pytest.param(saying("dome"), "speaks protocol ?", id="no version"),
+        pytest.param(saying("dome", "2", "1.0"), "makes no sense", id="no LED count"),
+        pytest.param(saying(*IDENTITY[:6]), "makes no sense", id="no step count"),
+        pytest.param(saying(*IDENTITY[:3], "x", *IDENTITY[4:]), "no sense", id="LED count x"),
+        pytest.param(saying(*IDENTITY[:3], "-1", *IDENTITY[4:]), "no sense", id="LED count -1"),
     ],
 )
 def test_what_is_not_our_board(answer, said):
@@ -76,10 +44,134 @@ def test_what_is_not_our_board(answer, said):
 
 
 def test_a_board_of_another_make_is_taken_as_it_says():
-    with device(identity("dome", "1", "2.5", "24", "3000")) as port:
+    with device(saying(*IDENTITY)) as port:
         board = Board(port)
-        assert (board.identity.name, board.identity.firmware) == ("dome", "2.5")
+        assert (board.identity.name, board.identity.firmware) == ("dome", "3.5")
         assert (board.identity.leds, board.identity.max_hold_ms) == (24, 3000)
+        assert (board.identity.watchdog_ms, board.identity.max_steps) == (1000, 8)
+        board.close()
+
+
+@pytest.mark.parametrize(
+    ("verb", "outcome", "act", "said"),
+    [
+        pytest.param(
+            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 where", id="other LED"
+        ),
+        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 where", id="other hold"),
+        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 where", id="no hold"),
+        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON where", id="ON of nothing"),
+        pytest.param("OFF", (), lambda b: b.off(), "no sense", id="OFF of nothing"),
+        pytest.param("OFF", ("x",), lambda b: b.off(), "no sense", id="OFF of x"),
+        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 where", id="level"),
+        pytest.param(
+            "FLASH",
+            ("8", "-", "9", "-"),
+            lambda b: b.flash(7, 0, 9),
+            "LED 8 - 9 -",
+            id="other flash",
+        ),
+        pytest.param(
+            "FLASH", ("7", "-", "9"), lambda b: b.flash(7, 0, 9), "no sense", id="flash cut"
+        ),
+        pytest.param(
+            "FLASH", ("7", "-", "9", "+"), lambda b: b.flash(7, 0, 9), "no sense", id="flash active"
+        ),
+        pytest.param(
+            "STEP",
+            ("0", "7", "1", "20", "3"),
+            lambda b: b.load([Step(7, 1, 10, 3)]),
+            "did STEP 0 LED 7 1 20 3 where STEP 0 LED 7 1 10 3 was asked",
+            id="other step",
+        ),
+        pytest.param("RUN", ("2",), lambda b: b.run(1), "RUN 2 where RUN 1 T", id="other count"),
+        pytest.param(
+            "DID", ("1", "7", "0", "9", "-"), lambda b: b.did(0), "DID 1 LED 7", id="other did"
+        ),
+        pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "no sense", id="did cut"),
+        pytest.param("STATUS", ("5", "-", "0"), lambda b: b.status(), "no sense", id="version 1"),
+    ],
+)
+def test_answers_that_no_sound_board_gives(verb, outcome, act, said):
+    with device(saying(*IDENTITY, **{verb: outcome})) as port:
+        board = Board(port)
+        with pytest.raises(BoardError) as error:
+            act(board)
+        assert said in str(error.value)
+        assert port in str(error.value)
+        assert "\n" not in str(error.value)
+        board.close()
+
+
+def test_a_board_without_a_thermometer():
+    outcome = ("5", "-", "0", "0", "-", "IDLE", "0")
+    with device(saying(*IDENTITY, STATUS=outcome)) as port:
+        board = Board(port)
+        assert board.status().temperature_c is None
+        board.close()
+
+
+def test_a_device_that_chatters_does_not_hold_the_host_up():
+    with device(lambda line: b"", chatter=b"73.2,18.1\r\n") as port:
+        with pytest.raises(BoardError) as error:
+            Board(port, handshake_timeout_s=0.5)
+        assert "no answer within 0.5 s; it does send b'73.2,18.1'" in str(error.value)
+
+
+def test_a_board_is_heard_through_chatter():
+    with device(saying(*IDENTITY), chatter=b"\xff\x00<0000 OK \n") as port:
+        board = Board(port)
+        assert board.identity.leds == 24
+        board.close()
+
+
+def fill(fd: int) -> None:
+    """Write until the far end would have to read first."""
+    taken = 1
+    while taken:
+        taken = 0
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                taken += os.write(fd, b"x" * 1000)
+        # What was taken moves on to the far end, which makes room again.
+        time.sleep(0.1)
+
+
+def test_a_peer_that_does_not_read_is_told():
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(slave, False)
+    fill(slave)
+    try:
+        with pytest.raises(BoardError, match="nothing takes what is sent") as error:
+            Board(os.ttyname(slave))
+        assert "\n" not in str(error.value)
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+def test_darkness_goes_out_past_what_nobody_reads():
+    lines = []
+    reads = threading.Event()
+
+    def answer(line):
+        lines.append(line)
+        if b" ON " in line:
+            # It is busy with something else, and so does not read.
+            assert reads.wait(20)
+        return saying(*IDENTITY)(line)
+
+    with device(answer) as port:
+        board = Board(port)
+        board._line._serial.write(b">0000 ON 7 500*0000\n")
+        fill(board._line._serial.fd)
+        board.darken()
+        reads.set()
+        ends = time.monotonic() + 10
+        while b" OFF*" not in lines[-1]:
+            assert time.monotonic() < ends
+            time.sleep(0.01)
         board.close()
 
 

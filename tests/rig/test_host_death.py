@@ -10,33 +10,52 @@ from pathlib import Path
 
 import pytest
 
+from rig import Board
 from simulator._bench_state import BenchState
 
-HOLD_MS = 1500
+pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
 
+S = 1_000_000_000
+MS = 1_000_000
+WATCHDOG_NS = 1 * S
+
+# A host program: starts a board, does what it is told to with it, says so, and waits.
 HOST = """
 import json, sys, time
-import numpy as np
-from acquisition import NoiseModel
-from rig import Board, Rig, RigConfig
-from simulator._bench_state import BenchState
+from rig import Board, Step
 from simulator._virtual_board import VirtualBoard
-from simulator._virtual_camera import VirtualCamera
 
 virtual = VirtualBoard(36)
+board = Board(virtual.port)
+print(json.dumps({"bench": str(virtual.bench_state_path), "pid": virtual.pid}), flush=True)
+sys.stdin.readline()
+"""
+WAIT = """
+print("done", flush=True)
+time.sleep(60)
+"""
+
+# A host with a whole rig, which turns the light off when it ends in any way that lets it.
+RIG = (
+    HOST
+    + """
+import numpy as np
+from acquisition import NoiseModel
+from rig import Rig, RigConfig
+from simulator._bench_state import BenchState
+from simulator._virtual_camera import VirtualCamera
+
 camera = VirtualCamera(
     lambda led: np.zeros((2, 2), np.float32),
     size=(2, 2),
     bench=BenchState(virtual.bench_state_path),
     noise=NoiseModel(1.0, 1.0, 0.0, 12),
 )
-config = RigConfig(name="test", driver="test")
-rig = Rig(Board(virtual.port), camera, config, on_close=virtual.close)
-print(json.dumps({"bench": str(virtual.bench_state_path), "pid": virtual.pid}), flush=True)
-sys.stdin.readline()
-rig.board.on(7, int(sys.argv[1]))
-print("on", flush=True)
+rig = Rig(board, camera, RigConfig(name="test", driver="test"), on_close=virtual.close)
+rig.board.on(7, 60_000)
+print("done", flush=True)
 """
+)
 
 
 def running(pid: int) -> bool:
@@ -58,12 +77,12 @@ def wait_until(condition, timeout_s: float) -> bool:
 
 @pytest.fixture
 def host():
-    """Start a host program; give its process, its board's pid and bench state, LED 7 burning."""
+    """Start a host program; give its process, its board's pid and bench state."""
     started = []
 
-    def start(hold_ms: int, then: str):
+    def start(program: str):
         process = subprocess.Popen(
-            [sys.executable, "-c", HOST + then, str(hold_ms)],
+            [sys.executable, "-c", program],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -73,7 +92,7 @@ def host():
         started.append((process, told["pid"], bench))
         process.stdin.write("\n")
         process.stdin.flush()
-        assert process.stdout.readline() == "on\n"
+        assert process.stdout.readline() == "done\n"
         return process, told["pid"], bench
 
     yield start
@@ -85,28 +104,72 @@ def host():
             os.kill(pid, signal.SIGKILL)
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def light(bench):
+    return [period for period in bench.periods() if period.end_ns > period.start_ns]
+
+
 @pytest.mark.parametrize("death", [signal.SIGKILL, signal.SIGTERM], ids=lambda s: s.name)
-def test_a_killed_host_leaves_a_dark_board_by_the_end_of_the_hold(host, death):
-    process, pid, bench = host(HOLD_MS, "time.sleep(60)")
-    lit = bench.periods()[-1]
+def test_a_killed_host_leaves_a_dark_board_after_a_second(host, death):
+    process, pid, bench = host(HOST + "board.on(7, 60_000)" + WAIT)
     assert bench.led(time.monotonic_ns()) == 7
     os.kill(process.pid, death)
+    died_ns = time.monotonic_ns()
     process.wait()
-    # The board outlives its host, as a board on a bench does: only the hold ends the light.
-    time.sleep(0.3)
+    # The board outlives its host, as a board on a bench does; its watchdog ends the light.
+    assert wait_until(lambda: not running(pid), 10)
+    (lit,) = light(bench)
+    assert lit.led == 7
+    assert lit.end_ns - lit.start_ns <= WATCHDOG_NS + 10 * MS
+    assert lit.end_ns - died_ns <= WATCHDOG_NS
+
+
+def test_a_host_that_is_killed_while_it_speaks_is_missed_from_its_last_word_on(host):
+    speaks = "board.on(7, 60_000)\nprint('done', flush=True)\nwhile True: board.ping()"
+    process, pid, bench = host(HOST + speaks)
+    time.sleep(1.5)
     assert bench.led(time.monotonic_ns()) == 7
-    assert running(pid)
-    assert wait_until(lambda: bench.led(time.monotonic_ns()) is None, 2 * HOLD_MS / 1000)
-    assert bench.periods()[-1] == lit
-    assert lit.end_ns - lit.start_ns == HOLD_MS * 1_000_000
-    assert wait_until(lambda: not running(pid), 3)
+    process.kill()
+    died_ns = time.monotonic_ns()
+    assert wait_until(lambda: not running(pid), 10)
+    (lit,) = light(bench)
+    assert died_ns < lit.end_ns <= died_ns + WATCHDOG_NS + 50 * MS
 
 
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_a_killed_host_leaves_a_declared_flash_to_its_end(host):
+    process, pid, bench = host(HOST + "board.begin_flash(7, 0, 5_000_000)" + WAIT)
+    process.kill()
+    assert wait_until(lambda: not running(pid), 20)
+    (lit,) = light(bench)
+    assert (lit.led, lit.end_ns - lit.start_ns) == (7, 5 * S)
+    assert time.monotonic_ns() >= lit.end_ns
+
+
+def test_a_killed_host_leaves_a_sequence_to_the_end_of_its_step(host):
+    runs = "board.load([Step(k, 0, 390_000, 10_000) for k in range(20)])\nboard.run(20)"
+    process, pid, bench = host(HOST + runs + WAIT)
+    process.kill()
+    assert wait_until(lambda: not running(pid), 10)
+    lit = light(bench)
+    # RUN was the last word; what has begun a second later ends as declared.
+    assert [period.led for period in lit] == [0, 1, 2]
+    assert lit[-1].end_ns - lit[0].start_ns == 1190 * MS
+    assert len(bench.triggers()) == 3
+
+
+def test_a_declared_exposure_of_five_seconds_is_not_cut_while_the_host_lives(bench):
+    board = Board(bench.virtual.port)
+    trips = board.status().trips
+    report = board.flash(7, 1000, 5_000_000)
+    lit = light(bench.state)[-1]
+    assert report.lit_us == 5_001_000
+    assert lit.end_ns - lit.start_ns == 5001 * MS
+    assert board.status().trips == trips
+    board.close()
+
+
 @pytest.mark.parametrize("then", ["", "raise ValueError"], ids=["end", "error"])
 def test_a_host_that_forgets_to_close_turns_the_light_off_on_its_way_out(host, then):
-    process, pid, bench = host(10_000, then)
+    process, pid, bench = host(RIG + then)
     process.wait()
     assert bench.led(time.monotonic_ns()) is None
     assert wait_until(lambda: not running(pid), 3)

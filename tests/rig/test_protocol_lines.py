@@ -70,7 +70,7 @@ def test_golden_replies(reply, line):
 
 def test_every_line_the_document_shows_is_a_line_of_the_protocol():
     lines = shown_lines()
-    assert len(lines) == 12
+    assert len(lines) == 22
     for line in lines:
         decode = decode_command if line.startswith(b">") else decode_reply
         decode(line)

@@ -6,7 +6,16 @@ import threading
 import pytest
 
 from rig import RigError
-from simulator._bench_state import RING, SIZE, BenchState, BenchWriter, LitPeriod
+from simulator._bench_state import (
+    NEVER_NS,
+    RING,
+    SIZE,
+    BenchState,
+    BenchWriter,
+    Exposure,
+    LitPeriod,
+    TriggerPulse,
+)
 
 
 @pytest.fixture
@@ -20,32 +29,75 @@ def room(tmp_path):
 
 
 def test_an_untouched_room_is_dark(room):
-    _, writer, reader = room
+    _, _, reader = room
     assert reader.periods() == ()
     assert reader.led(5) is None
     assert reader.lit_ns(0, 100) == {}
-    assert writer.led(0) is None
+    assert reader.triggers() == ()
+    assert reader.exposures() == ()
     assert reader.changes == 0
 
 
-def test_light_ends_with_its_hold_off_or_the_next_led(room):
+def test_light_ends_as_declared_or_when_it_is_put_out(room):
     _, writer, reader = room
     writer.light(3, 100, 200)
     writer.light(4, 300, 900)
     writer.put_out(350)
     writer.put_out(360)
-    writer.light(5, 400, 900)
-    writer.light(6, 500, 600)
-    assert reader.periods() == (
-        LitPeriod(3, 100, 200),
-        LitPeriod(4, 300, 350),
-        LitPeriod(5, 400, 500),
-        LitPeriod(6, 500, 600),
-    )
-    seen = [reader.led(t) for t in (99, 100, 199, 200, 349, 350, 499, 500, 600)]
-    assert seen == [None, 3, 3, None, 4, None, 5, 6, None]
-    # Four lit, two ended early.
-    assert reader.changes == 6
+    assert reader.periods() == (LitPeriod(3, 100, 200), LitPeriod(4, 300, 350))
+    assert [reader.led(t) for t in (99, 100, 199, 200, 349, 350)] == [None, 3, 3, None, 4, None]
+    # Two lit, one ended early; the last changed nothing.
+    assert reader.changes == 3
+
+
+def test_the_end_of_a_light_moves_but_not_before_its_start(room):
+    _, writer, reader = room
+    first, second = writer.light(3, 100, 200), writer.light(4, 300, 400)
+    writer.end(first, 1000)
+    writer.end(second, 50)
+    assert reader.periods() == (LitPeriod(3, 100, 1000), LitPeriod(4, 300, 300))
+
+
+def test_what_was_stated_ahead_is_taken_back(room):
+    _, writer, reader = room
+    writer.light(3, 100, 200)
+    assert writer.pulse(120) == 0
+    writer.light(4, 300, 400)
+    assert writer.pulse(320) == 1
+    writer.put_out(150)
+    assert reader.periods() == (LitPeriod(3, 100, 150), LitPeriod(4, 300, 300))
+    assert reader.triggers() == (TriggerPulse(0, 120),)
+    assert writer.pulse(500) == 2
+    assert reader.triggers() == (TriggerPulse(0, 120), TriggerPulse(2, 500))
+
+
+def test_the_camera_states_its_exposures(room):
+    path, writer, reader = room
+    other = BenchState(path)
+    for k in range(RING + 5):
+        other.expose(10 * k, 10 * k + 7)
+        writer.light(k, 10 * k, 10 * k + 5)
+    assert reader.exposures() == tuple(Exposure(10 * k, 10 * k + 7) for k in range(5, RING + 5))
+    assert reader.changes == RING + 5
+    other.close()
+
+
+def test_a_board_that_died_in_the_middle_of_a_change_does_not_block_the_readers(room):
+    path, writer, reader = room
+    writer.light(3, 100, 200)
+    with path.open("r+b") as file:
+        file.seek(16)
+        file.write(struct.pack("<Q", 3))
+    assert reader.periods() == (LitPeriod(3, 100, 200),)
+
+
+def test_a_camera_that_died_in_the_middle_of_a_change_does_not_block_the_next(room):
+    path, _, reader = room
+    with path.open("r+b") as file:
+        file.seek(48)
+        file.write(struct.pack("<Q", 7))
+    reader.expose(10, 20)
+    assert reader.exposures() == (Exposure(10, 20),)
 
 
 @pytest.mark.parametrize(
@@ -76,18 +128,37 @@ def test_the_ring_keeps_the_newest_and_says_when_it_forgot(room):
         reader.lit_ns(50, 200)
 
 
+def test_a_dimmed_led_counts_by_its_light(room):
+    _, writer, reader = room
+    writer.light(3, 0, 1000, level=819)
+    writer.light(3, 1000, 1100)
+    writer.light(4, 1100, 1200, level=0)
+    assert reader.lit_ns(0, 1200) == {3: 300, 4: 0}
+
+
 def test_the_layout_is_the_documented_one(room):
-    path, writer, _ = room
+    path, writer, reader = room
     writer.light(7, 1000, 5000)
+    writer.light(8, 6000, 7000, level=4000)
+    writer.pulse(1500)
+    writer.pulse(6500)
     writer.put_out(3000)
+    reader.expose(1510, 2510)
     data = path.read_bytes()
-    assert len(data) == SIZE == 32 + 64 * 24
-    assert struct.unpack_from("<8sIIQQ", data) == (b"SGPBENCH", 1, 64, 4, 1)
-    assert struct.unpack_from("<qqq", data, 32) == (7, 1000, 3000)
+    assert len(data) == SIZE == 64 + 64 * 24 + 2 * 64 * 16
+    head = struct.unpack_from("<8sIIQQQIIQQ", data)
+    assert head == (b"SGPBENCH", 2, 64, 10, 2, 2, 64, 64, 2, 1)
+    # An LED at full level is a plain 64-bit number.
+    assert struct.unpack_from("<qqq", data, 64) == (7, 1000, 3000)
+    assert struct.unpack_from("<iiqq", data, 64 + 24) == (8, 95, 6000, 6000)
+    triggers = 64 + 64 * 24
+    assert struct.unpack_from("<qqqq", data, triggers) == (0, 1500, 1, NEVER_NS)
+    assert struct.unpack_from("<qq", data, triggers + 64 * 16) == (1510, 2510)
 
 
 def test_a_reader_never_sees_half_a_change(room):
     _, writer, reader = room
+    camera = BenchState(room[0])
     done = threading.Event()
 
     def write():
@@ -95,17 +166,24 @@ def test_a_reader_never_sees_half_a_change(room):
         while not done.is_set():
             k += 1
             writer.light(k % 36, 1000 * k, 1000 * k + 1000)
+            writer.pulse(1000 * k)
+            camera.expose(1000 * k, 1000 * k + 500)
 
     thread = threading.Thread(target=write)
     thread.start()
     try:
-        for _ in range(3000):
+        for _ in range(1000):
             for period in reader.periods():
                 assert period.end_ns == period.start_ns + 1000
                 assert period.led == period.start_ns // 1000 % 36
+            for pulse in reader.triggers():
+                assert pulse.time_ns == 1000 * (pulse.number + 1)
+            for exposure in reader.exposures():
+                assert exposure.end_ns == exposure.start_ns + 500
     finally:
         done.set()
         thread.join()
+        camera.close()
 
 
 @pytest.mark.parametrize(
@@ -114,7 +192,7 @@ def test_a_reader_never_sees_half_a_change(room):
         pytest.param(None, id="absent"),
         pytest.param(b"", id="empty"),
         pytest.param(b"x" * SIZE, id="another file"),
-        pytest.param(b"SGPBENCH" + b"\2\0\0\0" * ((SIZE - 8) // 4), id="another version"),
+        pytest.param(b"SGPBENCH" + b"\3\0\0\0" * ((SIZE - 8) // 4), id="another version"),
     ],
 )
 def test_what_is_no_bench_state(tmp_path, content):

@@ -1,0 +1,4 @@
+#include "steps.h"
+
+Step steps[BOARD_STEPS];
+Record records[BOARD_STEPS];

@@ -1,0 +1,38 @@
+// The steps of a sequence, and what each did when it ran.
+#ifndef SGP_STEPS_H
+#define SGP_STEPS_H
+
+#include <stdint.h>
+
+#include "board.h"
+
+const uint8_t NO_LED = 63;
+
+// Packed: a small board has 2048 bytes for everything.
+struct __attribute__((packed)) Step {
+    uint32_t hold_us : 26;  // 0: not loaded
+    uint32_t led : 6;       // or NO_LED
+    uint32_t settle_us : 20;
+    uint32_t gap_us : 20;
+};
+
+// What the exposure-active input did while the LED burned.
+enum Seen : uint8_t { NEVER, ROSE, STILL_UP };
+
+// One light from on to off.
+struct Burn {
+    uint32_t lit_us : 26;
+    uint32_t led : 6;
+    uint32_t active_us : 30;
+    uint32_t seen : 2;
+};
+
+struct Record {
+    uint32_t trigger_us;  // since the start of the sequence
+    Burn burn;
+};
+
+extern Step steps[BOARD_STEPS];
+extern Record records[BOARD_STEPS];
+
+#endif

@@ -1,0 +1,314 @@
+"""A board program under test: its lines as they are on the wire, its edges, its inputs."""
+
+from __future__ import annotations
+
+import binascii
+import json
+import os
+import select
+import subprocess
+import time
+import tty
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+# How long a program, an answer or an edge may take on a machine that does other things too.
+START_S = 20.0
+ANSWER_S = 5.0
+EDGE_S = 15.0
+# Long enough for an answer that should not come.
+QUIET_S = 0.15
+# A pty takes more at once than 115200 baud carry.
+PIECE = 64
+PIECE_S = 0.006
+Event = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Identity:
+    """The words of the answer to ID."""
+
+    name: str
+    protocol: int
+    firmware: str
+    leds: int
+    max_hold_ms: int
+    watchdog_ms: int
+    steps: int
+
+
+class BoardUnderTest:
+    """Starts a board program and talks to it; it shares no code with what it tests.
+
+    Parameters
+    ----------
+    command
+        Starts the program. It prints ``{"port": PATH}``, then ``{"us": T, "lit": [LED, ...]}`` and
+        ``{"us": T, "trigger": 0 or 1}`` for every edge; its standard input takes ``active 0``,
+        ``active 1`` and ``reset``; it ends when its standard input closes.
+    late_us
+        How much later than declared an edge may be; 0.5 % of any time comes on top.
+    """
+
+    def __init__(self, command: list[str], *, late_us: int) -> None:
+        self.late_us = late_us
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        assert self._process.stdout is not None
+        self._told = self._process.stdout.fileno()
+        self._half_told = b""
+        self._events: deque[Event] = deque()
+        # All edges since the start.
+        self.seen: list[Event] = []
+        self.port = self._first_line()
+        self._fd = os.open(self.port, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(self._fd)
+        self._seq = 0x1000
+        self._rest = b""
+        self.identity = self.greet()
+
+    def greet(self) -> Identity:
+        """Ask who is there until the board answers: it may be deaf while it starts."""
+        for _ in range(round(START_S / 0.25)):
+            self.write(b"\n" + line(self.next_seq(), "ID"))
+            for text in self.lines(0.25):
+                words = text.partition("*")[0].split()
+                if words[:3] == [f"<{self._seq:04X}", "OK", "ID"]:
+                    return Identity(
+                        words[3], int(words[4]), words[5], *(int(word) for word in words[6:])
+                    )
+        raise AssertionError("the board does not answer")
+
+    def prepare(self) -> None:
+        """Make an idle board of it, whatever came before."""
+        self.active(False)
+        self.ask("OFF")
+        self.drain()
+
+    def reset(self) -> None:
+        """Press its reset button and wait until it is back."""
+        self._order("reset")
+        # What it was sending is cut; what it says while it starts is none of ours.
+        self.greet()
+        list(self.lines(QUIET_S))
+
+    def active(self, up: bool) -> None:
+        """Drive its exposure-active input."""
+        self._order(f"active {int(up)}")
+
+    def next_seq(self) -> int:
+        """Return a sequence number that has not been used for long."""
+        self._seq = (self._seq + 1) % 0x10000
+        return self._seq
+
+    def write(self, data: bytes) -> None:
+        """Send bytes as they are, no faster than a wire does."""
+        for start in range(0, len(data), PIECE):
+            if start:
+                time.sleep(PIECE_S)
+            os.write(self._fd, data[start : start + PIECE])
+
+    def send(self, words: str, seq: int | None = None) -> int:
+        """Send a command; return its number."""
+        seq = self.next_seq() if seq is None else seq
+        self.write(line(seq, words))
+        return seq
+
+    def answer(self, seq: int, timeout_s: float = ANSWER_S) -> str:
+        """Return the words of the next answer, which must be whole and to this number."""
+        for text in self.lines(timeout_s):
+            body, _, crc = text.partition("*")
+            assert crc == f"{binascii.crc_hqx(body.encode(), 0xFFFF):04X}", text
+            assert len(text) <= 80, text
+            assert body[:6] == f"<{seq:04X} ", f"{text} does not answer {seq:04X}"
+            return body[6:]
+        raise AssertionError(f"no answer to {seq:04X}")
+
+    def ask(self, words: str, seq: int | None = None) -> str:
+        """Send a command and return the words of its answer."""
+        return self.answer(self.send(words, seq))
+
+    def ok(self, words: str, seq: int | None = None) -> str:
+        """Send a command that must be done; return the words after its verb."""
+        answer = self.ask(words, seq)
+        ok, _, rest = answer.partition(" ")
+        assert ok == "OK", f"{words}: {answer}"
+        verb, _, outcome = rest.partition(" ")
+        assert verb == words.split()[0], f"{words}: {answer}"
+        return outcome
+
+    def silent(self, timeout_s: float = QUIET_S) -> None:
+        """Demand that nothing is answered."""
+        said = list(self.lines(timeout_s))
+        assert not said, f"an answer where none is due: {said}"
+
+    def status(self) -> Status:
+        """Return what STATUS says."""
+        words = self.ok("STATUS").split()
+        assert len(words) == 7, words
+        return Status(
+            int(words[0]), words[1], int(words[2]), int(words[3]), words[5], int(words[6])
+        )
+
+    def lines(self, timeout_s: float) -> Iterator[str]:
+        """Yield the lines that come within a time."""
+        ends_s = time.monotonic() + timeout_s
+        while True:
+            text, found, rest = self._rest.partition(b"\n")
+            if found:
+                self._rest = rest
+                yield text.decode("ascii", "replace").rstrip("\r")
+                continue
+            ready = self._await(ends_s, self._fd, self._told)
+            if self._fd in ready:
+                self._rest += os.read(self._fd, 4096)
+            if self._told in ready:
+                self._take_events()
+            if not ready:
+                return
+
+    def next_event(self, timeout_s: float) -> Event | None:
+        """Return the next edge, None where none comes within a time."""
+        ends_s = time.monotonic() + timeout_s
+        while not self._events:
+            if not self._await(ends_s, self._told):
+                return None
+            self._take_events()
+        return self._events.popleft()
+
+    def edge(self, kind: str, value: object) -> int:
+        """Return the time, us, of the next edge, which must be this one."""
+        event = self.next_event(EDGE_S)
+        assert event is not None, f"no {kind} {value}; the last were {self.seen[-6:]}"
+        assert event.get(kind) == value, f"wanted {kind} {value}, came {event}"
+        moment: int = event["us"]
+        return moment
+
+    def lit(self, *leds: int) -> int:
+        """Return when the LEDs that burn became these, which must be the next edge, us."""
+        return self.edge("lit", list(leds))
+
+    def flash(self, led: int | None) -> Edges:
+        """Return the edges of a flash, which must be the next ones."""
+        on = None if led is None else self.lit(led)
+        up, down = self.edge("trigger", 1), None
+        # A short pulse falls as the light goes out.
+        if led is None:
+            return Edges(None, up, self.edge("trigger", 0), None)
+        event = self.next_event(EDGE_S)
+        assert event is not None, "the flash does not end"
+        if "trigger" in event:
+            down, off = event["us"], self.lit()
+        else:
+            assert event["lit"] == [], event
+            off, down = event["us"], self.edge("trigger", 0)
+        return Edges(on, up, down, off)
+
+    def no_edge(self, within_s: float = QUIET_S) -> None:
+        """Demand that no edge comes."""
+        event = self.next_event(within_s)
+        assert event is None, f"an edge where none is due: {event}"
+
+    def drain(self) -> list[Event]:
+        """Return the edges that have been, and forget them."""
+        # What was before the first of two answers has been told before the second.
+        self.status()
+        self.status()
+        while self._await(0, self._told):
+            self._take_events()
+        drained = list(self._events)
+        self._events.clear()
+        return drained
+
+    def after(self, start_us: int, end_us: int, declared_us: int) -> None:
+        """Demand that an edge comes as long after another as declared."""
+        passed_us = end_us - start_us
+        allowed_us = self.late_us + declared_us // 200
+        early_us = min(self.late_us, 20) + declared_us // 200
+        assert declared_us - early_us <= passed_us <= declared_us + allowed_us, (
+            f"{passed_us} us where {declared_us} us were declared"
+        )
+
+    def close(self) -> None:
+        """End the program."""
+        os.close(self._fd)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        try:
+            self._process.wait(10)
+        finally:
+            self._process.kill()
+            self._process.wait()
+            self._process.stdout.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _order(self, text: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(text.encode() + b"\n")
+        self._process.stdin.flush()
+
+    def _first_line(self) -> str:
+        ends_s = time.monotonic() + START_S
+        while not self._events:
+            assert self._await(ends_s, self._told), "the program does not start"
+            self._take_events()
+        port: str = self._events.popleft()["port"]
+        del self.seen[0]
+        return port
+
+    def _take_events(self) -> None:
+        data = os.read(self._told, 65536)
+        assert data, "the program has ended"
+        *lines, self._half_told = (self._half_told + data).split(b"\n")
+        events = [json.loads(line) for line in lines]
+        self._events.extend(events)
+        self.seen.extend(events)
+
+    @staticmethod
+    def _await(ends_s: float, *fds: int) -> list[int]:
+        return select.select(fds, [], [], max(0.0, ends_s - time.monotonic()))[0]
+
+
+@dataclass(frozen=True)
+class Status:
+    """The words of the answer to STATUS that the checks look at."""
+
+    uptime_ms: int
+    led: str
+    faults: int
+    trips: int
+    state: str
+    done: int
+
+
+@dataclass(frozen=True)
+class Edges:
+    """When, us, a flash lit and put out its LED, and raised and lowered the trigger line."""
+
+    on: int | None
+    up: int
+    down: int | None
+    off: int | None
+
+
+def line(seq: int, words: str) -> bytes:
+    """Return a command as it is on the wire."""
+    return signed(f">{seq:04X} {words}".encode("latin-1")) + b"\n"
+
+
+def signed(body: bytes) -> bytes:
+    """Return a line with its checksum."""
+    return body + b"*%04X" % binascii.crc_hqx(body, 0xFFFF)

@@ -1,0 +1,157 @@
+"""FLASH: light, pulse and darkness in time, what is reported, what is refused meanwhile."""
+
+from __future__ import annotations
+
+import time
+
+from tests.rig.conformance._check import check
+from tests.rig.conformance.board import BoardUnderTest
+
+PULSE_US = 200
+
+
+@check("a flash is lit, settles, triggers and goes dark as declared")
+def _(board: BoardUnderTest) -> None:
+    for settle_us, hold_us in ((2000, 6000), (0, 5000), (20_000, 1000), (300, 200_000)):
+        seq = board.send(f"FLASH 7 {settle_us} {hold_us}")
+        flash = board.flash(7)
+        board.after(flash.on, flash.up, settle_us)
+        board.after(flash.up, flash.down, PULSE_US)
+        board.after(flash.up, flash.off, hold_us)
+        words = board.answer(seq).split()
+        assert words[:3] == ["OK", "FLASH", "7"]
+        board.after(0, int(words[4]), flash.off - flash.on)
+        assert words[5:] == ["-"]
+        assert board.status().state == "IDLE"
+
+
+@check("a short flash lowers the trigger at its end")
+def _(board: BoardUnderTest) -> None:
+    for hold_us in (10, 100):
+        board.ok(f"FLASH 7 500 {hold_us}")
+        flash = board.flash(7)
+        board.after(flash.up, flash.down, hold_us)
+        board.after(flash.up, flash.off, hold_us)
+
+
+@check("a flash says how long its pulse came after the one before it")
+def _(board: BoardUnderTest) -> None:
+    board.reset()
+    assert board.ok("FLASH 7 0 1000").split()[1] == "-"
+    earlier = board.flash(7).up
+    for command, led in (("FLASH 8 2000 1000", 8), ("FLASH 9 0 300", 9)):
+        since_us = int(board.ok(command).split()[1])
+        pulse = board.flash(led).up
+        board.after(0, since_us, pulse - earlier)
+        earlier = pulse
+
+
+@check("every LED can be flashed")
+def _(board: BoardUnderTest) -> None:
+    for led in range(board.identity.leds):
+        assert board.ok(f"FLASH {led} 0 1000").split()[0] == str(led)
+        board.flash(led)
+
+
+@check("a flash of no LED pulses the trigger in the dark")
+def _(board: BoardUnderTest) -> None:
+    assert board.ok("FLASH - 1000 5000").split()[0] == "-"
+    board.after(board.edge("trigger", 1), board.edge("trigger", 0), PULSE_US)
+    board.no_edge()
+
+
+@check("the answer to FLASH comes at its end")
+def _(board: BoardUnderTest) -> None:
+    seq = board.send("FLASH 7 0 400000")
+    board.lit(7)
+    board.silent(0.2)
+    assert board.answer(seq).startswith("OK FLASH 7")
+
+
+@check("a flash replaces what burns")
+def _(board: BoardUnderTest) -> None:
+    board.ok("ON 3 60000")
+    board.lit(3)
+    board.ok("FLASH 7 0 10000")
+    seen = [event["lit"] for event in board.drain() if "lit" in event]
+    assert [leds for leds in seen if leds] == [[7]], seen
+    assert seen[-1] == []
+    assert board.ok("OFF") == "-"
+
+
+@check("a running flash refuses what would disturb it, and goes on")
+def _(board: BoardUnderTest) -> None:
+    board.ok("STEP 0 3 0 1000 0")
+    seq = board.send("FLASH 7 100000 500000")
+    # Wrong arguments are told first, all else after.
+    for words in ("ON 3 100", "LEVEL 3 9", "FLASH 3 0 10", "STEP 0 3 0 10 0", "RUN 1 T"):
+        assert board.ask(words) == f"E5 {words}"
+    for words in ("ON 3 0", "ON 99 100", "LEVEL 3 9999", "STEP 99 3 0 10 0", "RUN 99 T"):
+        assert board.ask(words) == f"E5 {words}"
+    assert board.ask("ON x 100") == "E2 ON x 100"
+    assert board.ask("BLINK") == "E1 BLINK"
+    status = board.status()
+    assert (status.state, status.led) == ("FLASH", "7")
+    assert board.ok("ID").split()[1] == "2"
+    flash = board.flash(7)
+    board.after(flash.on, flash.up, 100_000)
+    board.after(flash.up, flash.off, 500_000)
+    assert board.answer(seq).startswith("OK FLASH 7 ")
+
+
+@check("OFF ends a flash, which is not answered then")
+def _(board: BoardUnderTest) -> None:
+    board.send("FLASH 7 0 5000000")
+    on = board.lit(7)
+    board.edge("trigger", 1)
+    board.edge("trigger", 0)
+    assert board.ok("OFF") == "7"
+    assert board.lit() - on < 4_000_000
+    board.silent()
+    assert board.status().state == "IDLE"
+
+
+@check("OFF before the trigger leaves the trigger low")
+def _(board: BoardUnderTest) -> None:
+    board.send("FLASH 7 1000000 1000")
+    board.lit(7)
+    assert board.ok("OFF") == "7"
+    board.lit()
+    board.no_edge(1.3)
+
+
+@check("a flash tells how long the camera exposed")
+def _(board: BoardUnderTest) -> None:
+    seq = board.send("FLASH 7 0 600000")
+    board.lit(7)
+    time.sleep(0.05)
+    board.active(True)
+    time.sleep(0.2)
+    board.active(False)
+    active = board.answer(seq).split()[5]
+    assert 50_000 <= int(active) <= 500_000
+
+
+@check("an exposure that the light did not cover is told")
+def _(board: BoardUnderTest) -> None:
+    seq = board.send("FLASH 7 0 400000")
+    board.lit(7)
+    time.sleep(0.05)
+    board.active(True)
+    active = board.answer(seq).split()[5]
+    assert active.endswith("+")
+    assert 0 < int(active[:-1]) <= 402_000
+    board.active(False)
+
+
+@check("exposures of one flash add up")
+def _(board: BoardUnderTest) -> None:
+    seq = board.send("FLASH 7 0 900000")
+    board.lit(7)
+    for up in (True, False, True, False):
+        time.sleep(0.1)
+        board.active(up)
+    active = board.answer(seq).split()[5]
+    assert 100_000 <= int(active) <= 800_000
+    # The next flash does not inherit it.
+    assert board.ok("FLASH 7 0 1000").split()[3] == "-"

@@ -1,0 +1,126 @@
+"""Lines: what is read, what is ignored, what is counted, and that no damage is ever obeyed."""
+
+from __future__ import annotations
+
+import time
+
+from tests.rig.conformance._check import check
+from tests.rig.conformance.board import BoardUnderTest, line, signed
+
+ON = b">00A1 ON 7 1000"
+# What each is, line ends left out: damaged, counted, not answered.
+DAMAGED = {
+    "no checksum": ON,
+    "wrong checksum": signed(ON)[:-1] + b"!",
+    "checksum of another line": ON + signed(b">00A2 ON 7 1000")[-5:],
+    "small letters in the checksum": b">00A2 OFF*6e31",
+    "short checksum": signed(ON)[:-1],
+    "long checksum": signed(ON) + b"0",
+    "a reply": signed(b"<00A1 OK ON 7 1000"),
+    "no mark": signed(b"00A1 ON 7 1000"),
+    "short number": signed(b">0A1 ON 7 1000"),
+    "long number": signed(b">000A1 ON 7 1000"),
+    "small letters in the number": signed(b">00a1 ON 7 1000"),
+    "two spaces": signed(b">00A1  ON 7 1000"),
+    "space at the end": signed(b">00A1 ON 7 1000 "),
+    "no verb": signed(b">00A1"),
+    "space and no verb": signed(b">00A1 "),
+    "tab": signed(b">00A1\tON 7 1000"),
+    "not ASCII": signed(b">00A1 ON 7 1000\xe4"),
+    "noise before": b"x" + signed(ON),
+    "noise after": signed(ON) + b" ",
+    "two commands in one": signed(ON) + signed(ON),
+    "mark alone": b">",
+    "star alone": b"*",
+}
+
+
+@check("damaged lines are counted, not answered and not obeyed")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().faults
+    for number, (what, text) in enumerate(DAMAGED.items(), 1):
+        board.write(text + b"\n")
+        counted = board.status().faults - before
+        assert counted == number, f"{what}: counted {counted}, wanted {number}"
+    board.no_edge()
+
+
+@check("no single flipped bit is obeyed")
+def _(board: BoardUnderTest) -> None:
+    whole = line(0x00A1, "ON 7 1000")
+    before, damaged = board.status().faults, 0
+    for bit in range(8 * (len(whole) - 1)):
+        text = bytearray(whole)
+        text[bit // 8] ^= 1 << bit % 8
+        board.write(bytes(text))
+        # A flipped bit can make a line end, and then a piece may be empty.
+        damaged += sum(piece not in (b"", b"\r") for piece in bytes(text).split(b"\n"))
+        if bit % 8 == 7:
+            assert board.status().faults - before == damaged, bytes(text)
+    board.no_edge()
+
+
+@check("empty lines are ignored")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().faults
+    board.write(b"\n\r\n\n\r\n")
+    board.silent()
+    assert board.status().faults == before
+
+
+@check("lines that are too long are ignored and spoil nothing")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().faults
+    for length in (65, 66, 80, 256, 257, 1000):
+        body = b">00A1 ON 7 1000 "
+        board.write(signed(body + b"x" * (length - len(body) - 5)) + b"\n")
+        board.write(signed(ON) + b"x" * length + b"\n")
+        board.silent(0.05)
+        assert board.status().faults == before, length
+    board.no_edge()
+
+
+@check("the longest command is answered whole")
+def _(board: BoardUnderTest) -> None:
+    for words in ("X" * 53, " ".join(["9" * 8] * 5) + " 77777777"):
+        seq = board.next_seq()
+        assert len(line(seq, words)) == 65
+        assert board.ask(words, seq) == f"E1 {words}"
+
+
+@check("a carriage return before the line end is ignored")
+def _(board: BoardUnderTest) -> None:
+    seq = board.next_seq()
+    board.write(line(seq, "STATUS")[:-1] + b"\r\n")
+    assert board.answer(seq).startswith("OK STATUS")
+
+
+@check("a line may come byte by byte")
+def _(board: BoardUnderTest) -> None:
+    seq = board.next_seq()
+    for byte in line(seq, "LEVEL 3 4095"):
+        board.write(bytes((byte,)))
+        time.sleep(0.002)
+    assert board.answer(seq) == "OK LEVEL 3 4095"
+
+
+@check("half a line does not spoil the next")
+def _(board: BoardUnderTest) -> None:
+    seq = board.next_seq()
+    board.write(b">00A1 ON 8 50\n" + line(seq, "STATUS"))
+    assert board.answer(seq).startswith("OK STATUS")
+    board.no_edge(0.05)
+
+
+@check("commands in one piece are answered in order")
+def _(board: BoardUnderTest) -> None:
+    numbers = [board.next_seq() for _ in range(8)]
+    board.write(b"".join(line(seq, "ID" if seq % 2 else "STATUS") for seq in numbers))
+    for seq in numbers:
+        assert board.answer(seq).startswith("OK ID" if seq % 2 else "OK STATUS")
+
+
+@check("the whole range of sequence numbers is answered")
+def _(board: BoardUnderTest) -> None:
+    for seq in (0xFFFE, 0xFFFF, 0x0000, 0x0001, 0xABCD, 0x0A0A):
+        assert board.ask("LEVEL 3 4095", seq) == "OK LEVEL 3 4095"

@@ -1,0 +1,111 @@
+"""The watchdog: no LED burns on for a host that has died, no declared flash is cut."""
+
+from __future__ import annotations
+
+import time
+
+from tests.rig.conformance._check import check
+from tests.rig.conformance.board import BoardUnderTest, line
+
+
+def watchdog_us(board: BoardUnderTest) -> int:
+    return board.identity.watchdog_ms * 1000
+
+
+@check("silence puts out what ON has lit")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    board.ok(f"ON 7 {board.identity.max_hold_ms}")
+    board.after(board.lit(7), board.lit(), watchdog_us(board))
+    status = board.status()
+    assert (status.state, status.led, status.trips) == ("IDLE", "-", before + 1)
+    assert board.ok("OFF") == "-"
+
+
+@check("a hold that ends before the silence is long is no case for the watchdog")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    board.ok("ON 7 300")
+    board.after(board.lit(7), board.lit(), 300_000)
+    time.sleep(1.0)
+    assert board.status().trips == before
+
+
+@check("a host that speaks keeps its light")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    seq = board.send(f"ON 7 {board.identity.max_hold_ms}")
+    board.answer(seq)
+    on = board.lit(7)
+    # Each of these is a sign of life: what only asks, a refusal, a repetition.
+    for words, number in (("STATUS", None), ("BLINK", None), ("ID", None), ("DID 0", None)):
+        time.sleep(0.5)
+        board.ask(words, number)
+    board.ok(f"ON 8 {board.identity.max_hold_ms}", seq := board.next_seq())
+    board.drain()
+    time.sleep(0.5)
+    board.ask(f"ON 8 {board.identity.max_hold_ms}", seq)
+    off = board.lit()
+    assert off - on > 2_500_000
+    assert board.status().trips == before + 1
+
+
+@check("damaged lines are no sign of life")
+def _(board: BoardUnderTest) -> None:
+    board.ok("ON 7 5000")
+    on = board.lit(7)
+    for _ in range(9):
+        time.sleep(0.1)
+        board.write(line(1, "STATUS").replace(b"S", b"T") + b"\n\n" + b"x" * 90 + b"\n")
+    board.after(on, board.lit(), watchdog_us(board))
+
+
+@check("silence does not cut a declared flash")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    seq = board.send("FLASH 7 200000 1800000")
+    flash = board.flash(7)
+    board.after(flash.up, flash.off, 1_800_000)
+    board.answer(seq)
+    assert board.status().trips == before
+
+
+@check("a silent host's sequence finishes the step that burns and lights no other")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    for index in range(4):
+        board.ok(f"STEP {index} {index + 1} 0 380000 20000")
+    board.ok("RUN 4 T")
+    for led in (1, 2, 3):
+        flash = board.flash(led)
+        board.after(flash.on, flash.off, 380_000)
+    board.no_edge(0.6)
+    status = board.status()
+    assert (status.state, status.done, status.trips) == ("HALT", 3, before + 1)
+
+
+@check("a silent host's sequence that is dark lights nothing more")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    board.ok("STEP 0 1 0 100000 1000000")
+    board.ok("STEP 1 2 0 100000 0")
+    board.ok("RUN 2 T")
+    board.flash(1)
+    board.no_edge(1.5)
+    status = board.status()
+    assert (status.state, status.done, status.trips) == ("HALT", 1, before + 1)
+
+
+@check("a sequence whose host speaks runs to its end")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().trips
+    for index in range(3):
+        board.ok(f"STEP {index} {index} 0 500000 1000")
+    board.ok("RUN 3 T")
+    for _ in range(5):
+        time.sleep(0.25)
+        board.status()
+    for led in range(3):
+        board.flash(led)
+    status = board.status()
+    assert (status.state, status.done, status.trips) == ("IDLE", 3, before)

@@ -1,0 +1,96 @@
+"""Builds the board programs that tests talk to: the firmware for Linux, and for AVR in simavr.
+
+Each function returns the command that starts the program. A program prints ``{"port": PATH}``,
+then one line ``{"us": T, "lit": [LED, ...]}`` or ``{"us": T, "trigger": 0 or 1}`` for every edge;
+its standard input takes the lines ``active 0``, ``active 1`` and ``reset``; it ends when that
+closes.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+FIRMWARE = HERE.parents[2] / "rig" / "firmware"
+AVR_LIBC = Path("/usr/lib/avr/include/avr/io.h")
+ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino/Arduino.h")
+SIMAVR = Path("/usr/include/simavr/sim_avr.h")
+LIBELF = Path("/usr/include/libelf.h")
+
+
+def host(folder: Path, firmware: Path = FIRMWARE) -> list[str]:
+    """Build the firmware as a Linux program; skips where there is no g++."""
+    need("g++")
+    _make(folder, firmware, "host")
+    return [str(folder / "board-host")]
+
+
+def avr(folder: Path, mcu: str = "atmega328p", firmware: Path = FIRMWARE) -> list[str]:
+    """Build the image of a processor and simavr's bridge; skips where a part of that is absent."""
+    need_avr()
+    return _in_simavr(folder, firmware, f"board-{mcu}.elf", mcu)
+
+
+def sketch(folder: Path) -> list[str]:
+    """Build the Arduino sketch for an Uno, and simavr's bridge; skips like `avr`."""
+    need_avr()
+    if not ARDUINO.exists():
+        pytest.skip(f"the sketch needs arduino-core-avr: no {ARDUINO}")
+    return _in_simavr(folder, FIRMWARE, "arduino.elf", "atmega328p")
+
+
+def changed(folder: Path, file: str, old: str, new: str) -> Path:
+    """Copy the firmware's sources with a change, of text that stands there exactly once."""
+    shutil.copytree(FIRMWARE, folder)
+    source = folder / file
+    text = source.read_text(encoding="utf-8")
+    assert text.count(old) == 1, f"{file} has {text.count(old)} times {old!r}"
+    source.write_text(text.replace(old, new), encoding="utf-8")
+    return folder
+
+
+def need(program: str) -> None:
+    """Skip the test where a program is absent."""
+    if shutil.which(program) is None:
+        pytest.skip(f"the firmware needs {program}: not found")
+
+
+def need_avr() -> None:
+    """Skip the test where the AVR compiler or its library is absent."""
+    need("avr-g++")
+    if not AVR_LIBC.exists():
+        pytest.skip(f"the AVR image needs avr-libc: no {AVR_LIBC}")
+
+
+def run(*command: str | Path) -> str:
+    """Run a command of a build and return what it printed; its complaint where it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    if done.returncode != 0:
+        raise AssertionError(f"{command[0]} failed:\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def _in_simavr(folder: Path, firmware: Path, image: str, mcu: str) -> list[str]:
+    need("gcc")
+    for header, package in ((SIMAVR, "libsimavr-dev"), (LIBELF, "libelf-dev")):
+        if not header.exists():
+            pytest.skip(f"the AVR image needs {package}: no {header}")
+    _make(folder, firmware, str(folder / image))
+    return [str(_bridge(folder)), str(folder / image), mcu]
+
+
+def _make(folder: Path, firmware: Path, *targets: str) -> None:
+    need("make")
+    run("make", "-C", firmware, f"OUT={folder}", *targets)
+
+
+def _bridge(folder: Path) -> Path:
+    source, program = HERE / "bridge.c", folder / "bridge"
+    if not program.exists():
+        strict = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
+        run("gcc", *strict, "-o", program, source, "-lsimavr", "-lelf", "-lutil")
+    return program

@@ -1,0 +1,34 @@
+"""Every board, virtual, host-built or simulated AVR, keeps the protocol."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.rig.conformance import CHECKS, BoardUnderTest, check
+from tests.rig.firmware import builds
+
+VIRTUAL = [sys.executable, "-m", "simulator.board", "36", "events"]
+# A simulated clock is exact; the others share a processor.
+BOARDS: dict[str, tuple[Callable[[Path], list[str]], int]] = {
+    "virtual": (lambda _: VIRTUAL, 20),
+    "host": (builds.host, 50_000),
+    "atmega328p": (lambda folder: builds.avr(folder, "atmega328p"), 60),
+    "atmega2560": (lambda folder: builds.avr(folder, "atmega2560"), 60),
+}
+
+
+@pytest.fixture(scope="module", params=BOARDS)
+def board(request, tmp_path_factory) -> Iterator[BoardUnderTest]:
+    build, late_us = BOARDS[request.param]
+    command = build(tmp_path_factory.mktemp(request.param))
+    with BoardUnderTest(command, late_us=late_us) as board:
+        yield board
+
+
+@pytest.mark.parametrize("name", CHECKS)
+def test_board(board, name):
+    check(board, name)

@@ -1,0 +1,149 @@
+"""Finding the board among ports that are silent, busy, gone, or something else."""
+
+import contextlib
+import os
+import threading
+import time
+import tty
+from types import SimpleNamespace
+
+import pytest
+
+from rig import Board, BoardError, find_board, find_boards
+from rig import _ports as ports
+from tests.rig.fake_port import IDENTITY, device, saying
+
+TIMEOUT_S = 0.75
+
+
+@contextlib.contextmanager
+def neighbours():
+    """Ports of every kind without a board, by what their complaint must say."""
+    with contextlib.ExitStack() as stack:
+        silent = stack.enter_context(device(lambda line: b""))
+        chatters = stack.enter_context(device(lambda line: b"", chatter=b"$GPGGA\r\n"))
+        echoes = stack.enter_context(device(lambda line: line + b"\n"))
+        older = stack.enter_context(device(saying("dome", "1", "1.0", "36", "10000")))
+        busy = stack.enter_context(device(saying(*IDENTITY)))
+        owner = Board(busy)
+        stack.callback(owner.close)
+        yield {
+            silent: "no answer within 0.75 s",
+            chatters: "it does send b'$GPGGA'",
+            echoes: "no answer",
+            older: "speaks protocol 1",
+            busy: "no other program uses it",
+            "/dev/no-such-port": "cannot be opened",
+        }
+
+
+def test_the_board_is_found_among_others(bench):
+    with neighbours() as others:
+        began = time.monotonic()
+        found = find_boards([*others, bench.virtual.port], timeout_s=TIMEOUT_S)
+        took = time.monotonic() - began
+        assert [port.port for port in found] == [*others, bench.virtual.port]
+        for port, said in zip(found, others.values(), strict=False):
+            assert port.identity is None
+            assert port.port in port.complaint
+            assert said in port.complaint
+            assert "\n" not in port.complaint
+        assert found[-1].identity is not None
+        assert (found[-1].identity.name, found[-1].complaint) == ("sgp-virtual-board", "")
+        # All at the same time, not one after the other.
+        assert took < 4 * TIMEOUT_S
+        assert find_board([*others, bench.virtual.port], timeout_s=TIMEOUT_S) == bench.virtual.port
+    # The board was given back.
+    Board(bench.virtual.port).close()
+
+
+def test_what_else_is_asked_hears_an_empty_line_and_a_question_only():
+    heard = []
+
+    def answer(line):
+        heard.append(line)
+        return b""
+
+    with device(answer) as port:
+        find_boards([port], timeout_s=TIMEOUT_S)
+    assert len(set(heard)) == 1
+    assert heard[0][5:8] == b" ID"
+
+
+def test_no_board_says_what_was_found_instead():
+    with neighbours() as others:
+        with pytest.raises(BoardError, match="no LED board found") as error:
+            find_board(others, timeout_s=TIMEOUT_S)
+        for port, said in others.items():
+            assert port in str(error.value)
+            assert said in str(error.value)
+        assert "\n" not in str(error.value)
+
+
+def test_no_ports_at_all(monkeypatch):
+    monkeypatch.setattr(ports.list_ports, "comports", list)
+    assert find_boards() == ()
+    with pytest.raises(BoardError, match="this computer has no serial port"):
+        find_board()
+
+
+def test_the_ports_of_this_computer_are_asked(monkeypatch, bench):
+    present = [SimpleNamespace(device=bench.virtual.port)]
+    monkeypatch.setattr(ports.list_ports, "comports", lambda: present)
+    assert find_board() == bench.virtual.port
+
+
+def test_several_boards_are_told_and_one_is_chosen_by_name(bench):
+    dome = saying(*IDENTITY)
+    with device(dome) as first, device(dome) as second:
+        everything = [first, bench.virtual.port, second]
+        with pytest.raises(BoardError, match="3 LED boards found") as error:
+            find_board(everything)
+        for port in everything:
+            assert port in str(error.value)
+        assert find_board(everything, name="sgp-virtual-board") == bench.virtual.port
+        with pytest.raises(BoardError, match="2 LED boards named dome found") as error:
+            find_board(everything, name="dome")
+        assert bench.virtual.port not in str(error.value)
+        with pytest.raises(BoardError, match="no LED board named ring found: dome is on"):
+            find_board(everything, name="ring")
+
+
+def test_a_port_named_twice_is_one_port(bench):
+    assert len(find_boards([bench.virtual.port] * 3)) == 1
+
+
+def test_a_port_whose_driver_never_returns_holds_nobody_up(monkeypatch, bench):
+    over = threading.Event()
+    opened = ports.Board
+
+    def stuck(port, **options):
+        if port == "stuck":
+            over.wait(60)
+            raise BoardError("at last")
+        return opened(port, **options)
+
+    monkeypatch.setattr(ports, "Board", stuck)
+    monkeypatch.setattr(ports, "_GRACE_S", 0.5)
+    found = find_boards(["stuck", bench.virtual.port], timeout_s=TIMEOUT_S)
+    over.set()
+    assert "takes longer than 1.25 s" in found[0].complaint
+    assert found[1].identity is not None
+
+
+def test_a_port_that_vanishes_while_it_is_asked():
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    port = os.ttyname(slave)
+
+    def vanish():
+        os.read(master, 100)
+        os.close(master)
+
+    thread = threading.Thread(target=vanish)
+    thread.start()
+    (found,) = find_boards([port], timeout_s=TIMEOUT_S)
+    thread.join()
+    os.close(slave)
+    assert found.identity is None
+    assert "unplugged" in found.complaint

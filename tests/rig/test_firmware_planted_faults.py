@@ -1,0 +1,227 @@
+"""The conformance checks notice faults that are planted in the firmware, one at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.rig.conformance import BoardUnderTest, run_checks
+from tests.rig.firmware import builds
+
+LIGHT, COMMANDS, LINE, AVR = "core/light.cpp", "core/commands.cpp", "core/line.cpp", "avr/board.cpp"
+BOOT = "nothing burns and the trigger is low from the start"
+WHICH = "an LED is the one that was asked for"
+FLASH = "a flash is lit, settles, triggers and goes dark as declared"
+REFUSALS = "refusals carry the right number, repeat the command and change nothing"
+DAMAGE = "damaged lines are counted, not answered and not obeyed"
+PACED = "the camera's exposure paces a sequence"
+SILENCE = "silence puts out what ON has lit"
+SEQUENCE = "a sequence runs in time and tells what every step did"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A change of the sources, and the check that has to notice it."""
+
+    file: str
+    old: str
+    new: str
+    check: str
+
+
+# In the core: seen by the firmware that is built for Linux.
+FAULTS = {
+    "LED off by one": Fault(LIGHT, "channel == led ?", "channel == led + 1 ?", WHICH),
+    "two LEDs at once": Fault(
+        LIGHT, "channel == led ? levels[channel]", "channel / 2 == led / 2 ? levels[led]", WHICH
+    ),
+    "no watchdog": Fault(LIGHT, "        watchdog();\n", "        if (0) watchdog();\n", SILENCE),
+    "a slow watchdog": Fault(LIGHT, "WATCHDOG_MS * 1000 ||", "WATCHDOG_MS * 1500 ||", SILENCE),
+    "watchdog not counted": Fault(
+        LIGHT, "end_light();\n        trip_count++;", "end_light();", SILENCE
+    ),
+    "watchdog cuts a flash": Fault(
+        LIGHT,
+        "if (now_in == ON) {",
+        "if (now_in != RUN && lit()) {",
+        "silence does not cut a declared flash",
+    ),
+    "watchdog spares sequences": Fault(
+        LIGHT,
+        "else if (stopping)",
+        "else if (stopping && count == 0)",
+        "a silent host's sequence finishes the step that burns and lights no other",
+    ),
+    "noise is a sign of life": Fault(
+        "core/firmware.cpp",
+        "        if (line::take(",
+        "        light::heard();\n        if (line::take(",
+        "damaged lines are no sign of life",
+    ),
+    "no CRC test": Fault(LINE, " && told == sum", "", DAMAGE),
+    "damage not counted": Fault(LINE, "        damaged++;", "        damaged += 0;", DAMAGE),
+    "overlong lines are read": Fault(
+        LINE,
+        "length <= LONGEST;",
+        "length <= LONGEST + 1;",
+        "lines that are too long are ignored and spoil nothing",
+    ),
+    "repetition acts twice": Fault(
+        COMMANDS,
+        "if (repeated()) {",
+        "if (repeated() && verb == nullptr) {",
+        "a repeated OFF still names the LED",
+    ),
+    "repetition by number alone": Fault(
+        COMMANDS,
+        "text.length != last_length)\n        return false;",
+        "last_length == 0)\n        return false;\n    return true;",
+        "the same number with another command is no repetition",
+    ),
+    "questions erase the memory": Fault(
+        COMMANDS,
+        "    uint32_t args[MOST];",
+        "    if (asks)\n        remember();\n    uint32_t args[MOST];",
+        "the answer to a FLASH is kept while STATUS is asked",
+    ),
+    "memory survives a reset": Fault(
+        COMMANDS,
+        "    last_length = 0;\n    last_is_flash = false;\n    reply::forget();\n",
+        "",
+        "the memory is empty after a start",
+    ),
+    "range test loose": Fault(
+        COMMANDS,
+        "args[0] >= BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
+        "args[0] > BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
+        REFUSALS,
+    ),
+    "hold without limit": Fault(
+        COMMANDS, "args[1] > light::MAX_HOLD_MS", "args[1] > 999999998", REFUSALS
+    ),
+    "hold of a flash without limit": Fault(
+        COMMANDS, "settle_us + hold_us > MAX_HOLD_US", "hold_us > MAX_HOLD_US", REFUSALS
+    ),
+    "errors in another order": Fault(
+        COMMANDS,
+        "if (args[0] >= BOARD_STEPS)\n",
+        "if (args[0] >= BOARD_STEPS && !no_such_led(args[1]))\n",
+        REFUSALS,
+    ),
+    "busy is not told": Fault(
+        COMMANDS,
+        "verb->refused && busy()",
+        "verb->refused && busy() && args[0] == 99",
+        "a running flash refuses what would disturb it, and goes on",
+    ),
+    "OFF forgets what burned": Fault(
+        LIGHT,
+        "const uint8_t was = burning;",
+        "const uint8_t was = NO_LED;",
+        "OFF says what burned until now",
+    ),
+    "a reset goes on burning": Fault(
+        LIGHT,
+        "void start() {\n    board_dark();\n",
+        "void start() {\n",
+        "a reset in the middle of a flash is dark and leaves no trace",
+    ),
+    "hold of ON ignored": Fault(
+        LIGHT,
+        "due = lit_at + hold_ms * 1000;",
+        "due = lit_at + hold_ms * 2000;",
+        "a light ends with its hold",
+    ),
+    "trigger before the light has settled": Fault(
+        LIGHT, "due = lit_at + settle_us;", "due = lit_at + settle_us / 4;", FLASH
+    ),
+    "hold too short": Fault(
+        LIGHT, "due = pulse_at + hold_us;", "due = pulse_at + hold_us / 2;", FLASH
+    ),
+    "no trigger": Fault(LIGHT, "board_trigger(true);", "board_trigger(false);", FLASH),
+    "exposure not measured": Fault(
+        LIGHT,
+        "burn.active_us += now - up_at;\n    fell",
+        "fell",
+        "a flash tells how long the camera exposed",
+    ),
+    "uncovered exposure not told": Fault(
+        LIGHT,
+        "burn.seen = STILL_UP;",
+        "burn.seen = ROSE;",
+        "an exposure that the light did not cover is told",
+    ),
+    "gap ignored": Fault(LIGHT, "+ step.gap_us;", "+ 0 * step.gap_us;", SEQUENCE),
+    "steps in reverse": Fault(
+        LIGHT, "shift_in(steps[next].led);", "shift_in(steps[count - 1 - next].led);", SEQUENCE
+    ),
+    "pace ignored": Fault(LIGHT, "if (fell && now_in == RUN", "if (fell && now_in == ON", PACED),
+    "an unseen exposure does not halt": Fault(
+        LIGHT,
+        "if (pace == BY_EXPOSURE && !fell)",
+        "if (pace == BY_EXPOSURE && !fell && count == 0)",
+        "a sequence whose camera does not expose halts in the dark",
+    ),
+    "an exposure from before the trigger counts": Fault(
+        LIGHT,
+        "fell = rose;",
+        "fell = true;",
+        "an exposure that began before the trigger paces nothing",
+    ),
+    "HALT never ends": Fault(
+        LIGHT,
+        "if (now_in == HALT)\n        now_in = IDLE;",
+        "if (now_in == RUN)\n        now_in = IDLE;",
+        "HALT lasts until the next command that acts",
+    ),
+}
+
+# At the pins: seen by the image in simavr.
+PIN_FAULTS = {
+    "boot glitch": Fault(
+        AVR, "    UP(BLANK);\n    OUTPUT(BLANK);\n", "    OUTPUT(BLANK);\n    UP(BLANK);\n", BOOT
+    ),
+    "a bit too many": Fault(AVR, "bit = 0x800;", "bit = 0x1000;", WHICH),
+    "lowest bit first": Fault(
+        AVR,
+        "uint16_t bit = 0x800; bit != 0; bit >>= 1",
+        "uint16_t bit = 1; bit < 0x1000; bit <<= 1",
+        "LEVEL dims an LED from its next lighting on",
+    ),
+    "light before the latch": Fault(
+        AVR, "    latch();\n    DOWN(BLANK);", "    DOWN(BLANK);\n    latch();", WHICH
+    ),
+    "trigger too long": Fault(LIGHT, "PULSE_US = 200;", "PULSE_US = 400;", FLASH),
+    "a slow clock": Fault(AVR, "return base + (half >> 1);", "return base + (half >> 2);", FLASH),
+}
+HOST_LATE_US, AVR_LATE_US = 50_000, 60
+
+
+def failures(
+    build: Callable[..., list[str]], late_us: int, folder: Path, fault: Fault
+) -> list[str]:
+    changed = builds.changed(folder / "firmware", fault.file, fault.old, fault.new)
+    with BoardUnderTest(build(folder, firmware=changed), late_us=late_us) as board:
+        return run_checks(board, [fault.check])
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_a_planted_fault_is_noticed(tmp_path: Path, fault: Fault) -> None:
+    assert failures(builds.host, HOST_LATE_US, tmp_path, fault)
+
+
+@pytest.mark.parametrize("fault", PIN_FAULTS.values(), ids=PIN_FAULTS)
+def test_a_fault_at_the_pins_is_noticed(tmp_path: Path, fault: Fault) -> None:
+    assert failures(builds.avr, AVR_LATE_US, tmp_path, fault)
+
+
+def test_without_a_fault_the_same_checks_pass(tmp_path: Path) -> None:
+    for build, late_us, faults in (
+        (builds.host, HOST_LATE_US, FAULTS),
+        (builds.avr, AVR_LATE_US, PIN_FAULTS),
+    ):
+        with BoardUnderTest(build(tmp_path), late_us=late_us) as board:
+            assert run_checks(board, {fault.check for fault in faults.values()}) == []

@@ -1,0 +1,191 @@
+"""The AVR images in simavr: edges in simulated time, darkness through boot, reset and hang."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.rig.conformance.board import BoardUnderTest
+from tests.rig.firmware import builds
+
+# An edge comes this much after its declared time at most, and never before.
+LATE_US = 20
+# How far a time that the board tells may be from what the wires show.
+TOLD_US = 8
+MCUS = ("atmega328p", "atmega2560")
+Commands = Callable[[str], list[str]]
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Commands:
+    folder = tmp_path_factory.mktemp("avr")
+    return lambda mcu: builds.avr(folder, mcu)
+
+
+@pytest.fixture(scope="module", params=MCUS)
+def shared(commands: Commands, request: pytest.FixtureRequest) -> Iterator[BoardUnderTest]:
+    with BoardUnderTest(commands(request.param), late_us=LATE_US) as board:
+        yield board
+
+
+@pytest.fixture
+def board(shared: BoardUnderTest) -> BoardUnderTest:
+    shared.prepare()
+    return shared
+
+
+@pytest.fixture
+def uno(commands: Commands) -> Iterator[BoardUnderTest]:
+    """A freshly started atmega328p."""
+    with BoardUnderTest(commands("atmega328p"), late_us=LATE_US) as board:
+        yield board
+
+
+@pytest.mark.parametrize(
+    ("settle_us", "hold_us"),
+    [
+        pytest.param(0, 10, id="shortest"),
+        pytest.param(0, 200, id="as long as the pulse"),
+        pytest.param(1, 210, id="just longer than the pulse"),
+        pytest.param(2000, 5000, id="usual"),
+        pytest.param(33333, 66666, id="past the overflow of the timer"),
+        pytest.param(0, 300_000, id="long"),
+    ],
+)
+def test_a_flash_keeps_its_times(board: BoardUnderTest, settle_us: int, hold_us: int) -> None:
+    told = board.ok(f"FLASH 7 {settle_us} {hold_us}").split()
+    edges = board.flash(7)
+    assert edges.on is not None
+    assert edges.off is not None
+    assert edges.down is not None
+    assert 0 <= edges.up - edges.on - settle_us <= LATE_US
+    assert 0 <= edges.off - edges.up - hold_us <= LATE_US
+    assert 0 <= edges.down - edges.up - min(200, hold_us) <= LATE_US
+    assert abs(int(told[2]) - (edges.off - edges.on)) <= TOLD_US
+
+
+def test_edges_keep_their_times_while_the_host_talks(board: BoardUnderTest) -> None:
+    steps = [(k, 3 * k, 700, 3000, 2500) for k in range(12)]
+    for step in steps:
+        board.ok("STEP {} {} {} {} {}".format(*step))
+    board.ok("RUN 12 T")
+    # Asked without pause, with noise between.
+    while board.status().state == "RUN":
+        board.write(b"x" * 40 + b"\n")
+        board.ask("DID 0")
+    dark_us = triggered_us = told_us = None
+    for k, led, settle_us, hold_us, gap_us in steps:
+        edges = board.flash(led)
+        assert edges.on is not None
+        assert edges.off is not None
+        assert 0 <= edges.up - edges.on - settle_us <= LATE_US
+        assert 0 <= edges.off - edges.up - hold_us <= LATE_US
+        _, told_led, trigger_us, lit_us, _ = board.ok(f"DID {k}").split()
+        assert told_led == str(led)
+        assert abs(int(lit_us) - (edges.off - edges.on)) <= TOLD_US
+        if dark_us is not None and triggered_us is not None and told_us is not None:
+            assert 0 <= edges.on - dark_us - gap_us <= LATE_US
+            assert abs((int(trigger_us) - told_us) - (edges.up - triggered_us)) <= TOLD_US
+        dark_us, triggered_us, told_us = edges.off, edges.up, int(trigger_us)
+
+
+def test_the_watchdog_acts_when_its_time_is_over(board: BoardUnderTest) -> None:
+    board.ok("ON 3 60000")
+    lit_us = board.lit(3)
+    # The line that lit it was the last sign of life, a moment before the light.
+    silence_us = board.identity.watchdog_ms * 1000
+    assert silence_us - 10_000 <= board.lit() - lit_us <= silence_us + 2000
+    assert board.status().state == "IDLE"
+
+
+def test_a_declared_flash_outlasts_the_watchdog(board: BoardUnderTest) -> None:
+    board.ok("FLASH 3 0 1500000")
+    edges = board.flash(3)
+    assert edges.off is not None
+    assert 0 <= edges.off - edges.up - 1_500_000 <= LATE_US
+
+
+@pytest.mark.parametrize("led", [0, 1, 22, 23, 24, 35])
+def test_brightness_reaches_the_channel_of_its_led(board: BoardUnderTest, led: int) -> None:
+    for level in (1, 2048, 0x555, 0xAAA, 4095):
+        board.ok(f"LEVEL {led} {level}")
+        board.ok(f"ON {led} 1000")
+        assert levels(board) == [([led], [level])]
+        board.ok("OFF")
+        assert levels(board) == [([], [])]
+
+
+def test_nothing_is_lit_from_power_on(uno: BoardUnderTest) -> None:
+    # The bridge's latches hold full brightness for every channel until something is loaded.
+    uno.lit()
+    uno.ok("ON 5 1000")
+    uno.lit(5)
+
+
+def test_a_reset_is_dark_at_once_and_stays_so(uno: BoardUnderTest) -> None:
+    uno.ok("LEVEL 5 100")
+    uno.ok("ON 5 1000")
+    uno.drain()
+    uno.reset()
+    uno.lit()
+    uno.no_edge()
+    uno.ok("ON 5 1000")
+    assert levels(uno) == [([5], [4095])]
+
+
+def test_a_reset_in_a_sequence_forgets_it(uno: BoardUnderTest) -> None:
+    uno.ok("STEP 0 5 0 59000000 0")
+    uno.ok("RUN 1 T")
+    uno.drain()
+    uno.reset()
+    uno.lit()
+    uno.no_edge()
+    assert uno.status().state == "IDLE"
+    assert uno.ask("RUN 1 T") == "E7 RUN 1 T"
+
+
+def test_a_hung_program_resets_into_darkness(tmp_path: Path) -> None:
+    hung = builds.changed(
+        tmp_path / "firmware",
+        "core/commands.cpp",
+        "bool busy() {",
+        "bool busy() { while (light::led() == 9);",
+    )
+    with BoardUnderTest(builds.avr(tmp_path, firmware=hung), late_us=LATE_US) as board:
+        board.lit()
+        board.ok("ON 9 60000")
+        lit_us = board.lit(9)
+        board.send("LEVEL 9 9")
+        assert board.lit() - lit_us < 400_000
+        board.greet()
+        assert board.status().state == "IDLE"
+
+
+def test_the_stack_never_meets_the_data(uno: BoardUnderTest) -> None:
+    for k in range(uno.identity.steps):
+        uno.ok(f"STEP {k} {k % 36} 1000000 59000000 1000000")
+    longest = "NONSENSE " + "x" * 40
+    for words in ("FLASH 35 1 100", "RUN 48 A", "DID 47", "STATUS", "OFF", longest, "ID"):
+        uno.ask(words)
+    uno.drain()
+    uno._order("stack")
+    told = uno.next_event(10)
+    assert told is not None
+    assert told["untouched"] >= 100
+
+
+def levels(board: BoardUnderTest) -> list[tuple[list[int], list[int]]]:
+    """Return what has burned since, LEDs and their brightness."""
+    return [(event["lit"], event["levels"]) for event in board.drain() if "lit" in event]
+
+
+def test_the_processor_tells_its_temperature(commands: Commands) -> None:
+    # simavr's sensor is set to its 314 mV of 25 C; the 2560 has none.
+    told = []
+    for mcu in MCUS:
+        with BoardUnderTest(commands(mcu), late_us=LATE_US) as board:
+            told.append(board.ok("STATUS").split()[4])
+    assert abs(int(told[0]) - 2982) <= 11
+    assert told[1] == "-"
