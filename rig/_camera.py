@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
+Trigger = Literal["software", "line"]
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,15 @@ class CameraInfo:
         Colour filter pattern of the first pixels, row by row ("RGGB"), None for monochrome.
     exposure_min_us, exposure_max_us
         Range of exposure times, microseconds.
+    shutter
+        "rolling" where the rows are exposed one after the other.
+    readout_us
+        With a rolling shutter, the time from the start of the first row's exposure to that of the
+        last row's: the light has to cover the exposure and this. 0 with a global shutter.
+    trigger_delay_us
+        From the trigger to the start of the exposure.
+    frame_period_us
+        Least time between two triggers at the exposure set last, 0 where it is not known.
     """
 
     vendor: str
@@ -39,6 +51,10 @@ class CameraInfo:
     cfa: str | None
     exposure_min_us: float
     exposure_max_us: float
+    shutter: Literal["global", "rolling"] = "global"
+    readout_us: float = 0.0
+    trigger_delay_us: float = 0.0
+    frame_period_us: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +66,7 @@ class CameraFrame:
     pixels
         ``(H, W)`` uint16, raw samples aligned at the low end.
     frame_id
-        The camera's own count.
+        The count of triggers since the camera was opened, checked against the device's own.
     timestamp_ns
         The camera's own clock at the start of the exposure.
     exposure_us, gain_db
@@ -68,7 +84,12 @@ class CameraFrame:
 
 
 class Camera(Protocol):
-    """A camera that takes one frame per trigger. Every method raises `CameraError`."""
+    """A camera that takes one frame per trigger. Every method raises `CameraError`.
+
+    Ids count triggers from 0 while the camera is open, whatever the device's own count does. After
+    a failed `fetch` all that is under way is drained before the next trigger: the frame of one
+    trigger is never taken for that of another.
+    """
 
     @property
     def info(self) -> CameraInfo:
@@ -80,16 +101,27 @@ class Camera(Protocol):
         A value outside the camera's range is refused; the message says the range.
         """
 
-    def arm(self) -> None:
-        """Make ready for triggers. Frames of earlier triggers are forgotten."""
+    def arm(self, trigger: Trigger = "software") -> None:
+        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten."""
 
     def trigger(self) -> int:
-        """Start one exposure and return, at once, the id that its frame will carry."""
+        """Start one exposure by software and return, at once, the id that its frame will carry."""
 
-    def fetch(self, frame_id: int, timeout_s: float) -> CameraFrame:
+    def expect(self) -> int:
+        """Announce one pulse on the trigger line and return the id that its frame must carry.
+
+        May be called several times ahead; the pulses then belong to the ids in their order. Only
+        pulses after `arm`, or after the first `expect` that follows a failed `fetch`, count.
+        """
+
+    def fetch(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
+    ) -> CameraFrame:
         """Wait for the frame of this id; older ones that arrive late are thrown away.
 
-        When it does not come in time, the message names the frame and the time waited.
+        When it does not come in time, the message names the frame, the time waited and, where the
+        trigger is a line, the line. ``waiting`` is called at least every 200 ms meanwhile; what it
+        raises ends the wait. Until the next trigger the same frame may be asked for again.
         """
 
     def disarm(self) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-import numpy as np
-
 from acquisition import DataError
+from simulator._dice import normal_pair, stream, uniform
 
 _TAG = 0x1A3B  # keeps the lamps' random numbers apart from the sensor's
 
@@ -96,11 +95,11 @@ class Lamps:
         value = 1.0 + self.warm_up * self._cold_share(start_ns / 1e9, exposure_us / 1e6)
         if self.flicker == 0 and self.pwm_hz is None:
             return value
-        rng = np.random.default_rng((*shot_key, led, _TAG))
-        value *= max(0.0, 1.0 + self.flicker * rng.standard_normal())
+        state = stream(*shot_key, led, _TAG)
+        value *= max(0.0, 1.0 + self.flicker * normal_pair(state, 0)[0])
         if self.pwm_hz is not None:
             cycles = exposure_us / 1e6 * self.pwm_hz
-            value *= gate_share(rng.random(), cycles, self.pwm_duty) / self.pwm_duty
+            value *= gate_share(uniform(state, 2), cycles, self.pwm_duty) / self.pwm_duty
         return float(value)
 
     def _cold_share(self, start_s: float, exposure_s: float) -> float:

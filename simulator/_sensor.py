@@ -10,18 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import NoiseModel
+from simulator._dice import stream
+from simulator._pixel_dice import hashed, log_of, normal_pair, unit
 
 # Below this mean, Poisson numbers are drawn exactly; from here on by an expansion whose
 # distribution function, rounded to whole electrons, is within 0.0015 of the exact one.
 EXACT_BELOW_E = np.float32(12.0)
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
-_MIX_2 = np.uint64(0x94D049BB133111EB)
-_S30, _S27, _S31, _S11, _S32 = (np.uint64(n) for n in (30, 27, 31, 11, 32))
-_LOW = np.uint64(0xFFFFFFFF)
-_ZERO, _HALF, _ONE, _MINUS_TWO, _SEVENTY_TWO = (np.float32(n) for n in (0, 0.5, 1, -2, 72))
-_SIXTH, _TWO_PI, _TWO_TO_MINUS_32 = (np.float32(n) for n in (1 / 6, 2 * math.pi, 2.0**-32))
+_ZERO, _HALF, _ONE, _SIXTH, _SEVENTY_TWO = (np.float32(n) for n in (0, 0.5, 1, 1 / 6, 72))
+_NEXT, _S32 = np.uint64(1), np.uint64(32)
 # Inversion stops here; 24 electrons more than the largest mean lie 10 standard deviations off.
 _RECIPROCAL = np.array([0.0, *(1.0 / n for n in range(1, 48))], np.float32)
 _ALIKE = np.zeros((3, 0, 0), np.float32)
@@ -69,7 +66,7 @@ def fixed_pattern(
         return None
     maps = np.zeros((3, *size), np.float32)
     _draw_pattern(
-        np.random.SeedSequence((seed, _PATTERN_TAG)).generate_state(1, np.uint64)[0],
+        np.uint64(stream(seed, _PATTERN_TAG)),
         np.float32(noise.prnu),
         np.float32(noise.dsnu_e),
         noise.hot_pixel_fraction,
@@ -122,9 +119,7 @@ def sensor_image(
         ``(H, W)``, aligned at the low end.
     """
     dn_per_electron = 10.0 ** (gain_db / 20.0) / noise.electrons_per_dn
-    state = np.uint64(0)
-    if key is not None:
-        state = np.random.SeedSequence(key).generate_state(1, np.uint64)[0]
+    state = np.uint64(0 if key is None else stream(*key))
     exposure_s = exposure_us / 1e6
     grey = np.zeros(photons.shape, np.uint16)
     _expose(
@@ -173,18 +168,14 @@ def _expose(
                 offset = pattern[1, row, column]
             if noisy:
                 counter = np.uint64(2 * (row * width + column))
-                bits = _hash(state, counter)
-                # Box and Muller: one pair of uniform numbers, two independent normal ones.
-                radius = math.sqrt(_MINUS_TWO * math.log(_unit(bits >> _S32)))
-                turn = _TWO_PI * _unit(bits & _LOW)
+                shot, read = normal_pair(hashed(state, counter))
+                offset += read_noise_e * read
                 if value < EXACT_BELOW_E:
-                    uniform = _unit(_hash(state, counter + np.uint64(1)) >> _S32)
+                    uniform = unit(hashed(state, counter + _NEXT))
                     value = _poisson_by_inversion(value, uniform)
                 else:
-                    value = _poisson_by_expansion(value, np.float32(radius * math.cos(turn)))
-                value = min(value, full_well_e) + offset + read_noise_e * radius * math.sin(turn)
-            else:
-                value = min(value, full_well_e) + offset
+                    value = _poisson_by_expansion(value, shot)
+            value = min(value, full_well_e) + offset
             dn = math.floor(black_dn + dn_per_electron * value + _HALF)
             grey[row, column] = np.uint16(min(max(dn, _ZERO), end_dn))
 
@@ -202,29 +193,12 @@ def _draw_pattern(
     for row in numba.prange(height):
         for column in range(width):
             counter = np.uint64(2 * (row * width + column))
-            bits = _hash(state, counter)
-            radius = math.sqrt(_MINUS_TWO * math.log(_unit(bits >> _S32)))
-            turn = _TWO_PI * _unit(bits & _LOW)
-            maps[0, row, column] = max(_ONE + prnu * radius * math.cos(turn), _ZERO)
-            maps[1, row, column] = dsnu_e * radius * math.sin(turn)
-            bits = _hash(state, counter + np.uint64(1))
-            if _unit(bits >> _S32) <= hot_fraction:
-                maps[2, row, column] = -hot_e_per_s * math.log(_unit(bits & _LOW))
-
-
-@numba.njit(cache=True)
-def _hash(state: np.uint64, counter: np.uint64) -> np.uint64:
-    """SplitMix64 (Steele, Lea and Flood 2014): the counter-th number of a stream."""
-    x = state + (counter + np.uint64(1)) * _GOLDEN
-    x = (x ^ (x >> _S30)) * _MIX_1
-    x = (x ^ (x >> _S27)) * _MIX_2
-    return x ^ (x >> _S31)
-
-
-@numba.njit(cache=True)
-def _unit(bits: np.uint64) -> np.float32:
-    """Map 32 bits to a number above 0 and at most 1."""
-    return (np.float32(bits) + _HALF) * _TWO_TO_MINUS_32
+            response, offset = normal_pair(hashed(state, counter))
+            maps[0, row, column] = max(_ONE + prnu * response, _ZERO)
+            maps[1, row, column] = dsnu_e * offset
+            bits = hashed(state, counter + _NEXT)
+            if unit(bits) <= hot_fraction:
+                maps[2, row, column] = -hot_e_per_s * log_of(unit(bits << _S32))
 
 
 @numba.njit(cache=True)

@@ -8,11 +8,28 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from simulator._dice import normal_pair, stream
+
 Values = npt.NDArray[np.float32]
 
 # Waves of more than 3 pixels keep height and place to 2e-4 under any shift.
 _LOBES = 8  # of the interpolating kernel, on each side
 _BETA = 7.0  # of its Kaiser window
+_TAG = 0x5AFE  # keeps the shake's random numbers apart from others of the shot
+
+
+def shake_of(shot_key: tuple[int, ...], sigma_px: float) -> tuple[float, float]:
+    """Return where the image lies in a frame: right and down, pixels.
+
+    Parameters
+    ----------
+    shot_key
+        Non-negative whole numbers that name the shot.
+    sigma_px
+        Standard deviation along each axis.
+    """
+    right, down = normal_pair(stream(*shot_key, _TAG), 0)
+    return sigma_px * right, sigma_px * down
 
 
 def shifted(plane: Values, shift_px: tuple[float, float], *, mosaic: bool) -> Values:

@@ -8,39 +8,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from acquisition import NoiseModel
-from rig import CameraError, CameraFrame, CameraInfo
+from rig import CameraError, CameraFrame, CameraInfo, Trigger
 from simulator._bench_state import BenchState
 from simulator._lamps import Lamps
-from simulator._sensor import fixed_pattern, sensor_image
-from simulator._shake import shifted
+from simulator._virtual_sensor import Exposure, Planes, VirtualSensor
 
-Planes = Callable[[int | None], npt.NDArray[np.float32]]
+__all__ = ["CameraFault", "Planes", "VirtualCamera"]
+
 CameraFault = Literal["lost", "late", "unplug"]
 
 EXPOSURE_MIN_US = 10.0
 EXPOSURE_MAX_US = 10_000_000.0
 GAIN_MAX_DB = 24.0
+FRAME_PERIOD_US = 1000.0
+LINE = "Line0"
 
 _BAYER = {"RGGB": "RG", "GRBG": "GR", "GBRG": "GB", "BGGR": "BG"}
 _STEADY = Lamps()
-_SHAKE_TAG = 0x5AFE  # keeps the shake's random numbers apart from others of the shot
-
-
-@dataclass(frozen=True)
-class _Exposure:
-    """One exposure under way; ``lamps_ns`` is its start on the lamps' clock."""
-
-    start_ns: int
-    exposure_us: float
-    gain_db: float
-    lamps_ns: int
+_POLL_S = 0.001
+_WAITING_EVERY_S = 0.1
 
 
 class VirtualCamera:
@@ -48,7 +37,8 @@ class VirtualCamera:
 
     A frame holds ``exposure * planes(None)`` plus ``planes(led)`` times the time that this LED
     burned during the exposure, for every LED that did, as the sensor renders it. So a frame taken
-    under the wrong LED, or while the light went out, shows it.
+    under the wrong LED, or while the light went out, shows it. Armed on the line, it exposes at the
+    trigger pulses of the bench state, and misses a pulse that comes while it exposes.
 
     All that is random about a frame depends on the seed, the LED, exposure, gain, and how many
     equal shots came before; not on the order of the others.
@@ -71,8 +61,8 @@ class VirtualCamera:
     noisy
         False leaves shot and read noise out.
     realtime
-        False does not wait for exposures to pass: the time between trigger and fetch stands for
-        the exposure.
+        False does not wait for exposures to pass: the time between software trigger and fetch
+        stands for the exposure.
     name
         Stated as serial number.
     cfa
@@ -127,28 +117,35 @@ class VirtualCamera:
             cfa=cfa,
             exposure_min_us=EXPOSURE_MIN_US,
             exposure_max_us=EXPOSURE_MAX_US,
+            frame_period_us=FRAME_PERIOD_US,
         )
         self.faults = dict(faults or {})
-        self._planes = planes
         self._bench = bench
-        self._noise = noise
-        self._seed = seed
-        self._noisy = noisy
+        self._sensor = VirtualSensor(
+            planes,
+            self.info,
+            bench=bench,
+            noise=noise,
+            seed=seed,
+            noisy=noisy,
+            lamps=lamps,
+            shake_px=shake_px,
+            sensor_seed=sensor_seed,
+        )
         self._realtime = realtime
-        self._lamps = lamps
         self._lamps_ns = 0
-        self._shake_px = shake_px
-        self._pattern = fixed_pattern(noise, size, seed=sensor_seed)
         self._exposure_us = 10_000.0
         self._gain_db = 0.0
-        self._armed = False
+        self._armed: Trigger | None = None
         self._gone = ""
         self._next_id = 0
+        # The last fetch failed: what is under way is forgotten before the next trigger.
+        self._stale = False
+        # The line has been read up to this time; the next pulse's frame carries this id.
+        self._pulses_ns = 0
+        self._pulse_id = 0
         # Every frame that is under way.
-        self._started: dict[int, _Exposure] = {}
-        self._taken: dict[tuple[int, ...], int] = {}
-        # The first call compiles or loads the kernel: seconds that must not pass under a light.
-        sensor_image(np.zeros((1, 1), np.float32), noise, key=(0,))
+        self._started: dict[int, Exposure] = {}
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
         """Set exposure (in steps of 1 us) and gain for the triggers to come."""
@@ -167,66 +164,44 @@ class VirtualCamera:
         self._gain_db = gain_db
         return self._exposure_us
 
-    def arm(self) -> None:
+    def arm(self, trigger: Trigger = "software") -> None:
         """Make ready for triggers and forget frames that are under way."""
         self._check()
+        self._armed = trigger
+        self._stale = False
         self._started.clear()
-        self._armed = True
+        self._pulses_ns = time.monotonic_ns()
+        self._pulse_id = self._next_id
 
     def trigger(self) -> int:
         """Start one exposure and return the id its frame will carry."""
-        self._check()
-        if not self._armed:
-            raise CameraError(f"camera {self.info.serial} was triggered before it was armed")
-        frame_id = self._next_id
-        self._next_id += 1
-        if self.faults.get(frame_id) == "unplug":
-            self._gone = "does not answer any more: was it unplugged?"
-            self._check()
-        self._started[frame_id] = _Exposure(
-            time.monotonic_ns(), self._exposure_us, self._gain_db, self._lamps_ns
-        )
-        self._lamps_ns += round(self._exposure_us * 1000)
+        frame_id = self._announce("software")
+        self._expose(frame_id, time.monotonic_ns(), lasting=self._realtime)
         return frame_id
 
-    def fetch(self, frame_id: int, timeout_s: float) -> CameraFrame:
+    def expect(self) -> int:
+        """Announce one trigger pulse of the bench state and return the id of its frame."""
+        return self._announce("line")
+
+    def fetch(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
+    ) -> CameraFrame:
         """Wait until the exposure has passed and return its frame; older ones are dropped."""
         self._check()
-        if frame_id not in self._started:
+        on_line = self._armed == "line" and self._pulse_id <= frame_id < self._next_id
+        if frame_id not in self._started and not on_line:
             raise CameraError(f"camera {self.info.serial}: no frame {frame_id} is under way")
         for older in [i for i in self._started if i < frame_id]:
             del self._started[older]
-        exposure = self._started[frame_id]
-        start_ns, exposure_us = exposure.start_ns, exposure.exposure_us
-        fault = self.faults.get(frame_id)
-        if fault == "late":
-            del self.faults[frame_id]
-        passes_s = exposure_us / 1e6 - (time.monotonic_ns() - start_ns) / 1e9
-        if fault is not None or (self._realtime and passes_s > timeout_s):
-            time.sleep(timeout_s)
-            raise CameraError(
-                f"camera {self.info.serial}: frame {frame_id} did not come within {timeout_s:g} s "
-                "of waiting; check trigger and cable"
-            )
-        if self._realtime:
-            time.sleep(max(0.0, passes_s))
-            end_ns = start_ns + round(exposure_us * 1000)
-        else:
-            end_ns = max(time.monotonic_ns(), start_ns + 1)
+        self._stale = True
+        exposure, end_ns = self._wait(frame_id, timeout_s, waiting)
+        self._stale = False
         del self._started[frame_id]
-        key = self._key(self._bench.led(start_ns), exposure_us, exposure.gain_db)
         return CameraFrame(
-            pixels=sensor_image(
-                self._photons(exposure, end_ns, key),
-                self._noise,
-                exposure_us=exposure_us,
-                gain_db=exposure.gain_db,
-                key=key if self._noisy else None,
-                pattern=self._pattern,
-            ),
+            pixels=self._sensor.pixels(exposure, end_ns),
             frame_id=frame_id,
-            timestamp_ns=start_ns,
-            exposure_us=exposure_us,
+            timestamp_ns=exposure.start_ns,
+            exposure_us=exposure.exposure_us,
             gain_db=exposure.gain_db,
             temperature_c=None,
         )
@@ -234,7 +209,7 @@ class VirtualCamera:
     def disarm(self) -> None:
         """Stop taking triggers."""
         self._check()
-        self._armed = False
+        self._armed = None
 
     def close(self) -> None:
         """Give camera and bench state back; closing twice does nothing."""
@@ -245,35 +220,72 @@ class VirtualCamera:
         if self._gone:
             raise CameraError(f"camera {self.info.serial} {self._gone}")
 
-    def _photons(
-        self, exposure: _Exposure, end_ns: int, key: tuple[int, ...]
-    ) -> npt.NDArray[np.float32]:
-        photons = self._plane(None) * np.float32(exposure.exposure_us)
-        for led, lit_ns in self._bench.lit_ns(exposure.start_ns, end_ns).items():
-            lit_us = exposure.exposure_us * lit_ns / (end_ns - exposure.start_ns)
-            lit_us *= self._lamps.factor(led, exposure.lamps_ns, lit_us, key)
-            photons += self._plane(led) * np.float32(lit_us)
-        if self._shake_px:
-            right, down = np.random.default_rng((*key, _SHAKE_TAG)).normal(0, self._shake_px, 2)
-            photons = shifted(photons, (right, down), mosaic=self.info.cfa is not None)
-        return photons
-
-    def _plane(self, led: int | None) -> npt.NDArray[np.float32]:
-        plane = self._planes(led)
-        if plane.shape != (self.info.height, self.info.width) or plane.dtype != np.float32:
+    def _announce(self, trigger: Trigger) -> int:
+        self._check()
+        if self._armed is None:
+            raise CameraError(f"camera {self.info.serial} was triggered before it was armed")
+        if self._armed != trigger:
             raise CameraError(
-                f"camera {self.info.serial}: the plane of LED {led} is {plane.dtype} of shape "
-                f"{plane.shape}, wanted float32 of {(self.info.height, self.info.width)}"
+                f"camera {self.info.serial} is armed for triggers by {self._armed}, not {trigger}"
             )
-        return plane
+        if self._stale:
+            self.arm(trigger)
+        self._next_id += 1
+        return self._next_id - 1
 
-    def _key(self, led: int | None, exposure_us: float, gain_db: float) -> tuple[int, ...]:
-        shot = (
-            self._seed,
-            0 if led is None else led + 1,
-            round(exposure_us * 1000),
-            round(gain_db * 1000),
+    def _expose(self, frame_id: int, start_ns: int, *, lasting: bool) -> None:
+        if self.faults.get(frame_id) == "unplug":
+            self._gone = "does not answer any more: was it unplugged?"
+            self._check()
+        end_ns = start_ns + round(self._exposure_us * 1000) if lasting else None
+        if end_ns is not None:
+            self._bench.expose(start_ns, end_ns)
+        self._started[frame_id] = Exposure(
+            start_ns, end_ns, self._exposure_us, self._gain_db, self._lamps_ns
         )
-        repeat = self._taken.get(shot, 0)
-        self._taken[shot] = repeat + 1
-        return (*shot, repeat)
+        self._lamps_ns += round(self._exposure_us * 1000)
+
+    def _read_line(self) -> None:
+        """Start an exposure at every trigger pulse since the line was read last."""
+        now_ns = time.monotonic_ns()
+        for pulse in self._bench.triggers():
+            if self._pulses_ns < pulse.time_ns <= now_ns:
+                self._expose(self._pulse_id, pulse.time_ns, lasting=True)
+                # A pulse that comes too soon after this one is missed.
+                busy_us = max(self._exposure_us, FRAME_PERIOD_US)
+                self._pulses_ns = pulse.time_ns + round(busy_us * 1000) - 1
+                self._pulse_id += 1
+
+    def _wait(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None
+    ) -> tuple[Exposure, int]:
+        """Return the exposure of a frame, and its end in ns, when it has passed."""
+        fault = self.faults.get(frame_id)
+        if fault == "late":
+            del self.faults[frame_id]
+        began_s = told_s = time.monotonic()
+        while True:
+            if self._armed == "line":
+                self._read_line()
+            exposure = self._started.get(frame_id)
+            now_s = time.monotonic()
+            left_s = began_s + timeout_s - now_s
+            if exposure is not None and fault is None:
+                now_ns = time.monotonic_ns()
+                if exposure.end_ns is None:
+                    return exposure, max(now_ns, exposure.start_ns + 1)
+                if now_ns >= exposure.end_ns:
+                    return exposure, exposure.end_ns
+                pause_s = (exposure.end_ns - now_ns) / 1e9
+            else:
+                pause_s = _POLL_S if self._armed == "line" else left_s
+            if left_s <= 0:
+                line = f", armed on {LINE}," if self._armed == "line" else ":"
+                raise CameraError(
+                    f"camera {self.info.serial}{line} frame {frame_id} did not come within "
+                    f"{timeout_s:g} s of waiting; check trigger and cable"
+                )
+            time.sleep(max(0.0, min(pause_s, left_s, _WAITING_EVERY_S)))
+            if waiting is not None and time.monotonic() - told_s >= _WAITING_EVERY_S:
+                waiting()
+                told_s = time.monotonic()

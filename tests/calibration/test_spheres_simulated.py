@@ -65,11 +65,17 @@ def test_positions_without_masks(scene):
     assert result.residuals_deg.max() < 0.2
 
 
-def test_faint_outlines_on_velvet_beside_an_object():
-    """On velvet the mirrored horizon is far stronger than the outline: the known size decides."""
-    values, truth = capture(11, "coin-with-spheres")
+@pytest.mark.parametrize("seed", [11, 13])
+def test_faint_outlines_on_velvet_beside_an_object(seed):
+    """On velvet the mirrored horizon is far stronger than the outline: the known size decides.
+
+    Noise may cost one of the four spheres; that is told, and the lights are none the worse.
+    """
+    values, truth = capture(seed, "coin-with-spheres")
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=12.0)
-    assert len(result.spheres) == 4
+    assert len(result.spheres) >= 3
+    left_out = [w for w in result.warnings if "was left out: its outline scatters" in w]
+    assert len(result.spheres) + len(left_out) == 4
     error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
     assert error_mm.mean() < 4.0
     assert angle_deg(result.lights.unit_directions, truth.lights.unit_directions).mean() < 0.4

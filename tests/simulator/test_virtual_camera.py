@@ -161,6 +161,47 @@ def test_a_timeout_shorter_than_the_exposure(room):
         camera.fetch(camera.trigger(), 0.02)
 
 
+def test_a_pulse_during_an_exposure_or_too_soon_after_it_is_missed(room):
+    camera = room.camera()
+    camera.configure(exposure_us=20_000)
+    camera.arm("line")
+    ids = [camera.expect() for _ in range(3)]
+    now = time.monotonic_ns()
+    times = [now + after_us * US for after_us in (5000, 15_000, 25_000, 45_000)]
+    for time_ns in times:
+        room.writer.pulse(time_ns)
+    taken = [camera.fetch(frame_id, 2.0).timestamp_ns for frame_id in ids]
+    # The second came while the first exposure ran.
+    assert taken == [times[0], times[2], times[3]]
+
+
+def test_exposures_are_stated_to_the_bench(room):
+    camera = room.camera()
+    camera.configure(exposure_us=3000)
+    starts = []
+    for trigger in ("software", "line"):
+        camera.arm(trigger)
+        if trigger == "line":
+            frame_id = camera.expect()
+            room.writer.pulse(time.monotonic_ns() + 1000 * US)
+        else:
+            frame_id = camera.trigger()
+        starts.append(camera.fetch(frame_id, 2.0).timestamp_ns)
+    with BenchState(room.path) as bench:
+        stated = [(exposure.start_ns, exposure.end_ns) for exposure in bench.exposures()]
+    assert stated == [(start, start + 3000 * US) for start in starts]
+
+
+def test_exposures_by_the_line_take_their_time_even_where_others_do_not(room):
+    camera = room.camera(realtime=False)
+    camera.configure(exposure_us=100_000)
+    camera.arm("line")
+    frame_id = camera.expect()
+    room.writer.pulse(time.monotonic_ns())
+    frame = camera.fetch(frame_id, 2.0)
+    assert time.monotonic_ns() - frame.timestamp_ns >= 100_000 * US
+
+
 def test_an_unplugged_camera_fails_at_everything_but_closing(room):
     camera = room.camera(faults={1: "unplug"}, name="cam-7")
     shoot(camera, 1000)

@@ -8,8 +8,29 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig import BoardError, RigConfig, RigConfigError, RigError
-from simulator import _simulated_rig, bench_sensor, open_rig, render, rig_for, scene_named
+from rig import (
+    Board,
+    BoardError,
+    GenICamCamera,
+    Mounting,
+    Rig,
+    RigConfig,
+    RigConfigError,
+    RigError,
+    Wires,
+    open_genicam,
+)
+from simulator import (
+    VirtualBoard,
+    VirtualCamera,
+    _simulated_rig,
+    bench_sensor,
+    open_rig,
+    render,
+    rig_for,
+    scene_named,
+)
+from simulator._gentl_camera import GentlCamera
 from simulator._scene_file import read_scene
 from simulator._sensor import fixed_pattern
 from simulator._simulated_rig import simulated_rig
@@ -65,19 +86,132 @@ def test_closing_ends_the_boards_process(monkeypatch):
             boards.append(self)
 
     monkeypatch.setattr(_simulated_rig, "VirtualBoard", Noted)
-    simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE).close()
+    cameras = []
+
+    class Kept(_simulated_rig.GentlCamera):
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
+            cameras.append(self)
+
+    monkeypatch.setattr(_simulated_rig, "GentlCamera", Kept)
+    for kind in ("gentl", "inside"):
+        simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera=kind).close()
 
     def broken(*args, **options):
         raise RigError("the camera does not open")
 
-    monkeypatch.setattr(_simulated_rig, "VirtualCamera", broken)
-    with pytest.raises(RigError, match="the camera does not open"):
-        simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE)
-    assert len(boards) == 2
+    for kind, maker in (("gentl", "open_genicam"), ("inside", "VirtualCamera")):
+        monkeypatch.setattr(_simulated_rig, maker, broken)
+        with pytest.raises(RigError, match="the camera does not open"):
+            simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera=kind)
+    assert len(boards) == 4
+    assert len(cameras) == 2
+    for camera in cameras:
+        assert not camera.cti.exists()
     for board in boards:
         assert not board.bench_state_path.exists()
         with pytest.raises(ProcessLookupError):
             os.kill(board.pid, 0)
+
+
+def without_a_compiler(monkeypatch):
+    monkeypatch.setenv("CC", "no-such-compiler")
+
+
+@pytest.mark.parametrize("kind", ["auto", "gentl"])
+def test_the_camera_is_behind_a_genicam_producer(kind):
+    with simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera=kind) as rig:
+        assert isinstance(rig.camera, GenICamCamera)
+        assert rig.camera.info.model == "virtual camera"
+
+
+def test_without_a_compiler_the_camera_is_inside_and_says_so(monkeypatch):
+    without_a_compiler(monkeypatch)
+    with simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE) as rig:
+        assert isinstance(rig.camera, VirtualCamera)
+        assert rig.camera.info.model == "virtual camera in Python, for want of a C compiler"
+    with pytest.raises(RigError, match="needs a C compiler"):
+        simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera="gentl")
+
+
+@pytest.mark.parametrize("options", [{"realtime": False}, {"camera_faults": {0: "lost"}}])
+def test_what_only_the_camera_inside_can_do(options):
+    with simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, **options) as rig:
+        assert isinstance(rig.camera, VirtualCamera)
+        assert rig.camera.info.model == "virtual camera"
+    with pytest.raises(RigConfigError, match="take the camera inside"):
+        simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera="gentl", **options)
+
+
+@pytest.mark.parametrize("trigger", ["software", "board"])
+def test_both_cameras_see_the_same_in_every_mode(trigger):
+    def take(kind):
+        config = CONFIG.model_copy(update={"trigger": trigger})
+        with simulated_rig(planes, config, size=(H, W), noise=NOISE, seed=5, camera=kind) as rig:
+            single = [rig.shoot(led, 3000).frame.pixels for led in (3, None)]
+            return single + [shot.frame.pixels for shot in rig.sequence([4, 5, 6], 3000)]
+
+    for one, other in zip(take("gentl"), take("inside"), strict=True):
+        apart = np.abs(one.astype(int) - other)
+        assert apart.max() <= 1
+        assert (apart > 0).mean() < 1e-4
+
+
+def test_a_rolling_shutter_is_lit_from_its_first_row_to_its_last():
+    exposure_us, readout_us = 4000.0, 30_000.0
+    with (
+        VirtualBoard(4) as board,
+        GentlCamera(
+            lambda led: np.full((64, 80), 0.0 if led is None else 0.5, np.float32),
+            size=(64, 80),
+            leds=4,
+            noise=NOISE,
+            noisy=False,
+            bench_state_path=board.bench_state_path,
+            shutter="rolling",
+            readout_us=readout_us,
+            frame_rate_hz=25.0,
+        ) as camera,
+    ):
+        for trigger in ("software", "board"):
+            config = RigConfig(name="rolling", driver="test", leds=4, trigger=trigger)
+            with Rig(Board(board.port), open_genicam(camera.cti), config) as rig:
+                assert (rig.camera.info.shutter, rig.camera.info.readout_us) == (
+                    *("rolling", pytest.approx(readout_us, rel=0.05)),
+                )
+                shots = [rig.shoot(2, exposure_us), *rig.sequence([0, 1, 3], exposure_us)]
+            for shot in shots:
+                # A row that was dark for a tenth of its exposure would be 80 grey values darker.
+                rows = shot.frame.pixels.astype(float).mean(axis=1)
+                np.testing.assert_allclose(rows, 64 + 0.5 * exposure_us / 2.5, atol=1.0)
+
+
+def test_the_exposure_is_seen_by_the_board():
+    config = CONFIG.model_copy(update={"trigger": "board", "exposure_active": True})
+    with simulated_rig(planes, config, size=(H, W), noise=NOISE) as rig:
+        assert rig.shoot(3, 5000).led == 3
+        assert [shot.led for shot in rig.sequence([1, 2, 3], 5000)] == [1, 2, 3]
+        assert rig.wires(0, 5000) == Wires(trigger=True, exposure_active=True)
+
+
+@pytest.mark.parametrize("kind", ["gentl", "inside"])
+@pytest.mark.parametrize("rotation_deg", [0, 90, 180, 270])
+@pytest.mark.parametrize("mirror", [False, True])
+def test_a_camera_that_is_mounted_otherwise_delivers_turned_frames(kind, rotation_deg, mirror):
+    mounting = Mounting(rotation_deg=rotation_deg, mirror=mirror)
+    config = RigConfig(name="turned", driver="simulated", leds=2, mounting=mounting)
+    picture = np.linspace(0.05, 0.6, 12 * 20, dtype=np.float32).reshape(12, 20)
+
+    def scene(led):
+        return picture if led is not None else np.zeros_like(picture)
+
+    options = {"size": (12, 20), "noise": NOISE, "noisy": False, "cfa": "GRBG", "camera": kind}
+    with simulated_rig(scene, config, **options) as rig:
+        info, pixels = rig.camera.info, rig.shoot(0, 4000).frame.pixels
+    assert pixels.shape == (info.height, info.width)
+    assert pixels.shape == ((12, 20) if rotation_deg in (0, 180) else (20, 12))
+    assert mounting.upright_cfa(info.cfa, pixels.shape) == "GRBG"
+    np.testing.assert_allclose(mounting.upright(pixels), 64 + picture * 4000 / 2.5, atol=0.6)
 
 
 def test_two_rigs_at_once_keep_their_lights_apart():
@@ -119,6 +253,20 @@ def test_the_driver_takes_sensor_lamps_and_shake_as_options():
     assert not np.array_equal(coarse[0], coarse[2])
 
 
+def test_the_driver_takes_wrong_wiring():
+    shots = [(led, 5000) for led in (0, 1, 2, 3, None)]
+    zero, one, two, three, dark = frames(*shots, noise=False)
+    wiring = {"swapped": [[0, 1]], "always": [2]}
+    seen = frames(*shots, noise=False, wiring=wiring)
+    np.testing.assert_allclose(seen[0], np.minimum(one + two - dark, 4095), atol=1.01)
+    np.testing.assert_allclose(seen[1], np.minimum(zero + two - dark, 4095), atol=1.01)
+    np.testing.assert_allclose(seen[2], two, atol=1.01)
+    np.testing.assert_allclose(seen[4], two, atol=1.01)
+    seen = frames(*shots, noise=False, wiring={"double": [[1, 3]]})
+    np.testing.assert_allclose(seen[1], np.minimum(one + three - dark, 4095), atol=1.01)
+    assert np.array_equal(seen[1], seen[3])
+
+
 def test_the_driver_takes_a_sensor_of_its_own_and_shake():
     uneven = {"dsnu_e": 30.0}
     dark, one, other = frames(
@@ -146,6 +294,11 @@ def test_the_driver_takes_a_sensor_of_its_own_and_shake():
         pytest.param({"scene": "no/such.toml"}, "no/such.toml: no such file", id="no file"),
         pytest.param({"sensor_seed": -1}, "option 'sensor_seed'", id="sensor seed"),
         pytest.param({"shake_px": -0.1}, "option 'shake_px'", id="shake"),
+        pytest.param({"camera": "outside"}, "option 'camera'", id="camera"),
+        pytest.param({"camera": "gentl"}, "take the camera inside", id="camera of another clock"),
+        pytest.param({"wiring": {"swap": [[0, 1]]}}, r"\[wiring\]: unknown key", id="wiring"),
+        pytest.param({"wiring": {"always": [4]}}, r"wrongly wired LEDs \[4\] must", id="wired LED"),
+        pytest.param({"wiring": {"double": [[0, 0]]}}, "one of these and once", id="wired twice"),
         pytest.param({"shake": 0.1}, "unknown option 'shake'; known are scene", id="misspelt"),
     ],
 )

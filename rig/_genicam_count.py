@@ -1,0 +1,57 @@
+"""Which trigger a frame belongs to, told from the block ids that the device gives its frames."""
+
+from __future__ import annotations
+
+
+class BlockCount:
+    """Turns block ids into places among the triggers since acquisition was started.
+
+    Devices count from 0 (USB3 Vision) or from 1 (GigE Vision), and most begin anew at every start,
+    some never. Which, is learned from starts after which a single trigger was made: whatever frame
+    then comes first must be that of the trigger.
+    """
+
+    def __init__(self) -> None:
+        self._base: int | None = None
+        self._continues = False
+        self._first = 0
+        self._last: int | None = None
+        self._next = 0
+
+    def started(self) -> None:
+        """Note that acquisition was started."""
+        self._last = None
+
+    def place(self, block: int, triggers: int) -> int | None:
+        """Return the place, from 0, of a frame among the triggers since the start.
+
+        Parameters
+        ----------
+        block
+            The frame's block id.
+        triggers
+            How many there were.
+
+        Returns
+        -------
+        int or None
+            None where the id is one that came before, or an earlier one.
+        """
+        if self._last is None:
+            self._first = self._origin(block, triggers)
+        if block < self._first or (self._last is not None and block <= self._last):
+            return None
+        self._last = block
+        self._next = block + 1
+        return block - self._first
+
+    def _origin(self, block: int, triggers: int) -> int:
+        """Return the id of the first trigger's frame, given the first id that came."""
+        if triggers == 1 and self._base is None:
+            self._base = block
+        if self._base is None:
+            return min(block, 1)
+        if block != self._base and block >= self._next and (self._continues or triggers == 1):
+            self._continues = True
+            return block
+        return self._base

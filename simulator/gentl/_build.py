@@ -1,0 +1,104 @@
+"""The virtual camera's library, built by the local C compiler into the user's cache."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from rig import RigError
+
+_SOURCES = Path(__file__).parent
+_FLAGS = tuple(
+    """
+    -std=c11 -D_GNU_SOURCE -Wall -Wextra -Wpedantic -O3 -ffp-contract=off
+    -fno-math-errno -fvisibility=hidden -fPIC -pthread -shared
+    """.split()  # noqa: SIM905
+)
+_LIBRARIES = ("-lm", "-ldl")
+_TIMEOUT_S = 300.0
+
+
+class CompilerError(RigError):
+    """There is no C compiler, or it cannot build the virtual camera."""
+
+
+def build() -> Path:
+    """Build the GenTL producer unless the cache has it.
+
+    The cache is the folder ``sgp`` in ``$XDG_CACHE_HOME`` or ``~/.cache``. The file's folder is
+    named by a hash of sources, flags and compiler, so that every version has its own. The compiler
+    is ``$CC``, ``cc``, ``gcc`` or ``clang``, whichever is found first. Processes that build at the
+    same time do not disturb each other: the file appears whole.
+
+    Returns
+    -------
+    Path
+        The ``.cti``, a shared library.
+
+    Raises
+    ------
+    CompilerError
+        If there is no compiler, it fails, or the cache cannot be written.
+    """
+    compiler = _compiler()
+    sources = sorted(_SOURCES.glob("*.c"))
+    digest = hashlib.sha256("\0".join((*compiler, *_FLAGS, _version(compiler))).encode())
+    for path in sorted((*sources, *_SOURCES.glob("*.h"))):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    folder = _cache() / f"gentl-{digest.hexdigest()[:16]}"
+    cti = folder / "sgp.cti"
+    if cti.exists():
+        return cti
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            built = Path(scratch) / cti.name
+            _run([*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES])
+            built.replace(cti)
+    except OSError as error:
+        raise CompilerError(
+            f"{folder}: the virtual camera cannot be built there ({error}); "
+            "set XDG_CACHE_HOME to a folder that can be written"
+        ) from error
+    return cti
+
+
+def _cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgp"
+
+
+def _compiler() -> list[str]:
+    wanted = os.environ.get("CC")
+    for name in [wanted] if wanted else ["cc", "gcc", "clang"]:
+        command = shlex.split(name)
+        if command and shutil.which(command[0]):
+            return command
+    raise CompilerError(
+        f"the virtual camera needs a C compiler: {wanted or 'cc, gcc or clang'} was not found; "
+        "install one (Debian: apt install gcc) or name it in CC"
+    )
+
+
+def _version(compiler: list[str]) -> str:
+    return _run([*compiler, "--version"])
+
+
+def _run(command: list[str]) -> str:
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S
+        )
+    except subprocess.TimeoutExpired as error:
+        raise CompilerError(
+            f"the C compiler {command[0]} did not end within {_TIMEOUT_S:g} s"
+        ) from error
+    if done.returncode:
+        complaints = [line for line in done.stderr.splitlines() if "error" in line.lower()]
+        first = (complaints or done.stderr.splitlines() or ["no reason given"])[0]
+        raise CompilerError(f"the C compiler {command[0]} cannot build the virtual camera: {first}")
+    return done.stdout

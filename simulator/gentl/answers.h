@@ -1,0 +1,27 @@
+/* How questions of the client are answered, and how a refusal says why. */
+#ifndef ANSWERS_H
+#define ANSWERS_H
+
+#include "gentl.h"
+
+/* Where an answer goes: the three arguments that all questions of GenTL end with. */
+struct answer {
+    INFO_DATATYPE *type;
+    void *buffer; /* NULL asks for the size alone */
+    size_t *size;
+};
+
+GC_ERROR answer_bytes(struct answer to, INFO_DATATYPE type, const void *value, size_t size);
+GC_ERROR answer_text(struct answer to, const char *text);
+GC_ERROR answer_bool(struct answer to, int value);
+GC_ERROR answer_i32(struct answer to, int32_t value);
+GC_ERROR answer_u32(struct answer to, uint32_t value);
+GC_ERROR answer_u64(struct answer to, uint64_t value);
+GC_ERROR answer_size(struct answer to, size_t value);
+GC_ERROR answer_pointer(struct answer to, void *value);
+
+/* Keep the reason of a refusal for GCGetLastError, and return its code. */
+__attribute__((format(printf, 2, 3))) GC_ERROR fail(GC_ERROR code, const char *format, ...);
+GC_ERROR last_error(GC_ERROR *code, char *text, size_t *size);
+
+#endif

@@ -1,0 +1,78 @@
+#include "modules.h"
+
+#include "answers.h"
+#include "camera.h"
+#include "stream.h"
+
+static bool initialised;
+static bool opened[MODULES];
+static char handles[MODULES]; /* their addresses are the handles */
+
+GC_ERROR check_initialised(void)
+{
+    return initialised ? GC_ERR_SUCCESS
+                       : fail(GC_ERR_NOT_INITIALIZED, "GCInitLib has not been called");
+}
+
+GC_ERROR initialise(void)
+{
+    if (initialised)
+        return fail(GC_ERR_RESOURCE_IN_USE, "GCInitLib has been called already");
+    initialised = true;
+    return GC_ERR_SUCCESS;
+}
+
+GC_ERROR finalise(void)
+{
+    const GC_ERROR result = check_initialised();
+    module_close(SYSTEM);
+    initialised = false;
+    return result;
+}
+
+enum module module_of(HANDLE handle)
+{
+    for (int m = 0; m < MODULES; m++)
+        if (handle == &handles[m] && opened[m])
+            return (enum module)m;
+    return MODULES;
+}
+
+GC_ERROR check_module(HANDLE handle, enum module module)
+{
+    const GC_ERROR result = check_initialised();
+    if (result)
+        return result;
+    return module_of(handle) == module
+               ? GC_ERR_SUCCESS
+               : fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open module of this kind");
+}
+
+HANDLE module_handle(enum module module) { return &handles[module]; }
+bool module_is_open(enum module module) { return opened[module]; }
+
+GC_ERROR module_open(enum module module, HANDLE *handle)
+{
+    const GC_ERROR result = check_initialised();
+    if (result)
+        return result;
+    if (!handle)
+        return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
+    if (opened[module])
+        return fail(GC_ERR_RESOURCE_IN_USE, "it is open already");
+    opened[module] = true;
+    *handle = &handles[module];
+    return GC_ERR_SUCCESS;
+}
+
+void module_close(enum module module)
+{
+    if (opened[STREAM])
+        stream_close();
+    if (module <= DEVICE && opened[DEVICE])
+        camera_close();
+    if (module == SYSTEM)
+        camera_forget();
+    for (int m = (int)module; m < MODULES; m++)
+        opened[m] = false;
+}

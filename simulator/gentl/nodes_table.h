@@ -1,0 +1,28 @@
+/* What each node is; only the node map's two files read it. */
+#ifndef NODES_TABLE_H
+#define NODES_TABLE_H
+
+#include <stdbool.h>
+
+#include "nodes.h"
+
+enum kind { KIND_INTEGER, KIND_FLOAT, KIND_ENUM, KIND_BOOLEAN, KIND_COMMAND, KIND_TEXT };
+
+struct node_entry {
+    const char *name;
+    enum kind kind;
+    bool writable;
+    bool locked; /* while TLParamsLocked is 1 */
+    double initial, min, max;
+    const char *unit;
+    enum node max_node;   /* the node that holds the greatest value, 0 for none */
+    const char *names[3]; /* of an enumeration, counted from 0 */
+    int entries;
+};
+
+/* The greatest value that the node may have now. */
+double node_maximum(enum node node);
+
+extern const struct node_entry NODE_TABLE[NODES];
+
+#endif

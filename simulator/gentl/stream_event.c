@@ -1,0 +1,108 @@
+#include <string.h>
+
+#include "clock.h"
+#include "stream_parts.h"
+
+static bool registered, killed;
+static char handle; /* its address is the handle */
+
+void event_reset(void)
+{
+    registered = false;
+    stream_wake();
+}
+
+GC_ERROR stream_event_register(HANDLE *event)
+{
+    stream_lock();
+    const bool was = registered;
+    registered = true;
+    killed = false;
+    stream_unlock();
+    *event = &handle;
+    return was ? fail(GC_ERR_RESOURCE_IN_USE, "the event of new buffers is registered already")
+               : GC_ERR_SUCCESS;
+}
+
+GC_ERROR stream_event_unregister(void)
+{
+    stream_lock();
+    const bool was = registered;
+    registered = false;
+    stream_wake();
+    stream_unlock();
+    return was ? GC_ERR_SUCCESS : fail(GC_ERR_INVALID_HANDLE, "no event of new buffers");
+}
+
+static bool is_event(HANDLE event)
+{
+    if (event == &handle && registered)
+        return true;
+    fail(GC_ERR_INVALID_HANDLE, "no such event");
+    return false;
+}
+
+GC_ERROR stream_event_get(HANDLE event, void *data, size_t *size, uint64_t timeout_ms)
+{
+    EVENT_NEW_BUFFER_DATA told = {NULL, NULL};
+    if (!size || !data || *size < sizeof told)
+        return fail(GC_ERR_BUFFER_TOO_SMALL, "the event needs %zu bytes", sizeof told);
+    const bool forever = timeout_ms > INT64_MAX / 2000000;
+    const int64_t until = forever ? 0 : now_ns() + (int64_t)timeout_ms * 1000000;
+    stream_lock();
+    while (is_event(event) && !killed && !(told.buffer = stream_oldest(OUTPUT))) {
+        if (!forever && now_ns() >= until)
+            break;
+        stream_wait(until);
+    }
+    GC_ERROR result = GC_ERR_SUCCESS;
+    if (!registered)
+        result = fail(GC_ERR_INVALID_HANDLE, "no such event");
+    else if (killed)
+        result = fail(GC_ERR_ABORT, "the waiting was ended by EventKill");
+    else if (!told.buffer)
+        result = fail(GC_ERR_TIMEOUT, "no buffer within %llu ms", (unsigned long long)timeout_ms);
+    killed = false;
+    if (result == GC_ERR_SUCCESS) {
+        told.user_pointer = ((struct buffer *)told.buffer)->user;
+        stream_move(told.buffer, UNQUEUED);
+        memcpy(data, &told, sizeof told);
+        *size = sizeof told;
+    }
+    stream_unlock();
+    return result;
+}
+
+GC_ERROR stream_event_info(HANDLE event, int what, struct answer to)
+{
+    if (!is_event(event))
+        return GC_ERR_INVALID_HANDLE;
+    stream_lock();
+    const size_t waiting = stream_count(OUTPUT);
+    const uint64_t fired = stream_delivered();
+    stream_unlock();
+    switch (what) {
+    case EVENT_EVENT_TYPE: return answer_i32(to, EVENT_NEW_BUFFER);
+    case EVENT_NUM_IN_QUEUE: return answer_size(to, waiting);
+    case EVENT_NUM_FIRED: return answer_u64(to, fired);
+    case EVENT_SIZE_MAX:
+    case EVENT_INFO_DATA_SIZE_MAX: return answer_size(to, sizeof(EVENT_NEW_BUFFER_DATA));
+    default: return fail(GC_ERR_NOT_AVAILABLE, "no event info %d", what);
+    }
+}
+
+GC_ERROR stream_event_flush(HANDLE event)
+{
+    return is_event(event) ? stream_flush(ACQ_QUEUE_OUTPUT_DISCARD) : GC_ERR_INVALID_HANDLE;
+}
+
+GC_ERROR stream_event_kill(HANDLE event)
+{
+    if (!is_event(event))
+        return GC_ERR_INVALID_HANDLE;
+    stream_lock();
+    killed = true;
+    stream_wake();
+    stream_unlock();
+    return GC_ERR_SUCCESS;
+}

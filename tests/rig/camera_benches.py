@@ -1,0 +1,109 @@
+"""Cameras to be compared, each over a bench on which the test lights LEDs and pulses the line."""
+
+import time
+
+import numpy as np
+import pytest
+
+from acquisition import NoiseModel
+from rig import open_genicam
+from simulator._bench_state import BenchState, BenchWriter
+from simulator._gentl_camera import GentlCamera
+from simulator._virtual_camera import VirtualCamera
+from simulator.gentl import CompilerError
+
+SIZE = (6, 10)
+LEDS = 12
+BLACK = 20
+EXPOSURE_US = 1000.0
+# One electron per grey value and no noise: a frame tells its LED.
+NOISE = NoiseModel(1.0, 0.0, float(BLACK), 12)
+
+
+def plane(led):
+    """What an LED yields in a microsecond, so that `grey` is exact."""
+    return np.full(SIZE, 0.0 if led is None else (led + 1) / 10, np.float32)
+
+
+def grey(led, exposure_us=EXPOSURE_US):
+    """What every pixel reads after an exposure under an LED."""
+    return BLACK + (led + 1) * exposure_us / 10
+
+
+class Bench:
+    """A light, a trigger line, and the way to one camera that sees them."""
+
+    def __init__(self, folder):
+        self.path = folder / "bench.state"
+        self.writer = BenchWriter(self.path)
+        self._opened = []
+
+    def light(self, led):
+        """Let one LED burn from now on."""
+        now = time.monotonic_ns()
+        self.writer.put_out(now)
+        self.writer.light(led, now, now + 60 * 10**9)
+
+    def dark(self):
+        self.writer.put_out(time.monotonic_ns())
+
+    def pulse(self, after_s=0.0):
+        """Pulse the trigger line; return when, in nanoseconds of the monotonic clock."""
+        time_ns = time.monotonic_ns() + round(after_s * 1e9)
+        self.writer.pulse(time_ns)
+        return time_ns
+
+    def open(self, **options):
+        camera = self._open(**options)
+        self._opened.append(camera)
+        return camera
+
+    def close(self):
+        for camera in self._opened:
+            camera.close()
+        self.writer.close()
+
+
+class InsideBench(Bench):
+    """The camera within the process."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self._faults = {}
+
+    def fault(self, frame, kind, late_s=0.0):
+        """Let something happen to a frame; late ones come when they are asked for again."""
+        self._faults[frame] = kind
+        for camera in self._opened:
+            camera.faults[frame] = kind
+
+    def _open(self):
+        return VirtualCamera(
+            plane, size=SIZE, bench=BenchState(self.path), noise=NOISE, noisy=False,
+            name="c7", faults=self._faults,
+        )  # fmt: skip
+
+
+class GenICamBench(Bench):
+    """The camera behind a GenTL producer and harvesters."""
+
+    def __init__(self, folder, **options):
+        super().__init__(folder)
+        options = {"planes": plane, "size": SIZE, "leds": LEDS, "noise": NOISE, **options}
+        try:
+            self.device = GentlCamera(
+                options.pop("planes"), bench_state_path=self.path, noisy=False, serial="c7",
+                **options,
+            )  # fmt: skip
+        except CompilerError as error:
+            pytest.skip(str(error))
+
+    def fault(self, frame, kind, late_s=0.0):
+        self.device.set_fault(frame, kind, late_ms=late_s * 1000)
+
+    def _open(self, **options):
+        return open_genicam(self.device.cti, **options)
+
+    def close(self):
+        super().close()
+        self.device.close()

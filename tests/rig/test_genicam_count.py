@@ -1,0 +1,40 @@
+"""Block ids: which trigger a frame belongs to, whatever a device counts from."""
+
+import pytest
+
+from rig._genicam_count import BlockCount
+
+
+def places(*starts):
+    """Of each start: its number of triggers and the block ids that came."""
+    count = BlockCount()
+    found = []
+    for triggers, blocks in starts:
+        count.started()
+        found.append([count.place(block, triggers) for block in blocks])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("starts", "expected"),
+    [
+        pytest.param([(1, [0])], [[0]], id="from 0"),
+        pytest.param([(1, [1])], [[0]], id="from 1"),
+        pytest.param([(3, [0, 1, 2])], [[0, 1, 2]], id="several from 0"),
+        pytest.param([(3, [1, 2, 3])], [[0, 1, 2]], id="several from 1"),
+        pytest.param([(3, [2, 3])], [[1, 2]], id="the first of several lost"),
+        pytest.param([(1, [0]), (3, [1, 2])], [[0], [1, 2]], id="from 0 is known, the first lost"),
+        pytest.param([(1, [1]), (3, [2, 3])], [[0], [1, 2]], id="from 1 is known, the first lost"),
+        pytest.param([(2, [0, 1]), (2, [0, 1])], [[0, 1], [0, 1]], id="begins anew"),
+        pytest.param([(1, [7]), (1, [8]), (2, [9, 10])], [[0], [0], [0, 1]], id="never begins"),
+        pytest.param([(1, [1]), (1, [5])], [[0], [0]], id="goes on after frames nobody saw"),
+        pytest.param([(1, [0]), (9, list(range(9))), (1, [3])], [[0], list(range(9)), [3]],
+                     id="neither anew nor on"),
+        pytest.param([(3, [0, 2])], [[0, 2]], id="a gap"),
+        pytest.param([(3, [0, 1, 1])], [[0, 1, None]], id="repeated"),
+        pytest.param([(3, [0, 2, 1])], [[0, 2, None]], id="backwards"),
+        pytest.param([(1, [1]), (2, [0])], [[0], [None]], id="before the first"),
+    ],
+)  # fmt: skip
+def test_a_frame_finds_its_trigger(starts, expected):
+    assert places(*starts) == expected

@@ -1,0 +1,293 @@
+"""What the virtual GenICam camera sees, against the virtual camera in Python and closed forms."""
+
+import time
+
+import numpy as np
+import pytest
+
+from acquisition import NoiseModel
+from rig import CameraError
+from simulator._bench_state import BenchState, BenchWriter
+from simulator._gentl_camera import GentlCamera
+from simulator._lamps import Lamps
+from simulator._virtual_camera import VirtualCamera
+from tests.simulator import gentl_client as gentl
+
+SIZE = (96, 130)
+LEDS = 3
+PLAIN = NoiseModel(2.5, 4.0, 64.0, 12)
+UNEVEN = NoiseModel(
+    2.5, 4.0, 64.0, 12, quantum_efficiency=0.6, full_well_e=8000.0, dark_current_e_per_s=3000.0,
+    dsnu_e=4.0, prnu=0.02, hot_pixel_fraction=0.01, hot_pixel_e_per_s=2e5,
+)  # fmt: skip
+LAMPS = Lamps(warm_up=0.1, warm_up_s=0.01, flicker=0.02, pwm_hz=500.0, pwm_duty=0.3, dead=(1,))
+# LED, exposure in us, gain in dB; dark, dim, bright, saturated, and the same again.
+SHOTS = [(0, 1000, 0.0), (1, 1000, 0.0), (1, 1000, 0.0), (None, 3000, 6.0), (2, 2000, 12.0),
+         (2, 5000, 0.0), (0, 20, 0.0)]  # fmt: skip
+S = 10**9
+
+
+def plane(led):
+    index = 0 if led is None else led + 1
+    bright = np.random.default_rng(index).uniform(0, 2, SIZE)
+    return (bright * (0.02, 1.0, 2.0, 5.0)[index]).astype(np.float32)
+
+
+class Bench:
+    """A board's side of the bench state, and cameras that look at it."""
+
+    def __init__(self, path):
+        self.path = path
+        self.writer = BenchWriter(path)
+        self.opened = []
+
+    def camera(self, planes=plane, *, size=SIZE, leds=LEDS, noise=PLAIN, **options):
+        # Shots may follow each other at once.
+        options = {"frame_rate_hz": 1e5, **options}
+        made = GentlCamera(
+            planes, size=size, leds=leds, noise=noise, bench_state_path=self.path, **options
+        )
+        library = gentl.Library(made.cti)
+        device = gentl.Device(library)
+        self.opened.append((library, made))
+        device.set("TriggerMode", "On")
+        device.start()
+        return device
+
+    def reference(self, **options):
+        camera = VirtualCamera(plane, size=SIZE, bench=BenchState(self.path), **options)
+        camera.arm()
+        return camera
+
+    def light(self, led, for_s=10.0):
+        now = time.monotonic_ns()
+        self.writer.light(led, now, now + round(for_s * S))
+
+    def close(self):
+        for library, made in self.opened:
+            library.close()
+            made.close()
+        self.writer.close()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = Bench(tmp_path / "bench.state")
+    yield bench
+    bench.close()
+
+
+def both(bench, shots, noise, **options):
+    """Frames of the Python camera and of the C camera for the same shots."""
+    reference = bench.reference(noise=noise, **options)
+    device = bench.camera(noise=noise, **options)
+    for led, exposure_us, gain_db in shots:
+        reference.configure(exposure_us=exposure_us, gain_db=gain_db)
+        device.set("ExposureTime", exposure_us)
+        device.set("Gain", gain_db)
+        if led is not None:
+            bench.light(led)
+        frame_id = reference.trigger()
+        device.execute("TriggerSoftware")
+        yield reference.fetch(frame_id, 5.0).pixels.astype(int), device.fetch().pixels.astype(int)
+        bench.writer.put_out(time.monotonic_ns())
+    reference.close()
+
+
+@pytest.mark.parametrize(
+    ("noise", "options"),
+    [
+        pytest.param(PLAIN, {}, id="shot and read noise"),
+        pytest.param(PLAIN, {"noisy": False}, id="no noise"),
+        pytest.param(PLAIN, {"seed": 2**62 + 11}, id="another seed"),
+        pytest.param(UNEVEN, {}, id="fixed pattern, dark current, full well"),
+        pytest.param(UNEVEN, {"noisy": False, "sensor_seed": 5}, id="fixed pattern alone"),
+        pytest.param(UNEVEN, {"lamps": LAMPS, "seed": 3}, id="lamps"),
+        pytest.param(NoiseModel(1.0, 2.0, 0.0, 16), {"cfa": "GRBG"}, id="mosaic of 16 bits"),
+        pytest.param(NoiseModel(40.0, 9.0, 2.0, 8), {}, id="8 bits"),
+    ],
+)
+def test_frames_are_those_of_the_camera_in_python(bench, noise, options):
+    for expected, seen in both(bench, SHOTS, noise, **options):
+        assert np.abs(seen - expected).max() <= 1
+        assert np.mean(seen != expected) <= 1e-4
+
+
+@pytest.mark.parametrize("cfa", [None, "RGGB"])
+@pytest.mark.parametrize("shake_px", [0.1, 3.0])
+def test_shaken_frames_are_those_of_the_camera_in_python(bench, cfa, shake_px):
+    """The sums of the interpolation are taken in another order: to one grey value in a 1000."""
+    for expected, seen in both(bench, SHOTS[:4], PLAIN, noisy=False, cfa=cfa, shake_px=shake_px):
+        assert np.abs(seen - expected).max() <= 1
+        assert np.mean(seen != expected) <= 1e-3
+
+
+def test_the_reference_itself_differs_where_it_should(bench):
+    frames = [seen for _, seen in both(bench, SHOTS, PLAIN)]
+    assert not np.array_equal(frames[1], frames[2])
+    assert frames[5].max() == 4095
+
+
+EVEN = NoiseModel(1.0, 0.0, 20.0, 16)
+
+
+def even(value, leds, size=(4, 6)):
+    """Planes of 1 photon per us and LED + 1 for each LED, 0.125 of ambient light."""
+
+    def planes(led):
+        return np.full(size, 0.125 if led is None else value * (led + 1), np.float32)
+
+    return {"planes": planes, "size": size, "leds": leds, "noise": EVEN, "noisy": False}
+
+
+def test_light_counts_for_the_time_it_burned_in_the_exposure(bench):
+    device = bench.camera(**even(1, 3))
+    device.set("ExposureTime", 40_000.0)
+    device.execute("TriggerSoftware")
+    gentl.wait_for(lambda: BenchState(bench.path).exposures())
+    start_ns = BenchState(bench.path).exposures()[0].start_ns
+    bench.writer.light(0, start_ns - 5_000_000, start_ns + 10_000_000)
+    bench.writer.light(1, start_ns + 30_000_000, start_ns + S)
+    frame = device.fetch()
+    assert (frame.pixels == 20 + 5000 + 10_000 + 2 * 10_000).all()
+    assert frame.start_ns == start_ns
+
+
+def test_two_leds_at_once_add_up_and_a_dimmed_one_counts_less(bench):
+    device = bench.camera(**even(1, 3))
+    device.set("ExposureTime", 4000.0)
+    now = time.monotonic_ns()
+    bench.writer.light(0, now, now + 10 * S)
+    bench.writer.light(2, now, now + 10 * S, level=819)
+    assert (device.shoot().pixels == 20 + 500 + 4000 + 3 * 800).all()
+
+
+def test_leds_without_a_plane_are_dark(bench):
+    made = even(1, 3)
+    planes = made["planes"]
+    made["planes"] = lambda led: None if led in (None, 1) else planes(led)
+    device = bench.camera(**made)
+    device.set("ExposureTime", 1000.0)
+    for led, value in ((1, 20), (2, 3020), (3, 20), (1000, 20)):
+        bench.light(led)
+        assert (device.shoot().pixels == value).all()
+        bench.writer.put_out(time.monotonic_ns())
+
+
+def test_an_exposure_in_which_more_leds_burned_than_are_remembered_is_no_frame(bench):
+    device = bench.camera(**even(1, 3))
+    device.set("ExposureTime", 200_000.0)
+    device.execute("TriggerSoftware")
+    for _ in range(70):
+        bench.light(0, 0.001)
+    assert device.nothing_comes(0.4)
+    assert bench.opened[0][1].counts().dropped == 1
+    device.set("ExposureTime", 1000.0)
+    assert device.shoot().block == 1
+
+
+def test_rows_of_a_rolling_shutter_see_the_light_one_after_the_other(bench):
+    rows, readout_us, exposure_us = 100, 20_000.0, 5000.0
+    made = even(1, 1, (rows, 3))
+    device = bench.camera(**made, shutter="rolling", readout_us=readout_us)
+    assert device.get("SensorShutterMode") == "Rolling"
+    assert device.get("SensorReadoutTime") == readout_us
+    device.set("ExposureTime", exposure_us)
+    device.execute("TriggerSoftware")
+    exposure = BenchState(bench.path).exposures()[0]
+    assert exposure.end_ns - exposure.start_ns == 25_000_000
+    lit_us = np.array([6000.0, 17_000.0])
+    bench.writer.light(0, *(exposure.start_ns + (lit_us * 1000).astype(int)))
+    frame = device.fetch()
+    start_us = readout_us * np.arange(rows) / rows
+    overlap = np.minimum(start_us + exposure_us, lit_us[1]) - np.maximum(start_us, lit_us[0])
+    expected = 20 + 0.125 * exposure_us + overlap.clip(0)
+    np.testing.assert_allclose(frame.pixels, np.repeat(expected[:, None], 3, axis=1), atol=0.51)
+
+
+def test_pwm_makes_bands_across_the_rows_of_a_rolling_shutter(bench):
+    rows, readout_us = 200, 10_000.0
+    lamps = Lamps(pwm_hz=400.0, pwm_duty=0.5)
+    device = bench.camera(
+        **even(8, 1, (rows, 2)), shutter="rolling", readout_us=readout_us, lamps=lamps
+    )
+    device.set("ExposureTime", 100.0)
+    bench.light(0)
+    bands = device.shoot().pixels[:, 0].astype(float) - 20 - 12.5
+    # Four cycles in the readout: a quarter of the rows each; twice the mean or nothing.
+    assert np.mean(bands > 800) == pytest.approx(0.5, abs=0.06)
+    spectrum = np.abs(np.fft.rfft(bands - bands.mean()))
+    assert spectrum.argmax() == 4
+
+
+def test_precomposed_frames_are_those_of_the_led_that_burned_longest(bench):
+    frames = np.random.default_rng(1).integers(0, 4096, (4, *SIZE), np.uint16)
+    device = bench.camera(
+        lambda led: frames[0 if led is None else led + 1], leds=3, precomposed=True
+    )
+    device.set("ExposureTime", 1000.0)
+    assert (device.shoot().pixels == frames[0]).all()
+    for led in (2, 0, 1):
+        bench.light(led)
+        assert (device.shoot().pixels == frames[led + 1]).all()
+        bench.writer.put_out(time.monotonic_ns())
+
+
+def test_white_balance_and_gamma_change_the_picture_only_when_they_are_on(bench):
+    filters = np.tile(np.float32([[1, 2], [2, 4]]), (8, 8))
+    noise = NoiseModel(1.0, 0.0, 0.0, 12)
+    device = bench.camera(
+        lambda led: filters, size=(16, 16), leds=0, noise=noise, noisy=False, cfa="RGGB"
+    )
+    device.set("ExposureTime", 500.0)
+    linear = device.shoot().pixels
+    assert (linear == filters * 500).all()
+    device.set("BalanceWhiteAuto", "Continuous")
+    assert (device.shoot().pixels == 1000).all()
+    device.set("BalanceWhiteAuto", "Off")
+    device.set("GammaEnable", 1)
+    device.set("Gamma", 0.5)
+    expected = np.rint(4095 * np.sqrt(linear / 4095))
+    np.testing.assert_array_equal(device.shoot().pixels, expected)
+    device.set("GammaEnable", 0)
+    assert (device.shoot().pixels == linear).all()
+
+
+def test_the_black_level_can_be_set(bench):
+    device = bench.camera(**even(1, 1))
+    assert device.get("BlackLevel") == 20.0
+    device.set("BlackLevel", 300.0)
+    device.set("ExposureTime", 8000.0)
+    assert (device.shoot().pixels == 300 + 1000).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        pytest.param({"cfa": "RGB"}, "cfa 'RGB' is not one of RGGB", id="cfa"),
+        pytest.param({"shake_px": 9.0}, "shake of 9.0 px", id="shake"),
+        pytest.param({"leds": 1025}, "1025 LEDs cannot be", id="LEDs"),
+        pytest.param({"size": (0, 4)}, r"size of \(0, 4\)", id="size"),
+        pytest.param({"frame_rate_hz": 0.0}, "0.0 Hz", id="frame rate"),
+        pytest.param({"readout_us": -1.0}, "readout of -1.0 us", id="readout"),
+        pytest.param({"serial": "x" * 64}, "1 to 63 letters", id="serial number"),
+        pytest.param({"size": (4, 5)}, r"plane of LED None is float32 of shape", id="plane"),
+        pytest.param({"precomposed": True}, "wanted uint16", id="plane's type"),
+    ],
+)
+def test_a_camera_that_cannot_be(options, message):
+    options = {"size": SIZE, "leds": LEDS, "noise": PLAIN, **options}
+    with pytest.raises(CameraError, match=message) as caught:
+        GentlCamera(plane, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_folder_of_a_camera_goes_with_it():
+    camera = GentlCamera(plane, size=SIZE, leds=LEDS, noise=PLAIN)
+    folder = camera.cti.parent
+    assert camera.cti.exists()
+    camera.close()
+    camera.close()
+    assert not folder.exists()
+    with pytest.raises(CameraError, match="is closed"):
+        camera.counts()

@@ -1,0 +1,302 @@
+"""When the virtual GenICam camera exposes: software, the trigger line, its own pace."""
+
+import time
+
+import numpy as np
+import pytest
+
+from acquisition import NoiseModel
+from simulator._bench_state import BenchState, BenchWriter
+from simulator._gentl_camera import GentlCamera
+from tests.simulator import gentl_client as gentl
+
+SIZE = (4, 6)
+NOISE = NoiseModel(1.0, 0.0, 20.0, 16)
+MS = 1_000_000
+S = 1000 * MS
+
+
+def plane(led):
+    return np.full(SIZE, 0 if led is None else led + 1, np.float32)
+
+
+class Bench:
+    def __init__(self, path):
+        self.path = path
+        self.writer = BenchWriter(path)
+        self.state = BenchState(path)
+        self.opened = []
+
+    def camera(self, *, trigger="Line0", exposure_us=1000.0, armed=True, **options):
+        made = GentlCamera(
+            plane,
+            size=SIZE,
+            leds=3,
+            noise=NOISE,
+            noisy=False,
+            bench_state_path=self.path,
+            **options,
+        )
+        library = gentl.Library(made.cti)
+        device = gentl.Device(library, buffers=8)
+        self.opened.append((library, made))
+        if trigger:
+            device.set("TriggerMode", "On")
+            device.set("TriggerSource", trigger)
+        device.set("ExposureTime", exposure_us)
+        if armed:
+            device.start()
+        return device
+
+    def counts(self):
+        return self.opened[0][1].counts()
+
+    def pulse(self, in_ms):
+        at_ns = time.monotonic_ns() + round(in_ms * MS)
+        self.writer.pulse(at_ns)
+        return at_ns
+
+    def close(self):
+        for library, made in self.opened:
+            library.close()
+            made.close()
+        self.state.close()
+        self.writer.close()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = Bench(tmp_path / "bench.state")
+    yield bench
+    bench.close()
+
+
+def test_a_pulse_on_the_line_begins_the_exposure_exactly_at_its_time(bench):
+    device = bench.camera()
+    at_ns = bench.pulse(20)
+    bench.writer.light(1, at_ns - MS, at_ns + 10 * MS)
+    frame = device.fetch()
+    assert frame.start_ns == at_ns
+    assert (frame.pixels == 20 + 2000).all()
+    assert [(e.start_ns, e.end_ns) for e in bench.state.exposures()] == [(at_ns, at_ns + MS)]
+
+
+def test_pulses_announced_together_make_one_frame_each_in_order(bench):
+    device = bench.camera()
+    times = [bench.pulse(5 + 4 * i) for i in range(6)]
+    frames = [device.fetch() for _ in times]
+    assert [frame.start_ns for frame in frames] == times
+    assert [frame.block for frame in frames] == list(range(6))
+    assert device.nothing_comes()
+
+
+def test_a_pulse_seen_late_still_begins_at_its_time(bench):
+    device = bench.camera()
+    at_ns = bench.pulse(-0.5) if time.sleep(0.01) is None else 0
+    assert device.fetch().start_ns == at_ns
+
+
+def test_a_withdrawn_pulse_makes_no_frame(bench):
+    device = bench.camera()
+    bench.pulse(100)
+    bench.writer.put_out(time.monotonic_ns())
+    at_ns = bench.pulse(5)
+    assert device.fetch().start_ns == at_ns
+    assert device.nothing_comes(0.15)
+    assert (bench.counts().exposures, bench.counts().missed) == (1, 0)
+
+
+def test_a_pulse_of_a_board_that_stopped_in_mid_writing_counts_when_it_is_whole(bench):
+    device = bench.camera()
+    map_, count_at = bench.writer._map, 32
+    whole = bytes(map_)
+    # The board's change is begun and its pulse counted, not written.
+    map_[16:24] = (1).to_bytes(8, "little")
+    map_[count_at : count_at + 8] = (1).to_bytes(8, "little")
+    map_[64 + 64 * 24 : 64 + 64 * 24 + 8] = (-64).to_bytes(8, "little", signed=True)
+    assert device.nothing_comes(0.03)
+    map_[:] = whole
+    at_ns = bench.pulse(5)
+    assert device.fetch().start_ns == at_ns
+    assert bench.counts().exposures == 1
+
+
+def test_the_light_of_a_board_that_died_in_mid_writing_is_taken_as_it_is(bench):
+    device = bench.camera(trigger="Software", exposure_us=1000.0)
+    now = time.monotonic_ns()
+    bench.writer.light(1, now, now + 10 * S)
+    bench.writer._map[16] |= 1
+    began = time.monotonic()
+    assert (device.shoot().pixels == 20 + 2000).all()
+    assert (device.shoot().pixels == 20 + 2000).all()
+    assert time.monotonic() - began < 3
+
+
+def test_pulses_of_before_the_start_are_not_for_this_acquisition(bench):
+    device = bench.camera(armed=False)
+    bench.pulse(0)
+    later_ns = bench.pulse(100)
+    time.sleep(0.002)
+    device.start()
+    frame = device.fetch()
+    assert (frame.block, frame.start_ns) == (0, later_ns)
+
+
+def test_more_pulses_than_the_ring_holds(bench):
+    device = bench.camera(armed=False)
+    for _ in range(100):
+        bench.pulse(-1)
+    device.start()
+    at_ns = bench.pulse(2)
+    assert device.fetch().start_ns == at_ns
+
+
+def test_a_pulse_in_the_exposure_is_missed_and_counted(bench):
+    device = bench.camera(exposure_us=30_000.0)
+    first, _, third = (bench.pulse(ms) for ms in (5, 20, 36))
+    assert [device.fetch().start_ns for _ in range(2)] == [first, third]
+    assert (bench.counts().exposures, bench.counts().missed) == (2, 1)
+
+
+def test_a_pulse_within_the_frame_period_is_missed(bench):
+    device = bench.camera(exposure_us=100.0, frame_rate_hz=50.0)
+    first, _, third = (bench.pulse(ms) for ms in (5, 24, 26))
+    frames = [device.fetch() for _ in range(2)]
+    assert [frame.start_ns for frame in frames] == [first, third]
+    assert [frame.block for frame in frames] == [0, 1]
+    assert bench.counts().missed == 1
+
+
+def test_an_exposure_may_overlap_the_readout_before_but_not_end_in_it(bench):
+    device = bench.camera(exposure_us=10_000.0, readout_us=20_000.0)
+    # Exposed 5..15 and read until 35: one of 24..34 would end before, one of 26..36 does not.
+    first, _, third = (bench.pulse(ms) for ms in (5, 24, 26))
+    assert [device.fetch().start_ns for _ in range(2)] == [first, third]
+    assert bench.counts().missed == 1
+
+
+def test_frames_come_when_they_have_been_read_out(bench):
+    device = bench.camera(readout_us=30_000.0)
+    at_ns = bench.pulse(2)
+    device.fetch()
+    assert time.monotonic_ns() >= at_ns + 31 * MS
+
+
+@pytest.mark.parametrize(
+    ("node", "value", "later_ns"),
+    [
+        pytest.param("TriggerDelay", 3000.0, 3 * MS, id="delay"),
+        pytest.param("TriggerActivation", "FallingEdge", 200_000, id="the line falls after 200 us"),
+    ],
+)
+def test_a_setting_moves_the_start_of_the_exposure(bench, node, value, later_ns):
+    device = bench.camera()
+    device.set(node, value)
+    at_ns = bench.pulse(5)
+    assert device.fetch().start_ns == at_ns + later_ns
+
+
+def test_the_status_of_the_line_follows_the_pulse(bench):
+    device = bench.camera(armed=False)
+    assert device.get("LineStatus") == 0
+    bench.writer.pulse(time.monotonic_ns())
+    assert device.get("LineStatus") == 1
+    time.sleep(0.001)
+    assert device.get("LineStatus") == 0
+
+
+def test_a_software_trigger_begins_before_the_call_returns(bench):
+    device = bench.camera(trigger="Software", exposure_us=20_000.0)
+    before = time.monotonic_ns()
+    device.execute("TriggerSoftware")
+    after = time.monotonic_ns()
+    assert after - before < 15 * MS
+    frame = device.fetch()
+    assert before <= frame.start_ns <= after
+    assert time.monotonic_ns() >= frame.start_ns + 20 * MS
+
+
+def test_a_software_trigger_in_the_exposure_is_missed(bench):
+    device = bench.camera(trigger="Software", exposure_us=200_000.0)
+    device.execute("TriggerSoftware")
+    device.execute("TriggerSoftware")
+    assert device.fetch().block == 0
+    assert device.nothing_comes(0.25)
+    assert (bench.counts().exposures, bench.counts().missed) == (1, 1)
+
+
+def test_each_source_hears_only_its_own_triggers(bench):
+    device = bench.camera(trigger="Software")
+    bench.pulse(1)
+    assert device.nothing_comes()
+    device.set("TriggerSource", "Line0")
+    with pytest.raises(gentl.GentlError, match="TriggerSource Software") as caught:
+        device.execute("TriggerSoftware")
+    assert caught.value.code == gentl.ACCESS_DENIED
+
+
+def test_a_software_trigger_before_the_start_is_missed(bench):
+    device = bench.camera(trigger="Software", armed=False)
+    device.execute("TriggerSoftware")
+    assert bench.counts().missed == 1
+    device.start()
+    assert device.nothing_comes()
+
+
+@pytest.mark.parametrize("base", [0, 1])
+def test_block_ids_start_anew_with_the_acquisition(bench, base):
+    device = bench.camera(trigger="Software", first_block_id=base, frame_rate_hz=1e5)
+    assert [device.shoot().block for _ in range(3)] == [base, base + 1, base + 2]
+    device.stop()
+    device.start()
+    assert device.shoot().block == base
+
+
+def test_running_free_keeps_the_frame_rate(bench):
+    device = bench.camera(trigger=None, frame_rate_hz=200.0)
+    device.set("AcquisitionFrameRateEnable", 1)
+    device.set("AcquisitionFrameRate", 100.0)
+    starts = np.array([device.fetch().start_ns for _ in range(10)])
+    # A busy machine may delay one, never hasten one.
+    assert np.diff(starts).min() >= 10 * MS
+    assert np.median(np.diff(starts)) < 12 * MS
+
+
+def test_the_greatest_frame_rate_follows_from_the_camera(bench):
+    device = bench.camera(trigger=None, armed=False, frame_rate_hz=20.0)
+    assert device.get("AcquisitionFrameRate") == 20.0
+    with pytest.raises(gentl.GentlError, match=r"0\.1 to 20$"):
+        device.set("AcquisitionFrameRate", 21.0)
+
+
+@pytest.mark.parametrize(("mode", "count"), [("SingleFrame", 1), ("MultiFrame", 3)])
+def test_an_acquisition_of_so_many_frames_ends_by_itself(bench, mode, count):
+    device = bench.camera(trigger=None, armed=False)
+    device.set("AcquisitionMode", mode)
+    device.set("AcquisitionFrameCount", 3)
+    device.start()
+    for _ in range(count):
+        device.fetch()
+    assert device.nothing_comes()
+
+
+def test_stopping_forgets_frames_that_are_under_way(bench):
+    device = bench.camera(trigger="Software", exposure_us=100_000.0)
+    device.execute("TriggerSoftware")
+    began = time.monotonic()
+    device.stop()
+    assert time.monotonic() - began < 0.09
+    device.set("ExposureTime", 1000.0)
+    device.start()
+    assert device.nothing_comes(0.15)
+    frame = device.shoot()
+    assert (frame.block, frame.start_ns > began * 1e9) == (0, True)
+    assert bench.counts().dropped == 1
+
+
+def test_watching_the_line_takes_little_of_the_processor(bench):
+    bench.camera()
+    busy = time.process_time()
+    time.sleep(0.5)
+    # 5000 looks a second take some 8 % of a core, more on a busy machine.
+    assert time.process_time() - busy < 0.15
