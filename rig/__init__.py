@@ -1,12 +1,30 @@
 """The bench: LED board, camera, and the two as one rig that knows which LED lit which frame."""
 
-from rig._board import Board, BoardEcho, BoardIdentity, BoardStatus
-from rig._camera import Camera, CameraFrame, CameraInfo
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from rig._bench import open_bench
+from rig._board import Board
+from rig._board_values import (
+    BoardEcho,
+    BoardIdentity,
+    BoardStatus,
+    FlashReport,
+    Step,
+    StepReport,
+)
+from rig._camera import Camera, CameraFrame, CameraInfo, Trigger
 from rig._complaint import first_complaint
 from rig._config import RigConfig, read_rig_config
 from rig._errors import BoardError, CameraError, RigConfigError, RigError, RigNotFoundError
+from rig._finding import Finding
+from rig._mounting import Mounting
 from rig._open import open_rig, rig_names
+from rig._ports import FoundPort, find_board, find_boards
 from rig._protocol import (
+    MAX_COMMAND,
     NO_LED,
     PROTOCOL_VERSION,
     Command,
@@ -20,9 +38,17 @@ from rig._protocol import (
     encode_command,
     encode_reply,
 )
-from rig._rig import Rig, Shot
+from rig._rig import Rig
+from rig._shot import Shot
+from rig._wires import Wires
+
+if TYPE_CHECKING:
+    from rig._genicam_camera import GenICamCamera, open_genicam
+    from rig._genicam_system import FoundCamera, find_cameras
+    from rig._selftest import SelfTest, selftest
 
 __all__ = [
+    "MAX_COMMAND",
     "NO_LED",
     "PROTOCOL_VERSION",
     "Board",
@@ -36,22 +62,58 @@ __all__ = [
     "CameraInfo",
     "Command",
     "ErrorCode",
+    "Finding",
+    "FlashReport",
+    "FoundCamera",
+    "FoundPort",
+    "GenICamCamera",
     "LineBuffer",
     "LineError",
+    "Mounting",
     "Reply",
     "Rig",
     "RigConfig",
     "RigConfigError",
     "RigError",
     "RigNotFoundError",
+    "SelfTest",
     "Shot",
+    "Step",
+    "StepReport",
+    "Trigger",
+    "Wires",
     "crc16",
     "decode_command",
     "decode_reply",
     "encode_command",
     "encode_reply",
+    "find_board",
+    "find_boards",
+    "find_cameras",
     "first_complaint",
+    "open_bench",
+    "open_genicam",
     "open_rig",
     "read_rig_config",
     "rig_names",
+    "selftest",
 ]
+
+# harvesters and scipy take a tenth of a second to import, and most who import rig need neither.
+_LATE = {
+    "FoundCamera": "rig._genicam_system",
+    "GenICamCamera": "rig._genicam_camera",
+    "find_cameras": "rig._genicam_system",
+    "open_genicam": "rig._genicam_camera",
+    "SelfTest": "rig._selftest",
+    "selftest": "rig._selftest",
+}
+
+
+# Hidden from type checkers, for which any name would exist.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        if name not in _LATE:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(_LATE[name]), name)

@@ -10,7 +10,7 @@ _LONGEST_VALUE = 40
 
 
 def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
-    """Return the first thing pydantic objects to, as one line.
+    """Return the first thing pydantic objects to, unknown names before others, as one line.
 
     Parameters
     ----------
@@ -27,7 +27,8 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
         Which field (``lights.1.id`` where it is nested), what is wrong with it, its value where
         that is short, and how many more complaints there are.
     """
-    first = error.errors(include_url=False)[0]
+    # A misspelt key is both unknown and missing: the unknown one says which word to mend.
+    first = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
     where = f"{noun} {'.'.join(str(part) for part in first['loc'])!r}"
     match first["type"]:
         case "extra_forbidden":

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rig._complaint import first_complaint
 from rig._errors import RigConfigError, RigNotFoundError
+from rig._mounting import Mounting
 
 
 class RigConfig(BaseModel):
@@ -27,8 +28,20 @@ class RigConfig(BaseModel):
         From the board's confirmation that an LED is on to the trigger, 0 to 1000.
     dead_leds
         LEDs known to be broken; shooting with one is refused.
+    led_positions_mm
+        Where each LED is, ``(x, y, z)`` in the house's frame, one for every LED or none at all.
+        The self-test needs them to tell LEDs that are swapped.
+    trigger
+        Who starts an exposure: ``software``, this program by a command to the camera; ``board``,
+        the LED board by a pulse on a wire.
+    exposure_active
+        Whether the camera's exposure-active output is wired to the board.
+    frame_period_ms
+        Least time between two exposures, where the camera does not tell it; 0 for not known.
     frame_timeout_s
         How long after the end of an exposure its frame may arrive, up to 60.
+    mounting
+        How the camera is mounted.
     options
         Handed to the driver, which checks them.
     """
@@ -40,14 +53,23 @@ class RigConfig(BaseModel):
     leds: Annotated[int, Field(ge=1, le=4096)] = 36
     settle_ms: Annotated[float, Field(ge=0, le=1000)] = 2.0
     dead_leds: tuple[int, ...] = ()
+    led_positions_mm: tuple[tuple[float, float, float], ...] = ()
+    trigger: Literal["software", "board"] = "software"
+    exposure_active: bool = False
+    frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
     frame_timeout_s: Annotated[float, Field(gt=0, le=60)] = 2.0
+    mounting: Mounting = Mounting()
     options: dict[str, Any] = {}
 
     @model_validator(mode="after")
-    def _dead_leds_exist(self) -> Self:
+    def _leds_fit(self) -> Self:
         for led in self.dead_leds:
             if not 0 <= led < self.leds:
                 raise ValueError(f"dead LED {led} is not one of 0 to {self.leds - 1}")
+        if self.led_positions_mm and len(self.led_positions_mm) != self.leds:
+            raise ValueError(
+                f"led_positions_mm has {len(self.led_positions_mm)} positions for {self.leds} LEDs"
+            )
         return self
 
 

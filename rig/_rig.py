@@ -3,40 +3,27 @@
 from __future__ import annotations
 
 import atexit
-import math
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
-from rig._board import ON_OFF_TIMEOUT_S, Board, BoardEcho
-from rig._camera import Camera, CameraFrame
+from rig._board import Board
+from rig._board_values import BoardEcho
+from rig._camera import Camera, Trigger
 from rig._config import RigConfig
-from rig._errors import BoardError, CameraError, RigError
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
-    """A frame and the light it was taken under.
-
-    Parameters
-    ----------
-    frame
-        What the camera saw.
-    led
-        The LED that burned during the whole exposure, None where all were dark.
-    echo
-        The board's word for it: its answer to the OFF that ended the shot.
-    """
-
-    frame: CameraFrame
-    led: int | None
-    echo: BoardEcho | None
+from rig._dark import watch
+from rig._errors import BoardError, RigError
+from rig._exposure import Exposure
+from rig._sequence import run, runs
+from rig._shooting import Bench, by_board, by_software
+from rig._shot import Shot
+from rig._wires import Wires, try_wires
 
 
 class Rig:
     """An open rig, which it closes: on leaving its ``with``, on `close`, or at interpreter exit.
+
+    While it is open, signals that end the program turn the LEDs off first (see `rig._dark`).
 
     Parameters
     ----------
@@ -66,8 +53,10 @@ class Rig:
         self.board = board
         self.camera = camera
         self.config = config
+        self._bench = Bench(board, camera, config)
         self._settings: tuple[float, float] | None = None
-        self._exposure_us = 0.0
+        self._exposure: Exposure | None = None
+        self._armed: Trigger | None = None
         # The light goes first, whatever fails after it.
         self._closing: list[Callable[[], object]] = [
             board.off,
@@ -76,6 +65,7 @@ class Rig:
             board.close,
             on_close,
         ]
+        self._unwatch = watch(board.darken)
         try:
             if board.identity.leds != config.leds:
                 raise BoardError(
@@ -83,13 +73,22 @@ class Rig:
                     f"{config.name} is said to have {config.leds}: correct the rig file"
                 )
             board.off()
-            camera.arm()
+            # From now on the board's age is known, and a restart shows.
+            board.ping()
+            self._arm("line" if config.trigger == "board" else "software")
         except BaseException as error:
             self._close_after(error)
             raise
         atexit.register(self.close)
 
-    def shoot(self, led: int | None, exposure_us: float, gain_db: float = 0.0) -> Shot:
+    def shoot(
+        self,
+        led: int | None,
+        exposure_us: float,
+        gain_db: float = 0.0,
+        *,
+        trigger: Literal["software", "board"] | None = None,
+    ) -> Shot:
         """Take one frame under one LED, or with all LEDs dark.
 
         Parameters
@@ -98,6 +97,8 @@ class Rig:
             The LED, or None for a dark or ambient frame.
         exposure_us, gain_db
             Within the camera's range.
+        trigger
+            Who starts the exposure, where not the rig file's.
 
         Raises
         ------
@@ -108,41 +109,93 @@ class Rig:
 
         Notes
         -----
-        The board holds the LED for settling and exposure, for a frame that is as late as it may
-        be, and for ON and OFF repeated as often as they may be. A host that dies leaves the LED
-        burning for no longer than that.
+        A board that starts the exposure is told the length of the light with it. Otherwise the
+        light ends with the frame's arrival, by the board's watchdog where this program has died,
+        and in any case when its hold is over.
         """
         self._check_led(led)
-        self._configure(exposure_us, gain_db)
-        hold_ends_s = math.inf
+        exposure = self._configure(exposure_us, gain_db)
+        by_pulse = (trigger or self.config.trigger) == "board"
         try:
-            if led is None:
-                self.board.off()
-            else:
-                hold_ms = self._hold_ms()
-                hold_ends_s = time.monotonic() + hold_ms / 1000
-                self.board.on(led, hold_ms)
-            time.sleep(self.config.settle_ms / 1000)
-            frame = self._expose(led)
-            echo = self.board.off()
+            self._arm("line" if by_pulse else "software")
+            return (by_board if by_pulse else by_software)(self._bench, led, exposure)
         except BaseException as error:
             self._off_after(error)
             raise
-        # The port is ours alone and one ON means one spell of light: an LED that burns now has
-        # burned since its ON.
-        if echo.led is None and time.monotonic() >= hold_ends_s:
-            raise BoardError(
-                f"LED board on {self.board.port}: the hold of {_name(led)} ended while its frame "
-                "was awaited, so the frame is thrown away; find out why it came so late, or expose "
-                "shorter, and shoot again"
-            )
-        if echo.led != led:
-            raise BoardError(
-                f"LED board on {self.board.port}: {_name(led)} was wanted, but at the end of the "
-                f"exposure {_name(echo.led)} burned; the frame is thrown away, check the board's "
-                "supply and shoot again"
-            )
-        return Shot(frame, led, echo)
+
+    def sequence(
+        self, leds: Sequence[int | None], exposure_us: float, gain_db: float = 0.0
+    ) -> Iterator[Shot]:
+        """Let the board run through LEDs by itself, and yield a shot of each in turn.
+
+        The camera's line must be wired to the board's trigger output. Every shot that is yielded
+        is proven: the board says that this LED burned during the whole exposure, and the camera's
+        clock tells the same spacing of frames as the board's of triggers.
+
+        Parameters
+        ----------
+        leds
+            In the order in which they are lit; None is a dark frame.
+        exposure_us, gain_db
+            Within the camera's range, the same for all.
+
+        Yields
+        ------
+        Shot
+            The first one only when the second has come, which proves it.
+
+        Raises
+        ------
+        RigError
+            As `shoot`, naming LED and frame. The LEDs are off then and the run is ended, as they
+            are when the iterator is closed early.
+
+        Notes
+        -----
+        The board does not wait: take the shots as fast as the camera delivers them. Whoever holds
+        on to one for more than a second stops the run, since nobody gives the board a sign of life
+        meanwhile.
+        """
+        for led in leds:
+            self._check_led(led)
+        exposure = self._configure(exposure_us, gain_db)
+        try:
+            self._arm("line")
+            self._bench.chain.cut()
+            for part in runs(tuple(leds), self.board.identity.max_steps):
+                if len(part) == 1:
+                    yield by_board(self._bench, part[0], exposure)
+                else:
+                    yield from run(self._bench, part, exposure)
+        except BaseException as error:
+            self._off_after(error)
+            raise
+
+    def wires(self, led: int, exposure_us: float) -> Wires:
+        """Try by one flash whether board and camera are wired to each other.
+
+        Parameters
+        ----------
+        led
+            Which LED is to flash.
+        exposure_us
+            Within the camera's range.
+
+        Raises
+        ------
+        RigError
+            If the LED is not there or the board fails; a trigger that does not arrive is no error.
+        """
+        self._check_led(led)
+        exposure = self._configure(exposure_us, 0.0)
+        try:
+            self._arm("line")
+            return try_wires(self._bench, led, exposure)
+        except BaseException as error:
+            self._off_after(error)
+            raise
+        finally:
+            self._armed = None
 
     def off(self) -> BoardEcho:
         """Turn all LEDs off.
@@ -173,6 +226,7 @@ class Rig:
                 else:
                     _note(first, "on closing", error)
             del self._closing[0]
+        self._unwatch()
         atexit.unregister(self.close)
         if first is not None:
             raise first
@@ -204,36 +258,27 @@ class Rig:
                 "and strike it from dead_leds in the rig file"
             )
 
-    def _configure(self, exposure_us: float, gain_db: float) -> None:
-        if self._settings != (exposure_us, gain_db):
-            self._settings = None
-            self._exposure_us = self.camera.configure(exposure_us=exposure_us, gain_db=gain_db)
+    def _configure(self, exposure_us: float, gain_db: float) -> Exposure:
+        if self._exposure is None or self._settings != (exposure_us, gain_db):
+            self._exposure = None
+            real_us = self.camera.configure(exposure_us=exposure_us, gain_db=gain_db)
+            # The frame period may hang on the exposure.
+            self._exposure = Exposure.of(self.camera.info, self.config, real_us)
             self._settings = (exposure_us, gain_db)
+        return self._exposure
 
-    def _hold_ms(self) -> int:
-        needed_ms = self.config.settle_ms + self._exposure_us / 1000 + ON_OFF_TIMEOUT_S * 1000
-        longest_ms = self.board.identity.max_hold_ms
-        if needed_ms > longest_ms:
-            raise RigError(
-                f"an exposure of {self._exposure_us:g} us needs light for {needed_ms:.0f} ms, the "
-                f"LED board on {self.board.port} gives {longest_ms}: expose shorter"
-            )
-        # A board that cannot wait for the latest frame allowed may still do for those in time.
-        return min(math.ceil(needed_ms + self.config.frame_timeout_s * 1000), longest_ms)
-
-    def _expose(self, led: int | None) -> CameraFrame:
-        frame_id = self.camera.trigger()
-        timeout_s = self._exposure_us / 1e6 + self.config.frame_timeout_s
-        frame = self.camera.fetch(frame_id, timeout_s)
-        if frame.frame_id != frame_id:
-            raise CameraError(
-                f"camera {self.camera.info.serial} delivered frame {frame.frame_id} for the shot "
-                f"with {_name(led)}, awaited was frame {frame_id}: shoot again"
-            )
-        return frame
+    def _arm(self, trigger: Trigger) -> None:
+        if self._armed != trigger:
+            self._armed = None
+            self._bench.chain.cut()
+            self.camera.arm(trigger)
+            self._armed = trigger
 
     def _off_after(self, error: BaseException) -> None:
         """Turn the LEDs off on the way out of an error, which stays the one that is told."""
+        # Frames that are still to come must not be taken for those of later shots.
+        self._armed = None
+        self._bench.chain.cut()
         try:
             self.board.off()
         except RigError as failure:
@@ -250,7 +295,3 @@ def _note(error: BaseException, what: str, failure: RigError) -> None:
     """Tell of a failure, and of what it notes itself, beside the error that came first."""
     for said in (str(failure), *getattr(failure, "__notes__", ())):
         error.add_note(f"{what}: {said}")
-
-
-def _name(led: int | None) -> str:
-    return "no LED" if led is None else f"LED {led}"

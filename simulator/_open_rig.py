@@ -15,7 +15,8 @@ from simulator._rig_scenes import SCENES, scene_named
 from simulator._scene import Scene
 from simulator._scene_file import read_scene
 from simulator._scene_tables import build
-from simulator._simulated_rig import simulated_rig
+from simulator._simulated_rig import FRAME_RATE_HZ, CameraKind, simulated_rig
+from simulator._wiring import Wiring
 
 _Pixels = Annotated[int, Field(ge=1, le=16384)]
 
@@ -45,6 +46,12 @@ class RigOptions(BaseModel):
         Values of `Lamps` that differ from the scene's.
     shake_px
         Standard deviation, along each axis, of where the image lies in a frame.
+    camera
+        auto, gentl or inside: see `simulated_rig`.
+    frame_rate_hz
+        What the camera does at most; not of the camera inside.
+    wiring
+        Values of `Wiring`: LEDs that are swapped, double or always on.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -59,6 +66,9 @@ class RigOptions(BaseModel):
     sensor_seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     lamps: dict[str, Any] = {}
     shake_px: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 0.0
+    camera: CameraKind = "auto"
+    frame_rate_hz: Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)] = FRAME_RATE_HZ
+    wiring: dict[str, Any] = {}
 
 
 def open_rig(config: RigConfig) -> Rig:
@@ -90,6 +100,7 @@ def open_rig(config: RigConfig) -> Rig:
         scene = _scene(options, config.leds)
         sensor = build(NoiseModel, asdict(scene.noise) | options.sensor, "sensor")
         lamps = build(Lamps, asdict(scene.lamps) | options.lamps, "lamps")
+        wiring = build(Wiring, options.wiring, "wiring")
         rendering = render(replace(scene, noise=sensor, lamps=lamps))
     except (DataError, MissingPathError) as error:
         raise RigConfigError(f"rig {config.name}: {error}") from error
@@ -101,6 +112,9 @@ def open_rig(config: RigConfig) -> Rig:
         realtime=options.realtime,
         shake_px=options.shake_px,
         sensor_seed=options.sensor_seed,
+        camera=options.camera,
+        frame_rate_hz=options.frame_rate_hz,
+        wiring=wiring,
     )
 
 
@@ -127,6 +141,9 @@ def rig_for(
     lamps: Lamps | None = None,
     shake_px: float = 0.0,
     sensor_seed: int = 0,
+    camera: CameraKind = "auto",
+    frame_rate_hz: float = FRAME_RATE_HZ,
+    wiring: Wiring | None = None,
 ) -> Rig:
     """Open a simulated rig on what has been rendered, so that its truth is at hand.
 
@@ -135,11 +152,14 @@ def rig_for(
     rendering
         What the camera sees.
     config
-        Its LED count must be the rendering's. By default a rig called ``simulated``.
+        Its LED count must be the rendering's. By default a rig called ``simulated`` that knows
+        where its LEDs are.
     lamps
         Instead of the scene's.
     seed, noisy, realtime, shake_px, sensor_seed
         See `VirtualCamera`.
+    camera, frame_rate_hz, wiring
+        See `simulated_rig`.
 
     Returns
     -------
@@ -149,7 +169,8 @@ def rig_for(
     Raises
     ------
     RigConfigError
-        If the LED counts differ, or a dead LED is none of them.
+        If the LED counts differ, a dead or wrongly wired LED is none of them, or the camera cannot
+        do what is asked.
     RigError
         If the rig does not come up.
     """
@@ -159,11 +180,16 @@ def rig_for(
     if config.leds != leds:
         raise RigConfigError(f"rig {config.name} has {config.leds} LEDs, its scene {leds}")
     scene = rendering.scene
+    if not config.led_positions_mm and scene.lights.positions_mm is not None:
+        positions_mm = tuple((x, y, z) for x, y, z in scene.lights.positions_mm.tolist())
+        config = config.model_copy(update={"led_positions_mm": positions_mm})
     lamps = lamps or scene.lamps
-    if any(led >= leds for led in lamps.dead):
-        raise RigConfigError(
-            f"rig {config.name}: dead LEDs {list(lamps.dead)} must be of 0 to {leds - 1}"
-        )
+    wiring = wiring or Wiring()
+    for what, named in (("dead", lamps.dead), ("wrongly wired", wiring.leds)):
+        if any(led >= leds for led in named):
+            raise RigConfigError(
+                f"rig {config.name}: {what} LEDs {list(named)} must be of 0 to {leds - 1}"
+            )
     return simulated_rig(
         rendering.plane,
         config,
@@ -176,4 +202,7 @@ def rig_for(
         lamps=lamps,
         shake_px=shake_px,
         sensor_seed=sensor_seed,
+        camera=camera,
+        frame_rate_hz=frame_rate_hz,
+        wiring=wiring,
     )

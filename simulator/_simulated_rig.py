@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from acquisition import NoiseModel
-from rig import Board, Rig, RigConfig
+from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from simulator._bench_state import BenchState
+from simulator._gentl_camera import GentlCamera
 from simulator._lamps import Lamps
 from simulator._virtual_board import VirtualBoard
 from simulator._virtual_camera import CameraFault, Planes, VirtualCamera
+from simulator._wiring import Wiring
+from simulator.gentl import CompilerError, build
+
+CameraKind = Literal["auto", "gentl", "inside"]
+
+FRAME_RATE_HZ = 200.0
+NO_COMPILER = "virtual camera in Python, for want of a C compiler"
 
 
 def simulated_rig(
@@ -28,6 +41,9 @@ def simulated_rig(
     shake_px: float = 0.0,
     sensor_seed: int = 0,
     camera_faults: Mapping[int, CameraFault] | None = None,
+    camera: CameraKind = "auto",
+    frame_rate_hz: float = FRAME_RATE_HZ,
+    wiring: Wiring | None = None,
 ) -> Rig:
     """Start a virtual board in its own process and open a rig on it; closing the rig ends all.
 
@@ -36,37 +52,105 @@ def simulated_rig(
     planes
         What each LED, and the ambient light, yields: see `VirtualCamera`. Have them rendered.
     config
-        The rig's configuration; the board has its LED count.
+        The rig's configuration; the board has its LED count. The camera is mounted as it says,
+        so that ``planes``, which are upright, reach the sensor turned and mirrored.
     size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed, camera_faults
         See `VirtualCamera`.
     camera_name
         The camera's serial number.
+    camera
+        ``gentl``: a GenICam camera behind a GenTL producer, opened by the code of the bench.
+        ``inside``: a `VirtualCamera` in this process, which alone need not wait for exposures to
+        pass (``realtime``), takes ``camera_faults``, and has no exposure-active output for single
+        flashes. ``auto``: the former, where it can do what is asked and there is a C compiler.
+    frame_rate_hz
+        Of the GenICam camera, at most.
+    wiring
+        What is wrong with the wiring of the LEDs.
 
     Raises
     ------
+    RigConfigError
+        If the camera that is asked for cannot do what is asked.
     RigError
         If the board's process or the rig does not come up; nothing is left running then.
     """
+    seen = _mounted((wiring or Wiring()).planes(planes), config)
+    height, width, *_ = config.mounting.upright_shape(size)
+    stored_cfa = None if cfa is None else config.mounting.stored_cfa(cfa, size)
+    inside_only = not realtime or camera_faults is not None
+    if camera == "gentl" and inside_only:
+        raise RigConfigError(
+            f"rig {config.name}: the camera gentl waits for exposures and has faults of its own: "
+            "take the camera inside, or leave realtime and camera_faults"
+        )
+    wanted = "inside" if inside_only else camera
+    compiles = wanted == "inside" or camera == "gentl" or _can_build()
     with contextlib.ExitStack() as opened:
         virtual = opened.enter_context(VirtualBoard(config.leds))
         board = Board(virtual.port)
         opened.callback(board.close)
-        bench = opened.enter_context(BenchState(virtual.bench_state_path))
-        camera = VirtualCamera(
-            planes,
-            size=size,
-            bench=bench,
-            noise=noise,
-            seed=seed,
-            noisy=noisy,
-            realtime=realtime,
-            name=camera_name,
-            cfa=cfa,
-            lamps=lamps or Lamps(),
-            shake_px=shake_px,
-            sensor_seed=sensor_seed,
-            faults=camera_faults,
-        )
-        rig = Rig(board, camera, config, on_close=virtual.close)
+        closing = contextlib.ExitStack()
+        closing.callback(virtual.close)
+        device: Camera
+        if wanted != "inside" and compiles:
+            made = GentlCamera(
+                seen,
+                size=(height, width),
+                noise=noise,
+                seed=seed,
+                noisy=noisy,
+                leds=config.leds,
+                bench_state_path=virtual.bench_state_path,
+                cfa=stored_cfa,
+                lamps=lamps or Lamps(),
+                shake_px=shake_px,
+                sensor_seed=sensor_seed,
+                serial=camera_name,
+                frame_rate_hz=frame_rate_hz,
+            )
+            opened.callback(made.close)
+            closing.callback(made.close)
+            device = open_genicam(made.cti)
+        else:
+            inside = VirtualCamera(
+                seen,
+                size=(height, width),
+                noise=noise,
+                seed=seed,
+                noisy=noisy,
+                bench=opened.enter_context(BenchState(virtual.bench_state_path)),
+                realtime=realtime,
+                name=camera_name,
+                cfa=stored_cfa,
+                lamps=lamps or Lamps(),
+                shake_px=shake_px,
+                sensor_seed=sensor_seed,
+                faults=camera_faults,
+            )
+            if not compiles:
+                inside.info = replace(inside.info, model=NO_COMPILER)
+            device = inside
+        rig = Rig(board, device, config, on_close=closing.close)
         opened.pop_all()
     return rig
+
+
+def _can_build() -> bool:
+    try:
+        build()
+    except CompilerError:
+        return False
+    return True
+
+
+def _mounted(planes: Planes, config: RigConfig) -> Planes:
+    """Return upright planes as they fall on the sensor of a camera that is mounted otherwise."""
+    mounting = config.mounting
+    if mounting == type(mounting)():
+        return planes
+
+    def stored(led: int | None) -> npt.NDArray[np.float32]:
+        return mounting.stored(planes(led))
+
+    return stored

@@ -3,31 +3,78 @@
 from __future__ import annotations
 
 import time
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from acquisition import write_tiff
-from rig import Rig, open_rig, rig_names
+from rig import (
+    BoardStatus,
+    FoundCamera,
+    FoundPort,
+    Rig,
+    RigConfig,
+    find_boards,
+    find_cameras,
+    open_rig,
+    rig_names,
+)
+from rig import selftest as examine
+from sgp._console import progress
 from sgp._exit import UsageError
 from sgp._options import Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
 
+# The board's watchdog turns the light off after a second without a sign of life.
+_SIGN_EVERY_S = 0.25
+_HOT_C = 70.0
 
-def list_() -> Result:
-    """Name the rigs that are installed.
+
+def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
+    """Name the rigs that are installed, the serial ports with what answers, and cameras.
 
     For example:
 
         sgp rig list
+        sgp rig list --port /dev/ttyUSB0 --cti /opt/maker/lib/producer.cti
+
+    Parameters
+    ----------
+    port
+        Serial port to ask for an LED board; default: all that this computer has.
+    cti
+        GenTL producer of a camera maker (.cti file) to ask for its cameras.
     """
+    ports = find_boards(port or None)
+    cameras = find_cameras(cti) if cti else ()
     names = list(rig_names())
-    return Result(metrics={"rigs": names}, summary=names)
+    boards = [found for found in ports if found.identity is not None]
+    summary = [
+        f"rigs     {', '.join(names)}",
+        *(f"board    {_answer(found)}" for found in ports),
+        *(f"camera   {found}" for found in cameras),
+    ]
+    if not boards:
+        summary.append("no LED board was found: plug one in, or give its port with --port")
+    if not cti:
+        summary.append("cameras are listed where --cti names their maker's GenTL producer")
+    elif not cameras:
+        summary.append("no camera was found: check its cable and power, and close other programs")
+    return Result(
+        metrics={
+            "rigs": names,
+            "ports": [_port(found) for found in ports],
+            "cameras": [_camera(found) for found in cameras],
+        },
+        summary=summary,
+    )
 
 
 def check(*, rig: str = "simulated") -> Result:
-    """Open a rig and tell what board and camera it has.
+    """Open a rig and tell what board and camera it has, and what looks wrong.
 
     For example:
 
@@ -42,35 +89,37 @@ def check(*, rig: str = "simulated") -> Result:
         board, camera, config = opened.board.identity, opened.camera.info, opened.config
         dead = ", ".join(map(str, config.dead_leds)) or "none"
         status = opened.board.status()
+        readout = f", rolling shutter of {camera.readout_us:g} us" * (camera.shutter == "rolling")
+        rate = f", {1e6 / camera.frame_period_us:.4g} frames/s" if camera.frame_period_us else ""
+        heat = "" if status.temperature_c is None else f", {status.temperature_c:.0f} C"
         return Result(
             metrics={
                 "rig": config.name,
+                "trigger": config.trigger,
                 "board": {
-                    "name": board.name,
-                    "protocol": board.protocol,
-                    "firmware": board.firmware,
-                    "leds": board.leds,
+                    **asdict(board),
                     "port": opened.board.port,
                     "faults": status.faults,
+                    "trips": status.trips,
+                    "uptime_ms": status.uptime_ms,
+                    "temperature_c": status.temperature_c,
                 },
                 "camera": {
-                    "vendor": camera.vendor,
-                    "model": camera.model,
-                    "serial": camera.serial,
-                    "width": camera.width,
-                    "height": camera.height,
-                    "pixel_format": camera.pixel_format,
+                    **asdict(camera),
                     "exposure_us": [camera.exposure_min_us, camera.exposure_max_us],
                 },
             },
             summary=[
-                f"rig     {config.name}, {config.leds} LEDs, dead: {dead}",
+                f"rig     {config.name}, {config.leds} LEDs, dead: {dead}, {_mounted(config)}",
                 f"board   {board.name} on {opened.board.port}, firmware {board.firmware}, "
-                f"protocol {board.protocol}",
+                f"protocol {board.protocol}{heat}",
                 f"camera  {camera.vendor} {camera.model} {camera.serial}, "
                 f"{camera.width} x {camera.height} {camera.pixel_format}, "
-                f"exposure {camera.exposure_min_us:g} to {camera.exposure_max_us:g} us",
+                f"exposure {camera.exposure_min_us:g} to {camera.exposure_max_us:g} us{readout}"
+                f"{rate}",
+                f"trigger by {config.trigger}",
             ],
+            warnings=_doubts(status, config),
         )
 
 
@@ -88,15 +137,18 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     rig
         Name of a rig, or a rig.toml.
     seconds
-        How long; the board itself turns the LED off then, whatever happens to this program.
+        How long. The board itself turns the LED off then, or one second after this program died.
     """
     with open_rig(rig) as opened:
         longest = opened.board.identity.max_hold_ms / 1000
         if seconds > longest:
             raise UsageError(f"--seconds {seconds:g}: this board lights for up to {longest:g} s")
         _check_led(opened, led)
-        opened.board.on(led, round(seconds * 1000))
-        time.sleep(seconds)
+        ends_s = time.monotonic() + seconds
+        opened.board.on(led, max(1, round(seconds * 1000)))
+        while (left_s := ends_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, _SIGN_EVERY_S))
+            opened.board.ping()
         opened.off()
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off again"])
 
@@ -135,7 +187,8 @@ def snap(
     Parameters
     ----------
     out
-        TIFF to write, 16 bit, grey values as the sensor gave them.
+        TIFF to write, 16 bit, grey values as the sensor gave them: not turned upright where the
+        camera is mounted otherwise.
     led
         LED number from 0; default: none.
     exposure_us
@@ -160,6 +213,91 @@ def snap(
         metrics={"clipped_fraction": clipped, "p1_dn": low, "p99_dn": high, "white_dn": white},
         summary=[f"{out}: 1 % at {low:g}, 99 % at {high:g} of {white}, {clipped:.3%} clipped"],
     )
+
+
+def selftest(*, rig: str = "simulated") -> Result:
+    """Find dead, dim, swapped, doubled and stuck LEDs by what the camera sees, and missing wires.
+
+    Lay something matte under the camera that fills most of its view. Swapped LEDs are found where
+    the rig file has led_positions_mm. Exit code 3 says that something is wrong.
+
+    For example:
+
+        sgp rig selftest --rig bench.toml
+
+    Parameters
+    ----------
+    rig
+        Name of a rig, or a rig.toml.
+    """
+    with open_rig(rig) as opened, progress("self-test") as advance:
+        passes = 2 * opened.config.leds
+        result = examine(opened, on_shot=lambda done: advance(done, max(done, passes)))
+    faults = [finding for finding in result.findings if finding.fault]
+    verdict = "nothing is wrong" if result.ok else f"{len(faults)} things are wrong"
+    if len(faults) == 1:
+        verdict = "one thing is wrong"
+    return Result(
+        metrics={
+            "leds": list(result.leds),
+            "exposure_us": result.exposure_us,
+            "wires": asdict(result.wires),
+            "findings": [asdict(finding) for finding in result.findings],
+        },
+        summary=[
+            f"{len(result.leds)} LEDs tried at {result.exposure_us:g} us: {verdict}",
+            *(f"- {finding.text}" for finding in faults),
+        ],
+        warnings=[finding.text for finding in result.findings if not finding.fault],
+        ok=result.ok,
+        failing_code=3,
+    )
+
+
+def _answer(found: FoundPort) -> str:
+    board = found.identity
+    if board is None:
+        return found.complaint
+    return f"{board.name} on {found.port}, {board.leds} LEDs, firmware {board.firmware}"
+
+
+def _port(found: FoundPort) -> dict[str, Any]:
+    board = None if found.identity is None else asdict(found.identity)
+    return {"port": found.port, "board": board, "complaint": found.complaint}
+
+
+def _camera(found: FoundCamera) -> dict[str, Any]:
+    return {"vendor": found.vendor, "model": found.model, "serial": found.serial, "cti": found.cti}
+
+
+def _mounted(config: RigConfig) -> str:
+    mounting = config.mounting
+    words = ["mirrored"] * mounting.mirror
+    words += [f"turned by {mounting.rotation_deg} degrees"] * (mounting.rotation_deg != 0)
+    return "frames are " + (" and ".join(words) + " to be upright" if words else "upright")
+
+
+def _doubts(status: BoardStatus, config: RigConfig) -> list[str]:
+    """Say what is not an error yet and may become one."""
+    doubts = []
+    if status.faults:
+        doubts.append(
+            f"the board received {status.faults} damaged lines since it started: use a shorter or "
+            "better cable, away from motors and mains"
+        )
+    if status.trips:
+        doubts.append(
+            f"the board's watchdog turned LEDs off {status.trips} times since it started: a "
+            "program died, or this computer was too busy, while an LED was lit"
+        )
+    if status.temperature_c is not None and status.temperature_c > _HOT_C:
+        doubts.append(
+            f"the board is {status.temperature_c:.0f} degrees hot: let it cool, and lower the "
+            "LEDs' current or their time"
+        )
+    if not config.led_positions_mm:
+        doubts.append("led_positions_mm is not in the rig file: no self-test can tell swapped LEDs")
+    return doubts
 
 
 def _check_led(opened: Rig, led: int) -> None:

@@ -49,7 +49,9 @@ class Lamp(BaseModel):
         ),
         pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the whole"),
         pytest.param(
-            {"x": 1, "y": 2}, "the option 'led' is missing (and 2 more)", id="several complaints"
+            {"x": 1, "y": 2},
+            "unknown option 'x'; known are led, shade, spare (and 2 more)",
+            id="several complaints, the unknown name first",
         ),
     ],
 )

@@ -7,6 +7,7 @@ import pytest
 
 import rig._open
 from rig import (
+    Mounting,
     RigConfig,
     RigConfigError,
     RigNotFoundError,
@@ -15,13 +16,22 @@ from rig import (
     rig_names,
 )
 
-WHOLE = """
+POSITIONS = [(10.0 * led, -5.0, 300.25) for led in range(24)]
+WHOLE = f"""
 name = "dome"
 driver = "bench"
 leds = 24
 settle_ms = 3.5
 dead_leds = [4, 9]
+led_positions_mm = {[list(position) for position in POSITIONS]}
+trigger = "board"
+exposure_active = true
+frame_period_ms = 50
 frame_timeout_s = 1.5
+
+[mounting]
+rotation_deg = 270
+mirror = true
 
 [options]
 port = "/dev/ttyACM0"
@@ -37,9 +47,22 @@ def test_a_whole_rig_file(tmp_path: Path):
         leds=24,
         settle_ms=3.5,
         dead_leds=(4, 9),
+        led_positions_mm=POSITIONS,
+        trigger="board",
+        exposure_active=True,
+        frame_period_ms=50.0,
         frame_timeout_s=1.5,
+        mounting=Mounting(rotation_deg=270, mirror=True),
         options={"port": "/dev/ttyACM0"},
     )
+
+
+def test_what_a_short_rig_file_leaves_out(tmp_path: Path):
+    (tmp_path / "rig.toml").write_text('name = "dome"\ndriver = "bench"\n')
+    config = read_rig_config(tmp_path / "rig.toml")
+    assert (config.leds, config.trigger, config.exposure_active) == (36, "software", False)
+    assert config.mounting == Mounting()
+    assert config.led_positions_mm == ()
 
 
 @pytest.mark.parametrize(
@@ -52,6 +75,14 @@ def test_a_whole_rig_file(tmp_path: Path):
         pytest.param(WHOLE.replace("24", '"x"'), "'leds': .* valid integer", id="type"),
         pytest.param(WHOLE.replace("3.5", "nan"), "'settle_ms': .* finite", id="NaN"),
         pytest.param(WHOLE.replace("9]", "24]"), "dead LED 24 is not one of 0 to 23", id="dead"),
+        pytest.param(
+            WHOLE.replace("[0.0, -5.0, 300.25], ", ""), "has 23 positions for 24", id="positions"
+        ),
+        pytest.param(WHOLE.replace('"board"', '"line"'), "'trigger'", id="trigger"),
+        pytest.param(WHOLE.replace("270", "45"), r"'mounting.rotation_deg'", id="rotation"),
+        pytest.param(
+            WHOLE.replace("mirror", "mirrored"), "unknown key 'mounting.mirrored'", id="mirror"
+        ),
         pytest.param(WHOLE.replace('driver = "bench"', ""), "'driver' is missing", id="missing"),
         pytest.param("name = ", "not a TOML file", id="not TOML"),
     ],

@@ -3,14 +3,19 @@
 import contextlib
 import random
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rig import Board, BoardError, CameraError, RigError
+import rig._shooting
+from rig import Board, BoardError, CameraError, CameraFrame, RigError
+from rig._exposure import Exposure
+from rig._flash_chain import FlashChain
 from simulator._board_faults import BoardFault
 
 EXPOSURE_US = 1000.0
+TRIGGERS = pytest.mark.parametrize("trigger", ["software", "board"])
 
 
 def burning(bench):
@@ -26,9 +31,10 @@ def led_seen(frame):
     return code - 1 if code else None
 
 
+@TRIGGERS
 @pytest.mark.parametrize("led", [0, 7, 35, None])
-def test_a_shot_carries_its_light(bench, led):
-    with bench.rig() as rig:
+def test_a_shot_carries_its_light(bench, trigger, led):
+    with bench.rig(trigger=trigger) as rig:
         shot = rig.shoot(led, EXPOSURE_US)
         assert burning(bench) is None
     assert shot.led == led
@@ -37,14 +43,16 @@ def test_a_shot_carries_its_light(bench, led):
     assert (shot.frame.exposure_us, shot.frame.gain_db) == (EXPOSURE_US, 0.0)
 
 
-def test_a_dark_frame_puts_out_a_light_that_was_left_on(bench):
-    with bench.rig() as rig:
+@TRIGGERS
+def test_a_dark_frame_puts_out_a_light_that_was_left_on(bench, trigger):
+    with bench.rig(trigger=trigger) as rig:
         rig.board.on(5, 5000)
         assert led_seen(rig.shoot(None, EXPOSURE_US).frame) is None
 
 
-def test_the_light_has_settled_before_the_exposure(bench):
-    with bench.rig(settle_ms=40) as rig:
+@TRIGGERS
+def test_the_light_has_settled_before_the_exposure(bench, trigger):
+    with bench.rig(trigger=trigger, settle_ms=40) as rig:
         shot = rig.shoot(3, EXPOSURE_US)
     lit = bench.state.periods()[-1]
     assert shot.frame.timestamp_ns - lit.start_ns >= 40_000_000
@@ -64,9 +72,13 @@ def late(rig, monkeypatch, seconds):
     """Let frames come this much later than they do."""
     fetch = rig.camera.fetch
 
-    def fetch_late(frame_id, timeout_s):
-        time.sleep(seconds)
-        return fetch(frame_id, timeout_s)
+    def fetch_late(frame_id, timeout_s, waiting=None):
+        ends = time.monotonic() + seconds
+        while time.monotonic() < ends:
+            time.sleep(0.02)
+            if waiting is not None:
+                waiting()
+        return fetch(frame_id, timeout_s, waiting)
 
     monkeypatch.setattr(rig.camera, "fetch", fetch_late)
 
@@ -80,10 +92,10 @@ def test_a_frame_may_be_as_late_as_the_rig_file_allows(bench, monkeypatch):
 @pytest.mark.parametrize(
     ("settle_ms", "exposure_us", "frame_timeout_s", "hold_ms"),
     [
-        # ON is sent up to 3 times and OFF 8 times, 250 ms each.
-        pytest.param(4, 20_000, 2.0, 4 + 20 + 2000 + 2750, id="all that may come"),
-        pytest.param(4, 20_500, 0.05, 4 + 20.5 + 50 + 2750 + 0.5, id="whole milliseconds"),
-        pytest.param(0, 20_000, 60.0, 10_000, id="no more than the board gives"),
+        # The exposure and 1 % for the clocks; ON up to 3 times and OFF 8 times, 250 ms each.
+        pytest.param(4, 20_000, 2.0, 4 + 20.5 + 2000 + 2750 + 0.5, id="all that may come"),
+        pytest.param(4.4, 20_500, 0.05, 4.4 + 21.005 + 50 + 2750 + 0.595, id="whole milliseconds"),
+        pytest.param(0, 20_000, 60.0, 60_000, id="no more than the board gives"),
     ],
 )
 def test_the_hold_covers_the_whole_shot(
@@ -98,11 +110,11 @@ def test_the_hold_covers_the_whole_shot(
 
 
 def test_a_hold_that_ends_while_the_frame_is_awaited_is_told(bench, monkeypatch):
-    with bench.rig(frame_timeout_s=2.0) as rig:
-        monkeypatch.setattr(rig, "_hold_ms", lambda: 150)
-        late(rig, monkeypatch, 0.3)
+    with bench.rig(frame_timeout_s=2.0) as opened:
+        monkeypatch.setattr(rig._shooting, "hold_ms", lambda *_: 150)
+        late(opened, monkeypatch, 0.3)
         with pytest.raises(BoardError, match=r"the hold of LED 6 ended while .* awaited") as error:
-            rig.shoot(6, EXPOSURE_US)
+            opened.shoot(6, EXPOSURE_US)
         assert "supply" not in str(error.value)
 
 
@@ -116,14 +128,17 @@ def test_a_reset_in_the_exposure_costs_the_frame(bench):
 def test_another_led_costs_the_frame_and_is_put_out(bench):
     with bench.rig() as rig:
         bench.virtual.set_faults(BoardFault(kind="wrong-led", verb="ON", value=8))
-        with pytest.raises(BoardError, match="LED 8"):
+        with pytest.raises(BoardError, match=r"LED 6 .* the board did ON LED 8"):
             rig.shoot(6, EXPOSURE_US)
         assert burning(bench) is None
 
 
+@TRIGGERS
 @pytest.mark.parametrize("fault", ["lost", "late", "unplug"])
-def test_a_failing_camera_leaves_no_light_on(bench, fault):
-    rig = bench.rig(faults={0: fault})
+def test_a_failing_camera_leaves_no_light_on(bench, trigger, fault):
+    # The board's first flash is a dark one, to compare the next with.
+    struck = 1 if trigger == "board" else 0
+    rig = bench.rig(trigger=trigger, faults={struck: fault})
     with contextlib.suppress(CameraError), rig:
         with pytest.raises(CameraError) as error:
             rig.shoot(9, EXPOSURE_US)
@@ -131,16 +146,88 @@ def test_a_failing_camera_leaves_no_light_on(bench, fault):
         assert burning(bench) is None
         assert "\n" not in str(error.value)
         if fault != "unplug":
-            assert "frame 0" in str(error.value)
+            assert f"frame {struck}" in str(error.value)
+            if trigger == "board":
+                assert "Line0" in str(error.value)
+                assert "LED 9: check the wire" in str(error.value)
             # The next frame is the next shot's, not the one that was given up.
             assert led_seen(rig.shoot(10, EXPOSURE_US).frame) == 10
     assert burning(bench) is None
 
 
+@pytest.mark.parametrize("late_us", [2500, 5000, 9000])
+def test_noise_on_the_trigger_line_costs_the_frame(bench, late_us):
+    """A stray pulse makes a frame, and hides the real trigger from the camera that is busy."""
+    with bench.rig(trigger="board") as rig:
+        assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
+        bench.virtual.set_faults(BoardFault(kind="double-trigger", value=late_us))
+        seen = []
+        for led in (4, 5, 6, 7):
+            with contextlib.suppress(CameraError):
+                seen.append((led, led_seen(rig.shoot(led, EXPOSURE_US).frame)))
+        assert len(seen) >= 2
+        assert all(led == shown for led, shown in seen)
+
+
+def frame_at(time_us, frame_id=0):
+    return CameraFrame(np.zeros((1, 1), np.uint16), frame_id, time_us * 1000, 1.0, 0.0, None)
+
+
+@pytest.mark.parametrize(
+    ("times_us", "since_us", "said"),
+    [
+        pytest.param([0, 50_000], [50_000], "", id="as it ought to be"),
+        pytest.param([0, 50_250], [50_000], "", id="a slow clock"),
+        pytest.param([0, 51_000], [50_000], "50000 us apart", id="exposed later"),
+        pytest.param([0, 49_000], [50_000], "something else triggered", id="exposed sooner"),
+        pytest.param([0, 0], [50_000], "check the trigger wire", id="the same again"),
+        pytest.param([0, 50_000], [None], "the board has restarted", id="another board"),
+        pytest.param(
+            [k * 50_250 for k in range(30)], [50_000] * 29, "", id="a slow clock for long"
+        ),
+        pytest.param(
+            [*(k * 50_250 for k in range(29)), 28 * 50_250 + 49_800],
+            [50_000] * 29,
+            "something else",
+            id="a rate well known makes it strict",
+        ),
+    ],
+)
+def test_flashes_are_compared_on_both_clocks(times_us, since_us, said):
+    chain, exposure = FlashChain("c"), Exposure(2000, 5000.0, 45_000.0, 50_000.0)
+    chain.begin(frame_at(times_us[0]))
+    expected = pytest.raises(CameraError, match=said) if said else contextlib.nullcontext()
+    with expected:
+        for time_us, since in zip(times_us[1:], since_us, strict=True):
+            chain.check(frame_at(time_us), 7, since, exposure)
+    assert chain.reaches(exposure) == (not said)
+
+
+def test_an_exposure_longer_than_the_watchdogs_patience_is_not_cut(bench):
+    with bench.rig() as rig:
+        shot = rig.shoot(0, 1_500_000)
+    lit = bench.state.periods()[-1]
+    assert lit.start_ns <= shot.frame.timestamp_ns
+    assert lit.end_ns >= shot.frame.timestamp_ns + 1_500_000_000
+
+
+@pytest.mark.parametrize("answer", ["resets", "is unplugged"])
+def test_a_board_that_fails_while_a_frame_is_awaited_ends_the_wait(own_bench, answer):
+    rig = own_bench.rig(frame_timeout_s=60.0, faults={0: "lost"})
+    fault = BoardFault(kind="reset" if answer == "resets" else "die", verb="STATUS")
+    own_bench.virtual.set_faults(fault)
+    began = time.monotonic()
+    with pytest.raises(BoardError, match=r"LED 5 was wanted|unplugged"):
+        rig.shoot(5, EXPOSURE_US)
+    assert time.monotonic() - began < 20
+    with contextlib.suppress(BoardError):
+        rig.close()
+
+
 def test_ctrl_c_in_the_exposure_leaves_no_light_on(bench, monkeypatch):
     with bench.rig() as rig:
 
-        def interrupted(frame_id, timeout_s):
+        def interrupted(frame_id, timeout_s, waiting):
             assert burning(bench) == 2
             raise KeyboardInterrupt
 
@@ -153,7 +240,7 @@ def test_ctrl_c_in_the_exposure_leaves_no_light_on(bench, monkeypatch):
 def test_a_frame_of_another_shot_is_refused(bench, monkeypatch):
     with bench.rig() as rig:
         earlier = rig.shoot(1, EXPOSURE_US).frame
-        monkeypatch.setattr(rig.camera, "fetch", lambda frame_id, timeout_s: earlier)
+        monkeypatch.setattr(rig.camera, "fetch", lambda *_: earlier)
         with pytest.raises(CameraError, match=r"frame 0 .* LED 2, awaited was frame 1"):
             rig.shoot(2, EXPOSURE_US)
         assert burning(bench) is None
@@ -162,7 +249,7 @@ def test_a_frame_of_another_shot_is_refused(bench, monkeypatch):
 def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatch):
     rig = own_bench.rig()
 
-    def unplugged_too(frame_id, timeout_s):
+    def unplugged_too(frame_id, timeout_s, waiting):
         own_bench.virtual.unplug()
         raise CameraError("the first thing to go wrong")
 
@@ -183,11 +270,17 @@ def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatc
         pytest.param(0, 9.0, 0, "range of 10 to 1e\\+07 us", id="exposure too short"),
         pytest.param(0, float("nan"), 0, "range of 10 to", id="exposure not a number"),
         pytest.param(0, EXPOSURE_US, 25, "range of 0 to 24 dB", id="gain"),
-        pytest.param(0, 9_500_000, 0, "gives 10000: expose shorter", id="longer than the hold"),
+        pytest.param(
+            0, 9_500_000, 0, "9000( ms that this LED board gives)?: expose shorter", id="too long"
+        ),
     ],
 )
-def test_what_cannot_be_shot_is_refused_in_the_dark(bench, led, exposure_us, gain_db, said):
-    with bench.rig(dead_leds=(4,)) as rig:
+@TRIGGERS
+def test_what_cannot_be_shot_is_refused_in_the_dark(
+    bench, trigger, led, exposure_us, gain_db, said
+):
+    with bench.rig(trigger=trigger, dead_leds=(4,)) as rig:
+        rig.board.identity = replace(rig.board.identity, max_hold_ms=9000)
         before = bench.state.changes
         with pytest.raises(RigError, match=said) as error:
             rig.shoot(led, exposure_us, gain_db)
@@ -233,19 +326,25 @@ def test_closing_an_unplugged_rig_closes_the_rest_and_tells(own_bench):
     assert closed == [True]
 
 
-def test_no_frame_under_a_wrong_led_whatever_goes_wrong(bench):
+@TRIGGERS
+def test_no_frame_under_a_wrong_led_whatever_goes_wrong(bench, trigger):
     draw = random.Random(1)
     kinds = ["drop-reply", "corrupt-reply", "delay-reply", "banner", "reset", "goes-dark"]
-    kinds += ["wrong-led", "drop-command"]
+    kinds += ["wrong-led", "drop-command", "lose-byte-command", "double-command", "double-reply"]
+    if trigger == "board":
+        kinds += ["lose-trigger", "double-trigger", "reset-after"]
     faults = {frame: draw.choice(["lost", "late"]) for frame in range(3, 60, 11)}
     failed = 0
-    with bench.rig(faults=faults, frame_timeout_s=0.02) as rig:
+    with bench.rig(trigger=trigger, faults=faults, frame_timeout_s=0.05) as rig:
         for shot in range(60):
             if shot % 4 == 0:
-                kind, verb = draw.choice(kinds), draw.choice(["ON", "OFF"])
+                lit = "ON" if trigger == "software" else "FLASH"
+                kind, verb = draw.choice(kinds), draw.choice([lit, "OFF"])
                 value = {"delay-reply": 260, "goes-dark": 0, "wrong-led": 17}.get(kind, 0)
                 if kind in ("goes-dark", "wrong-led"):
-                    verb = "ON"
+                    verb = lit
+                if kind.endswith("trigger"):
+                    verb = None
                 bench.virtual.set_faults(BoardFault(kind=kind, verb=verb, value=value))
             led = draw.randrange(36)
             try:
@@ -255,4 +354,4 @@ def test_no_frame_under_a_wrong_led_whatever_goes_wrong(bench):
             else:
                 assert led_seen(frame) == led
             assert burning(bench) is None
-    assert 5 <= failed <= 20
+    assert 5 <= failed <= 25

@@ -1,0 +1,94 @@
+"""A pass over all lights: what the rig adds to the time that the camera itself needs.
+
+python benchmarks/rig_pass.py [--lights 36] [--size 2448x2048] [--rate 20] [--exposure-us 5000]
+
+The virtual camera delivers frames composed beforehand, at most --rate a second. Its own time is one
+frame period for each light. CPU seconds are of this process, the camera's threads among them.
+"""
+
+import argparse
+import statistics
+import time
+
+import numpy as np
+
+from acquisition import NoiseModel
+from rig import Board, Rig, RigConfig, open_genicam
+from simulator._gentl_camera import GentlCamera
+from simulator._virtual_board import VirtualBoard
+
+PASSES = 3
+
+
+def frames(width, height):
+    def frame(led):
+        return np.full((height, width), 0 if led is None else led + 1, np.uint16)
+
+    return frame
+
+
+def taken(rig, mode, leds, exposure_us):
+    """Yield the shots of one pass."""
+    if mode == "sequence":
+        yield from rig.sequence(leds, exposure_us)
+    else:
+        for led in leds:
+            yield rig.shoot(led, exposure_us)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--lights", type=int, default=36)
+    parser.add_argument("--size", default="2448x2048")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
+    parser.add_argument("--exposure-us", type=float, default=5000.0)
+    options = parser.parse_args()
+    width, height = map(int, options.size.split("x"))
+    own_s = options.lights / options.rate
+    leds = list(range(options.lights))
+    print(
+        f"{options.lights} lights, {width} x {height}, {options.exposure_us:g} us, camera of "
+        f"{options.rate:g} frames/s: {own_s:.2f} s of its own; median of {PASSES} passes"
+    )
+    with (
+        VirtualBoard(options.lights) as virtual,
+        GentlCamera(
+            frames(width, height),
+            size=(height, width),
+            leds=options.lights,
+            noise=NoiseModel(1.0, 0.0, 0.0, 16),
+            precomposed=True,
+            bench_state_path=virtual.bench_state_path,
+            frame_rate_hz=options.rate,
+        ) as camera,
+    ):
+        for mode in ("software", "board", "sequence"):
+            config = RigConfig(
+                name="pass",
+                driver="bench",
+                leds=options.lights,
+                trigger="software" if mode == "software" else "board",
+            )
+            with Rig(
+                Board(virtual.port), open_genicam(camera.cti, pixel_format="Mono16"), config
+            ) as rig:
+                walls, busy = [], []
+                for _ in range(PASSES):
+                    wall, cpu = time.perf_counter(), time.process_time()
+                    for led, shot in zip(
+                        leds, taken(rig, mode, leds, options.exposure_us), strict=True
+                    ):
+                        seen = int(shot.frame.pixels[0, 0]) - 1
+                        if not led == shot.led == seen:
+                            raise SystemExit(f"LED {led}: told {shot.led}, the frame is of {seen}")
+                    walls.append(time.perf_counter() - wall)
+                    busy.append(time.process_time() - cpu)
+            wall = statistics.median(walls)
+            print(
+                f"  {mode:<10} {wall:6.2f} s = {wall / own_s:.3f} of the camera's time "
+                f"({min(walls):.2f} to {max(walls):.2f}), {statistics.median(busy):.2f} CPU s"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,318 @@
+"""Soak: thousands of flashes, faults among them, and which LED lit which frame by its pixels.
+
+python benchmarks/soak.py [--flashes 10000] [--share 0.05] [--cycles 1000] [--seed 1]
+
+The rig is the bench's code on virtual devices: pyserial on a pty, harvesters on a GenTL producer.
+The plane of each LED carries its number in pixels of its own, so a frame shows which LEDs burned
+and whether they did so for the whole exposure. Faults strike board, serial line or camera; a shot
+that fails is taken again. Flashes are triggered by software, by the board, and in sequences, a
+third each.
+
+`double-led` is left out: no board knows that two LEDs hang on one output; `sgp rig selftest` does.
+
+Exit code 1 where a frame was given to a wrong LED, an LED stayed on, a shot failed without a fault,
+or a rig did not come back.
+"""
+
+import argparse
+import contextlib
+import gc
+import random
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from acquisition import NoiseModel
+from rig import Board, Rig, RigConfig, RigError, open_genicam
+from simulator._bench_state import BenchState
+from simulator._board_faults import BoardFault
+from simulator._gentl_camera import GentlCamera
+from simulator._virtual_board import VirtualBoard
+
+LEDS = 36
+BITS = 8
+EXPOSURE_US = 500.0
+# A dead host's LED is dark within a second; nobody's LED may burn for longer after its shot.
+LEFT_ON_S = 1.25
+ATTEMPTS = 40
+
+LINE_FAULTS = (
+    "drop-command", "double-command", "corrupt-command", "lose-byte-command", "double-byte-command",
+    "drop-reply", "double-reply", "corrupt-reply", "lose-byte-reply", "double-byte-reply",
+    "delay-reply", "banner", "reset", "reset-after", "hang-up",
+)  # fmt: skip
+LIGHT_FAULTS = ("wrong-led", "goes-dark")
+TRIGGER_FAULTS = ("lose-trigger", "double-trigger")
+CAMERA_FAULTS = ("lost", "late", "incomplete", "doubled", "missed", "unplug")
+VERBS = {
+    "software": ("ON", "OFF"),
+    "board": ("FLASH",),
+    "sequence": ("STEP", "RUN", "DID"),
+}
+LIT_BY = {
+    "wrong-led": {"software": "ON", "board": "FLASH", "sequence": "STEP"},
+    "goes-dark": {"software": "ON", "board": "FLASH", "sequence": "RUN"},
+}
+
+
+def plane(led):
+    """A row of pixels: one for each bit of LED + 1, then one for each bit's opposite."""
+    code = 0 if led is None else led + 1
+    bits = np.array([code >> bit & 1 for bit in range(BITS)], np.float32)
+    row = np.concatenate([bits, (1 - bits) * (led is not None)])
+    return np.tile(row, (4, 1)).astype(np.float32)
+
+
+def led_seen(pixels):
+    """Return the LED the pixels show, None for darkness, a text where it is no single one."""
+    row = pixels[0].astype(int)
+    if not (pixels == pixels[0]).all():
+        return "rows differ"
+    full = round(EXPOSURE_US)  # one electron per microsecond, one per grey value
+    if not row.any():
+        return None
+    bits, opposite = row[:BITS], row[BITS:]
+    if not np.isin(row, (0, full)).all() or (bits + opposite != full).any():
+        return f"no single LED for the whole exposure: {row.tolist()}"
+    return int(sum(1 << bit for bit, value in enumerate(bits) if value)) - 1
+
+
+class Bench:
+    """Virtual devices, and a rig on them that is opened again when it was lost."""
+
+    def __init__(self, mode):
+        self.mode = mode
+        self.virtual = VirtualBoard(LEDS)
+        self.state = BenchState(self.virtual.bench_state_path)
+        self.camera = GentlCamera(
+            plane,
+            size=(4, 2 * BITS),
+            leds=LEDS,
+            noise=NoiseModel(1.0, 0.0, 0.0, 12),
+            noisy=False,
+            bench_state_path=self.virtual.bench_state_path,
+            frame_rate_hz=500,
+        )
+        self.rig = None
+        self.opened = 0
+
+    def open(self):
+        """Return an open rig; a board that hung up takes a moment to come back."""
+        if self.rig is None:
+            self.camera.replug()
+            config = RigConfig(
+                name="soak",
+                driver="bench",
+                leds=LEDS,
+                settle_ms=0.2,
+                frame_timeout_s=0.15,
+                trigger="software" if self.mode == "software" else "board",
+            )
+            device = open_genicam(self.camera.cti)
+            try:
+                board = Board(self.virtual.port)
+            except BaseException:
+                device.close()
+                raise
+            self.rig = Rig(board, device, config)
+            self.opened += 1
+        return self.rig
+
+    def drop(self):
+        """Close a rig that failed."""
+        if self.rig is not None:
+            with contextlib.suppress(RigError):
+                self.rig.close()
+            self.rig = None
+
+    def dark_in_time(self):
+        """Tell whether the bench is dark, at the latest when the board's watchdog has acted."""
+        ends = time.monotonic() + LEFT_ON_S
+        while self.state.led(time.monotonic_ns()) is not None:
+            if time.monotonic() > ends:
+                return False
+            time.sleep(0.002)
+        return True
+
+    def close(self):
+        self.drop()
+        self.state.close()
+        self.camera.close()
+        self.virtual.close()
+
+
+def draw_fault(draw, mode, at):
+    """Return the kind and the fault: of the board, or of the camera as (frame, kind, late_ms)."""
+    triggers = () if mode == "software" else TRIGGER_FAULTS
+    kind = draw.choice((*CAMERA_FAULTS, *LINE_FAULTS, *LIT_BY, *triggers))
+    if kind in CAMERA_FAULTS:
+        return kind, (at, kind, draw.choice((5, 100, 300)))
+    verb = LIT_BY[kind][mode] if kind in LIT_BY else draw.choice(VERBS[mode])
+    value = {
+        "delay-reply": draw.choice((20, 260)),
+        "wrong-led": draw.randrange(LEDS),
+        "goes-dark": 0,
+        "hang-up": 100,
+        "double-trigger": draw.choice((300, 2500)),
+    }.get(kind, draw.randrange(20))
+    skip = at if verb in ("STEP", "DID") or kind in TRIGGER_FAULTS else 0
+    return kind, BoardFault(kind=kind, verb=verb, skip=skip, value=value)
+
+
+def strike(bench, faults):
+    """Let these faults strike the flashes to come."""
+    first = bench.camera.counts().exposures
+    for _, fault in faults:
+        if isinstance(fault, tuple):
+            at, kind, late_ms = fault
+            bench.camera.set_fault(first + at, kind, late_ms=late_ms)
+    bench.virtual.set_faults(*(fault for _, fault in faults if isinstance(fault, BoardFault)))
+
+
+class Tally:
+    def __init__(self):
+        self.frames = self.flashes = self.wrong = self.left_on = self.failures = 0
+        self.recovered, self.told = Counter(), Counter()
+        self.problems = []
+        self.shaken = False  # the burst before had faults
+        self.doing = ""
+
+    def frame(self, asked, shot):
+        self.frames += 1
+        seen = led_seen(shot.frame.pixels)
+        if not (seen == asked == shot.led):
+            self.wrong += 1
+            self.problems.append(
+                f"{self.doing}: asked LED {asked}, told LED {shot.led}, the pixels show {seen}"
+            )
+
+
+def take(bench, leds, tally):
+    """Take these LEDs once, as far as it goes; return how many were taken."""
+    rig = bench.open()
+    if bench.mode == "sequence":
+        done = 0
+        for asked, shot in zip(leds, rig.sequence(leds, EXPOSURE_US), strict=True):
+            tally.frame(asked, shot)
+            done += 1
+        return done
+    tally.frame(leds[0], rig.shoot(leds[0], EXPOSURE_US))
+    return 1
+
+
+def burst(bench, leds, faults, tally):
+    """Take these LEDs, those that are left again where a shot fails."""
+    bench.open()
+    strike(bench, faults)
+    tally.doing = f"{bench.mode}, {[fault for _, fault in faults]}"
+    failures = 0
+    for _ in range(ATTEMPTS):
+        taken = tally.frames
+        try:
+            take(bench, leds, tally)
+        except RigError as error:
+            failures += 1
+            # A frame that comes twice shows when the next flash begins.
+            if not (faults or tally.shaken):
+                tally.problems.append(f"{bench.mode}, failed without a fault: {error}")
+            if not bench.dark_in_time():
+                tally.left_on += 1
+            leds = leds[tally.frames - taken :]
+            bench.drop()
+            time.sleep(0.12)  # a board that hung up comes back
+            if leds:
+                continue
+        break
+    else:
+        tally.problems.append(f"not recovered from {[kind for kind, _ in faults]}")
+    if faults:
+        bench.virtual.set_faults()
+    if not bench.dark_in_time():
+        tally.left_on += 1
+    tally.failures += failures
+    tally.shaken = bool(faults)
+    for kind, _ in faults:
+        # Of several faults in one sequence nobody can say which one failed it.
+        outcome = tally.told if failures else tally.recovered
+        outcome[kind] += 1
+
+
+def soak(flashes, share, seed):
+    draw = random.Random(seed)
+    tally = Tally()
+    began = time.monotonic()
+    for mode in VERBS:
+        bench = Bench(mode)
+        size = 36 if mode == "sequence" else 1
+        try:
+            for first in range(0, flashes // 3, size):
+                leds = [draw.choice([*range(LEDS), None]) for _ in range(size)]
+                hit = [at for at in range(size) if draw.random() < share]
+                burst(bench, leds, [draw_fault(draw, mode, at) for at in hit], tally)
+                tally.flashes += size
+                if sys.stderr.isatty() and first % 144 == 0:
+                    print(f"\r{mode} {first}", end="", file=sys.stderr)
+        finally:
+            bench.close()
+    return tally, time.monotonic() - began
+
+
+def resident_mib():
+    gc.collect()
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(float(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
+
+
+def cycles(count):
+    """Open and close the rig; return resident memory after a tenth of the cycles and after all."""
+    bench = Bench("software")
+    warm = 0.0
+    try:
+        for cycle in range(count):
+            bench.open().shoot(cycle % LEDS, EXPOSURE_US)
+            bench.drop()
+            if cycle == count // 10:
+                warm = resident_mib()
+    finally:
+        bench.close()
+    return warm, resident_mib(), len(list(Path("/proc/self/fd").iterdir()))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--flashes", type=int, default=10_000)
+    parser.add_argument("--share", type=float, default=0.05, help="of flashes hit by a fault")
+    parser.add_argument("--cycles", type=int, default=1000, help="of opening and closing")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+
+    tally, seconds = soak(options.flashes, options.share, options.seed)
+    faults = sum((tally.told + tally.recovered).values())
+    print(f"{tally.flashes} flashes in {seconds:.0f} s, {faults} faults injected")
+    print(f"  frames taken                          {tally.frames}")
+    print(f"  frames attributed to the wrong LED    {tally.wrong}")
+    print(f"  LEDs left on                          {tally.left_on}")
+    print(f"  faults told (a shot of it failed)     {tally.told.total()}")
+    print(f"  faults recovered from (no shot failed){tally.recovered.total()}")
+    print(f"  failures told                         {tally.failures}")
+    for kind in sorted(tally.told | tally.recovered):
+        print(f"    {kind:<22} told {tally.told[kind]:4d}  recovered {tally.recovered[kind]:4d}")
+    for problem in tally.problems[:20]:
+        print(f"  ! {problem}")
+    bad = tally.wrong or tally.left_on or tally.problems
+    if options.cycles:
+        began = time.monotonic()
+        warm, end, files = cycles(options.cycles)
+        print(
+            f"{options.cycles} times opened, one frame taken, closed in "
+            f"{time.monotonic() - began:.0f} s: {warm:.1f} MiB after a tenth, {end:.1f} at the "
+            f"end ({end - warm:+.1f}), {files} open files"
+        )
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,36 @@
+"""The host's sign of life to the board, given while it waits for something else."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+# The board's watchdog acts after .9 s of silence, and a sign may have to be repeated.
+_EVERY_S = 0.2
+_LONGEST_SLEEP_S = 0.05
+
+
+class SignOfLife:
+    """Calls ``ping`` every 200 ms as long as it is called itself at least as often.
+
+    Parameters
+    ----------
+    ping
+        Asks the board something; what it raises ends the wait.
+    """
+
+    def __init__(self, ping: Callable[[], None]) -> None:
+        self._ping = ping
+        self._given_s = time.monotonic()
+
+    def __call__(self) -> None:
+        """Give the sign if it is due."""
+        if time.monotonic() - self._given_s >= _EVERY_S:
+            self._ping()
+            self._given_s = time.monotonic()
+
+    def sleep_until(self, when_s: float) -> None:
+        """Wait for a time of the monotonic clock."""
+        while (left_s := when_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, _LONGEST_SLEEP_S))
+            self()

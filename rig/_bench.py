@@ -1,0 +1,116 @@
+"""The bench itself: the driver ``bench`` finds board and camera and opens them as a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rig._board import Board
+from rig._camera import Camera
+from rig._complaint import first_complaint
+from rig._config import RigConfig
+from rig._errors import BoardError, RigConfigError
+from rig._ports import find_board
+from rig._rig import Rig
+
+
+class BenchOptions(BaseModel):
+    """The ``options`` of a rig file whose driver is ``bench``.
+
+    Parameters
+    ----------
+    port
+        Serial port of the LED board; ``auto`` asks all ports for it.
+    board
+        Name of the board's firmware, where several boards are plugged in.
+    cti
+        The camera maker's GenTL producer, a file ``*.cti``.
+    camera, model
+        Serial number or model of the camera, where several are plugged in.
+    pixel_format
+        For instance ``Mono12``; the camera's deepest format otherwise.
+    trigger_line
+        The camera's input that the board's trigger output is wired to.
+    frame_rate_hz
+        Limits the camera, where the computer does not keep up.
+    black_level
+        In the camera's own unit; left as it is otherwise.
+    readout_us
+        From the first to the last row of a rolling shutter, of cameras that do not tell it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    cti: Annotated[str, Field(min_length=1)]
+    port: Annotated[str, Field(min_length=1)] = "auto"
+    board: str | None = None
+    camera: str | None = None
+    model: str | None = None
+    pixel_format: str | None = None
+    trigger_line: str = "Line0"
+    frame_rate_hz: Annotated[float, Field(gt=0)] | None = None
+    black_level: float | None = None
+    readout_us: Annotated[float, Field(ge=0)] | None = None
+
+
+def open_bench(config: RigConfig) -> Rig:
+    """Open the LED board and the GenICam camera of a rig file: the driver ``bench``.
+
+    Parameters
+    ----------
+    config
+        With the ``options`` that `BenchOptions` lists.
+
+    Raises
+    ------
+    RigConfigError
+        If an option is missing or not understood.
+    RigError
+        If board or camera are not found, do not open, or do not fit to the rig file.
+    """
+    if not config.options:
+        raise RigConfigError(
+            f"rig {config.name}: where the camera is found has to be told: write a rig file with "
+            'driver = "bench" and, under [options], cti = "..." (see docs/rig-and-plan-files.md)'
+        )
+    try:
+        options = BenchOptions.model_validate(config.options)
+    except ValidationError as error:
+        complaint = first_complaint(error, noun="option", known=BenchOptions.model_fields)
+        raise RigConfigError(f"rig {config.name}: {complaint}") from error
+    port = find_board(name=options.board) if options.port == "auto" else options.port
+    board = Board(port)
+    try:
+        if options.board not in (None, board.identity.name):
+            raise BoardError(
+                f"LED board on {port} is {board.identity.name}, rig {config.name} wants "
+                f"{options.board}: correct port or board in the rig file"
+            )
+        # The light first: an earlier program may have left one on, and cameras are slow to open.
+        board.off()
+        camera = _camera(options)
+    except BaseException as error:
+        try:
+            board.close()
+        except BoardError as failure:
+            error.add_note(f"on closing: {failure}")
+        raise
+    return Rig(board, camera, config)
+
+
+def _camera(options: BenchOptions) -> Camera:
+    # harvesters takes a while to import; who only asks for options is spared it.
+    from rig._genicam_camera import open_genicam
+
+    return open_genicam(
+        Path(options.cti).expanduser(),
+        serial=options.camera,
+        model=options.model,
+        pixel_format=options.pixel_format,
+        trigger_line=options.trigger_line,
+        frame_rate_hz=options.frame_rate_hz,
+        black_level=options.black_level,
+        readout_us=options.readout_us,
+    )

@@ -1,0 +1,228 @@
+"""How bright a matte scene is under each LED of a dome, fitted to what the camera sees.
+
+Every place of the scene has an unknown normal and albedo, m, and shows m . s under an LED whose
+light arrives as the vector s, which the LED's position gives up to the unknown width of the field
+of view. Three unknowns a place stand against as many images as there are LEDs, so the images tell
+whether they fit to the positions. Shadows and highlights are outliers, and so is an LED that is not
+where it should be: both get little weight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_WIDTHS = 14  # tried for the field of view
+_ROUNDS = 8
+_TINY = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Images:
+    """Coarse images of one scene, one per LED.
+
+    Parameters
+    ----------
+    light
+        ``(N, B)`` grey values without the dark frame's, NaN where not known.
+    places
+        ``(B, 2)`` x to the right and y up in widths of the image, from its centre.
+    """
+
+    light: Array
+    places: Array
+
+    @property
+    def ratios(self) -> Array:
+        """The images over their mean, so that the albedo cancels; NaN where not known."""
+        ratios: Array = self.light / self.mean
+        return ratios
+
+    @property
+    def mean(self) -> Array:
+        """``(B,)`` mean over the LEDs of what is known; NaN where that is nothing or dark."""
+        known = np.isfinite(self.light)
+        mean = np.where(known, self.light, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        return np.where(mean > 0, mean, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A scene as the images show it.
+
+    Parameters
+    ----------
+    rows
+        ``(N,)`` which of the positions the images belong to.
+    ratios
+        ``(N, B)`` the images, as `Images.ratios`.
+    predicted
+        ``(M, B)`` what they would be under an LED at each position.
+    misfit
+        ``(N, M)`` median difference between an image and what each position would give, scaled,
+        relative to the image.
+    scale
+        ``(N, M)`` the factors: how many times as bright as predicted.
+    """
+
+    rows: npt.NDArray[np.intp]
+    ratios: Array
+    predicted: Array
+    misfit: Array
+    scale: Array
+
+
+def fit(images: Images, positions: Array, rows: npt.NDArray[np.intp]) -> Fit:
+    """Fit scene and field of view to images of LEDs at stated positions, at least four.
+
+    Parameters
+    ----------
+    images
+        ``N`` of them.
+    positions
+        ``(M, 3)`` of these and other LEDs.
+    rows
+        ``(N,)`` whose images they are.
+    """
+    ratios, own = images.ratios, positions[rows]
+    farthest = float(np.linalg.norm(positions, axis=1).max())
+    scenes = (
+        _scene(ratios, own, np.pad(images.places * width, [(0, 0), (0, 1)]))
+        for width in np.geomspace(0.03 * farthest, 2 * farthest, _WIDTHS)
+    )
+    scene = min(scenes, key=lambda made: _own_misfit(ratios, made.under(own)))
+    predicted = scene.under(positions)
+    return Fit(rows, ratios, predicted, *misfits(ratios, predicted))
+
+
+def misfits(ratios: Array, predicted: Array) -> tuple[Array, Array]:
+    """Compare ``(K, B)`` images with ``(N, B)`` predictions: misfit and scale as in `Fit`."""
+    known = np.isfinite(ratios)
+    misfit = np.zeros((len(ratios), len(predicted)))
+    scale = np.zeros_like(misfit)
+    for index, (row, valid) in enumerate(zip(ratios, known, strict=True)):
+        seen, basis = row[valid], predicted[:, valid]
+        factors = (basis @ seen) / np.maximum((basis**2).sum(axis=1), _TINY)
+        for _ in range(4):
+            weights = _weights(seen - factors[:, None] * basis)
+            norm = np.maximum((weights * basis**2).sum(axis=1), _TINY)
+            factors = (weights * basis * seen).sum(axis=1) / norm
+        rest = np.abs(seen - factors[:, None] * basis)
+        misfit[index] = np.median(rest, axis=1) / max(float(np.median(seen)), _TINY)
+        scale[index] = factors
+    return misfit, scale
+
+
+def mixtures(ratio: Array, predicted: Array, own: int) -> tuple[Array, Array]:
+    """Explain one image as the light of one LED and, in turn, each of the others.
+
+    Returns
+    -------
+    misfit
+        ``(N,)`` as in `Fit`; infinite with itself.
+    shares
+        ``(N, 2)`` how much of LED ``own`` and of the other, none below 0.
+    """
+    valid = np.isfinite(ratio)
+    seen, others = ratio[valid], predicted[:, valid]
+    basis = np.stack([np.broadcast_to(others[own], others.shape), others], axis=1)
+    weights = np.ones_like(others)
+    for _ in range(4):
+        weighted = basis * weights[:, None]
+        normal = weighted @ basis.transpose(0, 2, 1) + _TINY * np.eye(2)
+        right = weighted @ seen
+        shares = np.linalg.solve(normal, right[..., None])[..., 0]
+        # Where one of the two would have to take light away, the other is alone.
+        alone = np.maximum(right, 0) / np.diagonal(normal, axis1=1, axis2=2)
+        shares = np.where(shares[:, ::-1] < 0, alone, shares) * (shares >= 0)
+        rest = seen - (shares[:, None] @ basis)[:, 0]
+        weights = _weights(rest)
+    misfit = np.median(np.abs(rest), axis=1) / max(float(np.median(seen)), _TINY)
+    misfit[own] = np.inf
+    return misfit, shares
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What is under the camera.
+
+    Parameters
+    ----------
+    surface
+        ``(B, 3)`` normal times albedo of every place, over the images' mean.
+    points
+        ``(B, 3)`` the places, in the unit of the positions.
+    """
+
+    surface: Array
+    points: Array
+
+    def under(self, positions: Array) -> Array:
+        """Return ``(N, B)`` what `Images.ratios` would be under LEDs at these positions."""
+        return _shaded(self.surface, _arriving(positions, self.points))
+
+
+def _own_misfit(ratios: Array, predicted: Array) -> float:
+    """Return the median misfit of the LEDs at their own positions."""
+    known = np.isfinite(ratios)
+    seen = np.where(known, ratios, 0.0)
+    power = np.maximum((known * predicted**2).sum(axis=1), _TINY)
+    scale = (seen * predicted).sum(axis=1) / power
+    rest = np.where(known, np.abs(seen - scale[:, None] * predicted), np.nan)
+    return float(np.median(np.nanmedian(rest, axis=1)))
+
+
+def _shaded(surface: Array, arriving: Array) -> Array:
+    shaded: Array = np.clip(np.einsum("kbi,bi->kb", arriving, surface), 0, None)
+    return shaded
+
+
+def _arriving(positions: Array, points: Array) -> Array:
+    """Return ``(N, B, 3)`` light vectors on the plane z = 0, of LEDs that aim at the origin."""
+    toward = positions[:, None] - points
+    distance = np.linalg.norm(toward, axis=2, keepdims=True)
+    aim = positions / np.linalg.norm(positions, axis=1, keepdims=True)
+    lobe = np.clip((toward * aim[:, None]).sum(axis=2, keepdims=True) / distance, 0, None)
+    arriving: Array = toward * lobe / distance**3
+    scale = float(np.mean(np.linalg.norm(positions, axis=1)))
+    return arriving * scale**2
+
+
+def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
+    """Find normal times albedo of every place, by reweighted least squares."""
+    arriving = _arriving(positions, points)
+    count = len(ratios)
+    known = np.isfinite(ratios)
+    seen = np.where(known, ratios, 0.0)
+    # Nothing known of a place, nothing said about it.
+    weights, brightness, trust = known.astype(float), np.ones(count), np.ones(count)
+    surface: Array = np.zeros((ratios.shape[1], 3))
+    ridge = 1e-9 * count * np.eye(3)
+    for _ in range(_ROUNDS):
+        trusted = weights * trust[:, None]
+        normal = np.einsum("kb,kbi,kbj->bij", trusted, arriving, arriving) + ridge
+        right = np.einsum("kb,kbi,kb->bi", trusted, arriving, seen / brightness[:, None])
+        surface = np.linalg.solve(normal, right[..., None])[..., 0]
+        predicted = _shaded(surface, arriving)
+        rest = np.where(known, np.abs(seen / brightness[:, None] - predicted), np.nan)
+        spread = 1.4826 * np.nanmedian(rest) + _TINY
+        weights = np.where(known, 1 / np.maximum(1, rest / (1.5 * spread)), 0.0)
+        # An LED that is elsewhere is wrong as a whole.
+        each = np.nanmedian(rest, axis=1)
+        trust = 1 / np.maximum(1, (each / (2 * np.median(each) + _TINY)) ** 4)
+        power = np.maximum((weights * predicted**2).sum(axis=1), _TINY)
+        brightness = np.clip((weights * seen * predicted).sum(axis=1) / power, 0.2, 5.0)
+        brightness /= np.median(brightness)
+    return _Scene(surface, points)
+
+
+def _weights(rest: Array) -> Array:
+    """Return Huber's weights of each row of residuals."""
+    size = np.abs(rest)
+    spread = np.median(size, axis=1, keepdims=True) + _TINY
+    weights: Array = 1 / np.maximum(1, size / (2 * spread))
+    return weights

@@ -1,0 +1,276 @@
+"""Sequences: every frame that is handed out is proven, and one that cannot be ends the run."""
+
+import contextlib
+import itertools
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig import BoardError, CameraError, RigError
+from rig._camera import CameraFrame
+from rig._exposure import Exposure
+from rig._sequence import runs
+from rig._spacing import Spacing
+from simulator._board_faults import BoardFault
+
+EXPOSURE_US = 1000.0
+FAST = {"frame_period_ms": 20.0, "frame_timeout_s": 0.3, "settle_ms": 1.0}
+
+
+def burning(bench):
+    return bench.state.led(time.monotonic_ns())
+
+
+def led_seen(frame):
+    """What the pixels say: `code_plane` gives 100 DN per LED and 1000 us, 0 without light."""
+    assert len(np.unique(frame.pixels)) == 1
+    code, rest = divmod(int(frame.pixels[0, 0]), 100)
+    assert rest == 0
+    return code - 1 if code else None
+
+
+def taken(rig, leds, into):
+    for shot in rig.sequence(leds, EXPOSURE_US):
+        into.append(shot)
+
+
+def test_every_shot_of_a_sequence_carries_its_light(bench):
+    leds = [*range(0, 36, 3), None, 7, 7]
+    with bench.rig(**FAST) as rig:
+        shots = list(rig.sequence(leds, EXPOSURE_US))
+        assert burning(bench) is None
+        after = rig.shoot(4, EXPOSURE_US)
+    assert [shot.led for shot in shots] == leds
+    assert [led_seen(shot.frame) for shot in shots] == leds
+    assert [shot.echo.led for shot in shots] == leds
+    ids = [shot.frame.frame_id for shot in shots]
+    assert ids == list(range(ids[0], ids[0] + len(leds)))
+    assert led_seen(after.frame) == 4
+
+
+@pytest.mark.parametrize("leds", [[], [5], [None], [5, 6]])
+def test_short_sequences(bench, leds):
+    with bench.rig(**FAST) as rig:
+        shots = list(rig.sequence(leds, EXPOSURE_US))
+    assert [led_seen(shot.frame) for shot in shots] == leds
+
+
+def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
+    leds = list(range(11))
+    with bench.rig(**FAST) as rig:
+        rig.board.identity = replace(rig.board.identity, max_steps=4)
+        assert [led_seen(shot.frame) for shot in rig.sequence(leds, EXPOSURE_US)] == leds
+
+
+@pytest.mark.parametrize(
+    ("fault", "proven"),
+    [
+        pytest.param(BoardFault(kind="lose-trigger"), 0, id="first trigger lost"),
+        pytest.param(BoardFault(kind="lose-trigger", skip=3), 3, id="a trigger lost"),
+        pytest.param(BoardFault(kind="lose-trigger", skip=9), 9, id="last trigger lost"),
+        pytest.param(BoardFault(kind="double-trigger", value=5000), 0, id="first trigger twice"),
+        pytest.param(BoardFault(kind="double-trigger", skip=3, value=5000), 4, id="trigger twice"),
+        pytest.param(
+            BoardFault(kind="wrong-led", verb="STEP", skip=2, value=30), 0, id="other LED"
+        ),
+        pytest.param(BoardFault(kind="goes-dark", verb="RUN", value=1), 0, id="dark too early"),
+        pytest.param(BoardFault(kind="reset", verb="DID", skip=4), 4, id="reset"),
+        pytest.param(BoardFault(kind="reset", verb="RUN"), 0, id="reset at the start"),
+    ],
+)
+def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, fault, proven):
+    shots = []
+    leds = list(range(10))
+    with bench.rig(**FAST) as rig:
+        bench.virtual.set_faults(fault)
+        with pytest.raises(RigError) as error:
+            taken(rig, leds, shots)
+        bench.virtual.set_faults()
+        assert burning(bench) is None
+        assert "\n" not in str(error.value)
+        assert [led_seen(shot.frame) for shot in shots] == leds[: len(shots)]
+        assert len(shots) <= proven
+        # The first of the run is told by the second; a step may be asked for more than once.
+        assert len(shots) >= (proven - 1 if fault.verb != "DID" else 0)
+        # What was left over is not taken for the next.
+        assert [led_seen(s.frame) for s in rig.sequence([20, 21, 22], EXPOSURE_US)] == [20, 21, 22]
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(BoardFault(kind=kind, verb=verb, skip=skip, times=times), id=f"{kind} {verb}")
+        for kind, verb, skip, times in [
+            ("drop-command", "STEP", 1, 1),
+            ("drop-reply", "RUN", 0, 1),
+            ("double-command", "RUN", 0, 1),
+            ("corrupt-reply", "DID", 2, 2),
+            ("drop-reply", "DID", 1, 1),
+            ("double-reply", None, 2, 3),
+            ("banner", "STATUS", 0, 1),
+        ]
+    ],
+)
+def test_a_noisy_line_costs_nothing(bench, fault):
+    leds = list(range(8))
+    with bench.rig(**{**FAST, "frame_period_ms": 60.0, "frame_timeout_s": 2.0}) as rig:
+        bench.virtual.set_faults(fault)
+        assert [led_seen(shot.frame) for shot in rig.sequence(leds, EXPOSURE_US)] == leds
+
+
+@pytest.mark.parametrize("fault", ["lost", "late", "unplug"])
+@pytest.mark.parametrize("at", [0, 1, 5])
+def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
+    shots = []
+    leds = list(range(10, 18))
+    with contextlib.suppress(CameraError), bench.rig(faults={at: fault}, **FAST) as rig:
+        with pytest.raises(CameraError) as error:
+            taken(rig, leds, shots)
+        assert burning(bench) is None
+        assert [led_seen(shot.frame) for shot in shots] == leds[: max(0, at if at > 1 else 0)]
+        if fault != "unplug":
+            assert f"frame {at} " in str(error.value)
+            assert f"LED {leds[at]}" in str(error.value)
+            assert [led_seen(s.frame) for s in rig.sequence([3, 4], EXPOSURE_US)] == [3, 4]
+
+
+def test_closing_the_iterator_turns_the_light_off(bench):
+    with bench.rig(**FAST) as rig:
+        shots = rig.sequence(range(36), EXPOSURE_US)
+        next(shots)
+        shots.close()
+        assert burning(bench) is None
+        before = bench.state.changes
+        time.sleep(0.1)
+        assert bench.state.changes == before
+        assert rig.board.status().state == "IDLE"
+        assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
+
+
+def test_whoever_holds_on_to_a_shot_stops_the_run_and_is_told(bench):
+    with bench.rig(**{**FAST, "frame_period_ms": 200.0}) as rig:
+        shots = rig.sequence(range(20), EXPOSURE_US)
+        next(shots)
+        time.sleep(2.0)
+        with pytest.raises(RigError, match=r"stopped by itself, for want of .* sign of life"):
+            list(shots)
+        assert burning(bench) is None
+
+
+def test_what_cannot_be_run_is_refused_in_the_dark(bench):
+    with bench.rig(dead_leds=(4,), **FAST) as rig:
+        before = bench.state.changes
+        for leds, exposure_us, said in [
+            ([3, 4], EXPOSURE_US, "LED 4 .* dead"),
+            ([3, 36], EXPOSURE_US, "no LED 36"),
+            ([3, 5], 1.0, "range of"),
+        ]:
+            with pytest.raises(RigError, match=said):
+                list(rig.sequence(leds, exposure_us))
+        rig.board.identity = replace(rig.board.identity, max_hold_ms=500)
+        with pytest.raises(RigError, match="500 ms that this LED board gives"):
+            list(rig.sequence([3, 5], 600_000))
+        assert bench.state.changes == before
+
+
+@given(st.integers(0, 300), st.integers(1, 100))
+def test_runs_are_whole_and_none_is_a_single_shot_without_need(count, most):
+    leds = tuple(range(count))
+    parts = list(runs(leds, most))
+    assert sum(parts, ()) == leds
+    assert all(len(part) <= min(most, 48) for part in parts)
+    if most >= 3 and count >= 2:
+        assert all(len(part) >= 2 for part in parts)
+
+
+@given(
+    st.floats(0, 1000),
+    st.floats(10, 1e6),
+    st.floats(0, 2e5),
+    st.integers(2, 48),
+)
+def test_the_first_gap_stands_out_on_any_clock(settle_ms, exposure_us, period_us, count):
+    exposure = Exposure(
+        round(settle_ms * 1000), exposure_us, period_us, max(period_us, exposure_us) * 1.01 + 300
+    )
+    steps = list(exposure.steps(tuple(range(count))))
+    spacing = [step.settle_us + step.hold_us + step.gap_us for step in steps[:-1]]
+    assert all(each >= exposure.run_us - 1 for each in spacing)
+    for other in spacing[1:]:
+        # Twice what the clocks may differ by, so that one is not taken for the other.
+        assert spacing[0] - other >= 2 * (300 + 0.01 * spacing[0]) or spacing[0] - other >= 4990
+
+
+def frame(number, time_us):
+    return CameraFrame(np.zeros((1, 1), np.uint16), number, round(time_us * 1000), 1.0, 0.0, None)
+
+
+PULSES_US = [2000, 62_000, 112_000, 162_000, 212_000, 262_000]
+
+
+@pytest.mark.parametrize("rate", [0.995, 1.0, 1.005])
+@pytest.mark.parametrize("offset_us", [0.0, 1e9])
+def test_clocks_of_other_rates_agree(rate, offset_us):
+    spacing = Spacing("cam")
+    for number, pulse_us in enumerate(PULSES_US):
+        spacing.check(frame(number, offset_us + rate * pulse_us), number, pulse_us)
+
+
+@pytest.mark.parametrize("missed", range(5))
+def test_a_missed_trigger_is_seen_wherever_it_was(missed):
+    """Frames come from all pulses but one; the counts do not show it."""
+    spacing = Spacing("cam")
+    seen = [pulse for index, pulse in enumerate(PULSES_US) if index != missed]
+    # The first is never told from one frame alone; that is why it is held back.
+    wrong = max(1, missed)
+    for number in range(wrong):
+        spacing.check(frame(number, seen[number]), number, PULSES_US[number])
+    with pytest.raises(CameraError, match="a trigger was missed"):
+        spacing.check(frame(wrong, seen[wrong]), wrong, PULSES_US[wrong])
+
+
+def test_one_frame_proves_nothing_yet():
+    spacing = Spacing("cam")
+    for number, pulse_us in itertools.islice(enumerate(PULSES_US), 1):
+        spacing.check(frame(number, pulse_us), number, pulse_us)
+    with pytest.raises(CameraError, match=r"exposed 0 us after frame 0, .* 60000 us apart"):
+        spacing.check(frame(1, PULSES_US[0]), 1, PULSES_US[1])
+
+
+def test_a_board_without_its_reports_is_told(bench, monkeypatch):
+    with bench.rig(**FAST) as rig:
+        monkeypatch.setattr(rig.board, "did", lambda index: None)
+        with pytest.raises(BoardError, match="has not done step 0"):
+            list(rig.sequence([1, 2], EXPOSURE_US))
+        assert burning(bench) is None
+
+
+def test_the_camera_paces_the_run_where_its_line_is_wired(bench):
+    leds = list(range(6))
+    with bench.rig(exposure_active=True, **FAST) as rig:
+        shots = list(rig.sequence(leds, 5000.0))
+    lit = bench.state.periods()[-6:]
+    assert [period.led for period in lit] == leds
+    for shot, period in zip(shots, lit, strict=True):
+        end_ns = shot.frame.timestamp_ns + 5_000_000
+        # Out when the exposure was over, not when the hold was.
+        assert end_ns <= period.end_ns
+        assert [led_seen(replace_pixels(shot)) for shot in shots] == leds
+
+
+def replace_pixels(shot):
+    """The same frame as if it had been exposed for 1000 us."""
+    return replace(shot.frame, pixels=shot.frame.pixels // 5)
+
+
+def test_a_wire_that_is_not_there_is_told(bench):
+    with bench.rig(exposure_active=True, **FAST) as rig:
+        bench.virtual.set_faults(BoardFault(kind="lose-trigger"))
+        with pytest.raises(RigError, match="LED 3") as error:
+            list(rig.sequence([3, 4], EXPOSURE_US))
+        assert "Line0" in str(error.value)
+        assert "the board stopped by itself" in str(error.value)

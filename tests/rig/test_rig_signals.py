@@ -1,0 +1,231 @@
+"""Programs that are told to end, whatever they are stuck in, put out their lights first."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from rig import Board
+from rig._dark import watch
+
+# Opens rigs on the ports given, with a camera that never delivers, and says when the light burns.
+HOST = """
+import os, signal, sys, threading, time
+import numpy as np
+from rig import Board, CameraInfo, Rig, RigConfig
+
+class Stuck:
+    info = CameraInfo("x", "x", "x", 4, 4, "Mono12", 12, None, 1.0, 1e9)
+    def configure(self, *, exposure_us, gain_db=0.0): return exposure_us
+    def arm(self, trigger="software"): pass
+    def trigger(self): return 0
+    def expect(self): return 0
+    def fetch(self, frame_id, timeout_s, waiting=None):
+        print("burning", flush=True)
+        while True:
+            time.sleep(0.05)
+            waiting()
+    def disarm(self): pass
+    def close(self): pass
+
+def opened(port):
+    config = RigConfig(name="x", driver="x", settle_ms=0, frame_timeout_s=50)
+    return Rig(Board(port), Stuck(), config)
+
+def stuck_writer():
+    def write():
+        reader, writer = os.pipe()
+        while True:
+            os.write(writer, bytes(1 << 16))
+    threading.Thread(target=write).start()
+
+def handled(number, frame):
+    print("handled", flush=True)
+    os._exit(7)
+
+ports = sys.argv[1:]
+{body}
+"""
+SHOOT = "with opened(ports[0]) as rig: rig.shoot(5, 1000.0)"
+ON = "rigs = [opened(port) for port in ports]\nfor rig in rigs: rig.board.on(5, 50_000)\n"
+LOOK_ALIVE = """
+print("burning", flush=True)
+while True:
+    time.sleep(0.05)
+    for rig in rigs: rig.board.ping()
+"""
+
+
+def start(body, *benches):
+    program = HOST.replace("{body}", body)
+    command = [sys.executable, "-c", program, *(bench.virtual.port for bench in benches)]
+    host = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert host.stdout.readline() == "burning\n", host.stderr.read()
+    return host
+
+
+def end(host):
+    """Return the exit code, output and errors of a program that should have ended by now."""
+    try:
+        out, err = host.communicate(timeout=20)
+    finally:
+        host.kill()
+        host.wait()
+    return host.returncode, out, err
+
+
+def went_dark(bench):
+    """Whether the light goes out before its hold, and not by the board's watchdog."""
+    ends = time.monotonic() + 10
+    while bench.state.led(time.monotonic_ns()) is not None:
+        if time.monotonic() > ends:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def trips(bench):
+    board = Board(bench.virtual.port)
+    try:
+        return board.status().trips
+    finally:
+        board.close()
+
+
+@pytest.mark.parametrize(
+    ("body", "number", "code"),
+    [
+        pytest.param(SHOOT, signal.SIGTERM, 143, id="SIGTERM, camera stuck"),
+        pytest.param(SHOOT, signal.SIGHUP, 129, id="SIGHUP, camera stuck"),
+        pytest.param(SHOOT, signal.SIGINT, -signal.SIGINT, id="Ctrl-C, camera stuck"),
+        pytest.param(ON + LOOK_ALIVE, signal.SIGTERM, 143, id="SIGTERM, never closed"),
+        pytest.param(
+            "signal.signal(signal.SIGTERM, handled)\n" + SHOOT,
+            signal.SIGTERM,
+            7,
+            id="SIGTERM, a handler that never returns",
+        ),
+    ],
+)
+def test_a_signal_puts_the_light_out_and_ends_the_program_as_ever(own_bench, body, number, code):
+    host = start(body, own_bench)
+    assert own_bench.state.led(time.monotonic_ns()) == 5
+    host.send_signal(number)
+    ended, out, err = end(host)
+    assert went_dark(own_bench)
+    assert ended == code
+    assert ("KeyboardInterrupt" in err) == (number == signal.SIGINT)
+    assert ("handled" in out) == (code == 7)
+    assert trips(own_bench) == 0
+
+
+def test_a_stuck_writer_keeps_the_program_but_not_the_light(own_bench):
+    host = start("stuck_writer()\n" + SHOOT, own_bench)
+    try:
+        host.send_signal(signal.SIGTERM)
+        assert went_dark(own_bench)
+        time.sleep(0.3)
+        # Python waits for the writer, which is why nothing here may wait for Python.
+        assert host.poll() is None
+    finally:
+        host.kill()
+        host.wait()
+        host.stdout.close()
+        host.stderr.close()
+    assert trips(own_bench) == 0
+
+
+def test_an_ignored_signal_stays_ignored(own_bench):
+    host = start("signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + SHOOT, own_bench)
+    host.send_signal(signal.SIGHUP)
+    time.sleep(0.3)
+    assert own_bench.state.led(time.monotonic_ns()) == 5
+    host.send_signal(signal.SIGTERM)
+    assert end(host)[0] == 143
+    assert went_dark(own_bench)
+
+
+def test_all_rigs_of_a_program_go_dark(bench, own_bench):
+    host = start(ON + LOOK_ALIVE, bench, own_bench)
+    host.send_signal(signal.SIGTERM)
+    assert end(host)[0] == 143
+    assert went_dark(bench)
+    assert went_dark(own_bench)
+
+
+def test_a_program_that_forgets_to_close_ends_dark(own_bench):
+    host = start(ON + "print('burning', flush=True)", own_bench)
+    assert end(host)[0] == 0
+    assert went_dark(own_bench)
+    assert trips(own_bench) == 0
+
+
+@pytest.fixture
+def handlers():
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.getsignal(number) for number in numbers]
+    yield lambda: [signal.getsignal(number) for number in numbers]
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+
+
+def test_handlers_are_put_back_with_the_last_watch(handlers):
+    before = handlers()
+    first, second = watch(lambda: None), watch(lambda: None)
+    assert handlers()[1] is not before[1]
+    first()
+    first()
+    assert handlers()[1] is not before[1]
+    second()
+    assert handlers() == before
+
+
+def test_a_handler_that_came_later_stays(handlers):
+    def other(number, frame):
+        raise AssertionError
+
+    release = watch(lambda: None)
+    signal.signal(signal.SIGTERM, other)
+    release()
+    assert handlers()[1] is other
+
+
+def test_ctrl_c_is_a_keyboard_interrupt_and_puts_out_first(handlers):
+    put_out = []
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    release = watch(lambda: put_out.append(True))
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert put_out == [True]
+    release()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+    assert put_out == [True]
+
+
+def test_sigterm_is_a_system_exit_unless_it_was_handled(handlers):
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    release = watch(lambda: None)
+    with pytest.raises(SystemExit) as ended:
+        signal.raise_signal(signal.SIGTERM)
+    assert ended.value.code == 143
+    release()
+    seen = []
+    signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
+    release = watch(lambda: seen.append("dark"))
+    signal.raise_signal(signal.SIGTERM)
+    assert seen == ["dark", signal.SIGTERM]
+    release()
+
+
+def test_other_threads_watch_without_handlers(handlers):
+    before = handlers()
+    releases = []
+    thread = threading.Thread(target=lambda: releases.append(watch(lambda: None)))
+    thread.start()
+    thread.join()
+    assert handlers() == before
+    releases[0]()
