@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from acquisition._camera_model import CameraModel
-from acquisition._errors import DataError, StorageError
-from acquisition._journal import Echo, FrameLine
-from acquisition._lights import Lights, led_id
+from acquisition._carry_out import STALL_S, carry_out
+from acquisition._errors import DataError
+from acquisition._lights import Lights
 from acquisition._manifest import Manifest
 from acquisition._noise_model import NoiseModel
-from acquisition._plan import CapturePlan, PlannedShot
+from acquisition._plan import CapturePlan
+from acquisition._recording import Hooks, OnEvent, OnFrame
+from acquisition._rig_fits import check_calibrations, check_exposures, check_lights
+from acquisition._same_rig import check_same
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
-from rig import CameraError, CameraInfo, Rig, RigError, Shot
-
-OnFrame = Callable[[FrameLine, int, int], None]
+from rig import CameraInfo, Mounting, Rig
 
 
 def record(
@@ -28,32 +28,42 @@ def record(
     *,
     operator: str,
     object_name: str,
+    place: str = "",
     notes: str = "",
+    rights: str = "",
     camera_model: CameraModel | None = None,
     sensor: NoiseModel | None = None,
     lights: Lights | None = None,
+    events: Sequence[tuple[str, Mapping[str, Any]]] = (),
     on_frame: OnFrame | None = None,
+    on_event: OnEvent | None = None,
+    on_stop: Callable[[], None] | None = None,
+    before_flats: Callable[[], None] | None = None,
+    stall_s: float = STALL_S,
 ) -> Session:
-    """Record one object: every shot of the plan, each safe on disk before the next is taken.
-
-    Stop-and-go in one thread; writing beside shooting is not done yet.
+    """Record one object: every shot of the plan, stored and verified while the next are taken.
 
     Parameters
     ----------
     rig
         Open rig. It stays open.
     plan
-        What to capture.
+        What to capture. LEDs that the rig file lists as dead are left out, which is an event.
     folder
         New or empty folder for the session.
-    operator, object_name, notes
+    operator, object_name, place, notes, rights
         Who records what, for people.
     camera_model, sensor, lights
-        Calibrations to store with the recording, where known. The sensor gives black and white
+        Calibrations to store with the recording, where known. The camera model is that of the
+        upright image where the camera is mounted otherwise. The sensor gives black and white
         level; without it black is 0 and white the greatest value of the camera's bit depth. The
         lights are those of the LEDs by their ids, ``L07`` for LED 7; there may be more of them.
-    on_frame
-        Called after each frame with its journal line, how many are done, and how many there are.
+    events
+        What happened before, such as metering: written first.
+    on_frame, on_event, on_stop, before_flats
+        See `Hooks`.
+    stall_s
+        How long the disk may take no frame at all.
 
     Returns
     -------
@@ -64,123 +74,156 @@ def record(
     ------
     DataError
         If the plan does not fit the rig, a calibration does not fit the camera, lights are missing
-        for an LED of the plan, or a frame is not what the camera announced.
+        for an LED of the plan, a frame is not what the camera announced, or too much of it is
+        clipped.
     StorageError
-        If the folder is not empty or is being recorded into, or the disk refuses.
+        If the folder is not empty or is being recorded into, or the disk refuses or is stuck.
     RigError
-        If board or camera fail.
+        If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
+    KeyboardInterrupt
+        After Ctrl-C: the first one lets the shot end and everything be written, the second ends at
+        once.
 
     Notes
     -----
-    On any error, KeyboardInterrupt too, the LEDs are turned off first. The session stays behind
-    whole and incomplete, with an ``interrupted`` or ``failed`` event where the disk still takes
-    one, and the error goes on to the caller.
+    The calling thread takes the shots, two others write; when the disk is slower than the camera,
+    the shooting pauses, in the dark. On any error, KeyboardInterrupt too, the LEDs are turned off
+    first, then the disk gets what was taken, and then the error goes on to the caller. The session
+    stays behind whole and incomplete, with an ``interrupted`` or ``failed`` event where the disk
+    still takes one; `resume` finishes it.
     """
-    plan.check(rig.config.leds, rig.config.dead_leds)
-    _check_exposures(rig.camera.info, plan)
-    _check_calibrations(rig.camera.info, camera_model, sensor)
+    plan, left_out = plan.without(rig.config.dead_leds)
+    plan.check(rig.config.leds)
+    check_exposures(rig.camera.info, plan)
+    check_calibrations(rig, camera_model, sensor)
     if lights is not None:
-        _check_lights(lights, plan)
-    manifest = Manifest.begin(
+        check_lights(lights, plan)
+    manifest = _manifest(
+        rig,
         folder,
         operator=operator,
         object=object_name,
+        place=place,
         notes=notes,
+        rights=rights,
         plan=plan,
-        rig=_rig_record(rig),
-        camera=_camera_record(rig.camera.info, sensor),
         camera_model=camera_model,
         sensor=sensor,
         lights=lights,
     )
+    if left_out:
+        events = [*events, ("left_out", {"leds": list(left_out), "reason": "listed as dead"})]
+    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
     with SessionWriter.create(folder, manifest) as writer:
-        try:
-            shots = writer.missing
-            for done, shot in enumerate(shots, 1):
-                line = _write(writer, shot, rig.shoot(shot.led, _exposure(shot), plan.gain_db))
-                if on_frame is not None:
-                    on_frame(line, done, len(shots))
-        except BaseException as error:
-            _stop(rig, writer, error)
-            raise
-        writer.complete()
+        carry_out(rig, writer, plan, hooks, events, {}, stall_s)
     return Session.open(folder)
 
 
-def _exposure(shot: PlannedShot) -> float:
-    if shot.exposure_us is None:
-        raise DataError(f"{shot.file}: the plan gives no exposure")
-    return shot.exposure_us
+def resume(
+    rig: Rig,
+    folder: str | Path,
+    *,
+    plan: CapturePlan | None = None,
+    events: Sequence[tuple[str, Mapping[str, Any]]] = (),
+    on_frame: OnFrame | None = None,
+    on_event: OnEvent | None = None,
+    on_stop: Callable[[], None] | None = None,
+    before_flats: Callable[[], None] | None = None,
+    stall_s: float = STALL_S,
+) -> Session:
+    """Take the shots that a session is missing, and no others.
+
+    Parameters
+    ----------
+    rig
+        Open rig, the one that the session was begun with.
+    folder
+        An incomplete session.
+    plan
+        If given, refuse a session of another one.
+    events, on_frame, on_event, on_stop, before_flats, stall_s
+        As for `record`.
+
+    Returns
+    -------
+    Session
+        Complete.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such folder.
+    DataError
+        If it is no session, is damaged or complete, was imported, or was begun with another rig,
+        camera or plan; the message says what differs.
+    StorageError, RigError, KeyboardInterrupt
+        As for `record`.
+    """
+    folder = Path(folder)
+    begun, recorded = check_resume(rig, folder, plan)
+    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
+    with SessionWriter.reopen(folder) as writer:
+        carry_out(rig, writer, recorded, hooks, events, _dark_dn(begun), stall_s)
+    return Session.open(folder)
 
 
-def _write(writer: SessionWriter, planned: PlannedShot, shot: Shot) -> FrameLine:
-    frame, echo = shot.frame, shot.echo
-    return writer.write_frame(
-        planned,
-        frame.pixels,
-        exposure_us=frame.exposure_us,
-        gain_db=frame.gain_db,
-        frame_id=frame.frame_id,
-        timestamp_ns=frame.timestamp_ns,
-        temperature_c=frame.temperature_c,
-        echo=None if echo is None else Echo(seq=echo.seq, led=echo.led),
+def check_resume(
+    rig: Rig, folder: str | Path, plan: CapturePlan | None = None
+) -> tuple[Session, CapturePlan]:
+    """Check that a session can be gone on with on this rig, and change nothing.
+
+    Returns
+    -------
+    Session, CapturePlan
+        The session and its plan.
+
+    Raises
+    ------
+    MissingPathError, DataError
+        As `resume`.
+    """
+    folder = Path(folder)
+    begun = Session.open(folder)
+    manifest, recorded = begun.manifest, begun.manifest.plan
+    if begun.complete:
+        raise DataError(f"{folder}: is complete, nothing is missing; record into a new folder")
+    if manifest.rig is None or recorded is None:
+        raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
+    manifest.check_current(folder)
+    if plan is not None:
+        plan, _ = plan.without(rig.config.dead_leds)
+    check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
+    return begun, recorded
+
+
+def _dark_dn(session: Session) -> dict[float, Mapping[str, int]]:
+    """Return the percentiles of the frames with all LEDs off, by the exposure that was planned."""
+    plan = session.manifest.plan
+    planned = {} if plan is None else {shot.key: shot.exposure_us for shot in plan.shots()}
+    unlit = [frame.line for frame in session.frames if frame.role in ("dark", "ambient")]
+    # Ambient frames last, as they count before dark ones.
+    unlit.sort(key=lambda line: line.role == "ambient")
+    return {
+        exposure_us: line.percentiles_dn
+        for line in unlit
+        if (exposure_us := planned.get(line.key)) is not None
+    }
+
+
+def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:
+    return Manifest.begin(
+        folder,
+        rig=_rig_record(rig),
+        camera=_camera_record(rig.camera.info, sensor),
+        sensor=sensor,
+        **others,
     )
 
 
-def _stop(rig: Rig, writer: SessionWriter, error: BaseException) -> None:
-    """Go dark, then note in the journal why; neither may hide the error itself."""
-    dark = True
-    try:
-        rig.off()
-    except RigError as failure:
-        dark = False
-        note = f"LEDs not confirmed off: {failure}"
-        if note not in getattr(error, "__notes__", ()):  # the rig may have tried in vain already
-            error.add_note(note)
-    event = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
-    reason = str(error) or type(error).__name__
-    with suppress(StorageError, DataError):
-        writer.write_event(event, reason=reason, leds_confirmed_off=dark)
-
-
-def _check_exposures(info: CameraInfo, plan: CapturePlan) -> None:
-    """Refuse what the camera cannot do before a folder is made for it."""
-    low, high = info.exposure_min_us, info.exposure_max_us
-    for exposure_us in plan.exposures_us:
-        if not low <= exposure_us <= high:
-            raise CameraError(
-                f"the plan asks for {exposure_us:g} us, camera {info.model} {info.serial} exposes "
-                f"for {low:g} to {high:g} us: correct exposures_us in the plan"
-            )
-
-
-def _check_calibrations(
-    info: CameraInfo, camera_model: CameraModel | None, sensor: NoiseModel | None
-) -> None:
-    if camera_model is not None and camera_model.size != (info.height, info.width):
-        raise DataError(
-            f"the camera model is for {camera_model.width} x {camera_model.height} pixels, the "
-            f"camera delivers {info.width} x {info.height}; calibrate it at this size"
-        )
-    if sensor is not None and sensor.bit_depth != info.bit_depth:
-        raise DataError(
-            f"the sensor model is for {sensor.bit_depth} bits, the camera delivers "
-            f"{info.bit_depth}; measure it in this pixel format"
-        )
-
-
-def _check_lights(lights: Lights, plan: CapturePlan) -> None:
-    """Refuse lights that would be found missing, or be matched by order, when it is too late."""
-    wanted = [led_id(led) for led in plan.leds]
-    try:
-        _, by_name = lights.match(wanted)
-    except DataError as error:
-        raise DataError(f"the lights do not fit the plan: {error}") from error
-    if not by_name:
-        raise DataError(
-            f"the lights are called {lights.ids[0]} and so on, the plan lights {wanted[0]} and so "
-            "on: give the lights of this rig, called after its LEDs"
-        )
+def _manifest_like(rig: Rig, folder: Path, begun: Session) -> Manifest:
+    """Describe this rig as if the session began now."""
+    known = begun.manifest
+    return _manifest(rig, folder, begun.sensor, operator=known.operator, object=known.object)
 
 
 def _rig_record(rig: Rig) -> dict[str, Any]:
@@ -192,6 +235,9 @@ def _rig_record(rig: Rig) -> dict[str, Any]:
         "protocol": str(board.protocol),
         "firmware": board.firmware,
         "leds": board.leds,
+        "mounting": None if config.mounting == Mounting() else config.mounting,
+        "dead_leds": config.dead_leds,
+        "trigger": config.trigger,
     }
 
 

@@ -44,12 +44,18 @@ class StartLine(_Line):
 
 
 class Echo(BaseModel):
-    """What the LED board answered: its sequence number and the LED it acted on."""
+    """What the LED board answered: its sequence number and the LED it acted on.
+
+    ``lit_us`` is how long it burned and ``active_us`` how long the camera's exposure-active output
+    was up meanwhile, both by the board's clock and in microseconds; None where not measured.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     seq: int
     led: int | None
+    lit_us: Annotated[int, Field(ge=0)] | None = None
+    active_us: Annotated[int, Field(ge=0)] | None = None
 
 
 class FrameLine(_Line):

@@ -86,6 +86,11 @@ class JournalFile:
         self._unsure = False
         return line
 
+    @property
+    def sound(self) -> bool:
+        """False where the end of the file is not known: nothing more may be appended."""
+        return not self._unsure
+
     def check_open(self) -> None:
         """Raise StorageError where no line can be appended."""
         if self._descriptor < 0:

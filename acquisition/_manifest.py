@@ -17,10 +17,24 @@ from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan
 from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
+from rig import Mounting
 
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
+_READ: Final = (1, FORMAT_VERSION)
+# What version 2 has more than version 1, by table.
+_ADDED: Final = {
+    "plan": (
+        "exposures_by_led",
+        "flats",
+        "max_clipped_fraction",
+        "retakes",
+        "sequence",
+    ),
+    "rig": ("dead_leds", "mounting", "trigger"),
+}
 
 _Size = Annotated[int, Field(ge=1)]
+_Index = Annotated[int, Field(ge=0)]
 _Vector = tuple[float, float, float]
 
 
@@ -36,7 +50,11 @@ class SoftwareRecord(_Table):
 
 
 class RigRecord(_Table):
-    """The rig: name and driver of the rig file, and how its board identified itself."""
+    """The rig: name and driver of the rig file, and how its board identified itself.
+
+    ``mounting`` is how the camera was mounted, where its frames do not stand upright; ``dead_leds``
+    are those that the rig file lists, ``trigger`` is who starts an exposure.
+    """
 
     name: str
     driver: str
@@ -44,6 +62,9 @@ class RigRecord(_Table):
     protocol: str
     firmware: str
     leds: _Size
+    mounting: Mounting | None = None
+    dead_leds: tuple[_Index, ...] = ()
+    trigger: Literal["software", "board"] = "software"
 
 
 class CameraRecord(_Table):
@@ -172,11 +193,13 @@ class LightsRecord(_Table):
 class Manifest(_Table):
     """What ``session.toml`` holds.
 
-    ``plan`` and ``rig`` are absent in imported sessions. ``camera`` is the device and its frames;
-    ``camera_model``, ``sensor`` and ``lights`` are calibrations, present where known.
+    Sessions of version 1 have the defaults of what version 2 added.
+    ``plan`` and ``rig`` are absent in imported sessions. ``camera`` is the device and its frames as
+    stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present where known, and
+    the camera model is that of the upright image.
     """
 
-    format_version: Literal[1] = FORMAT_VERSION
+    format_version: Literal[1, 2] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -190,6 +213,27 @@ class Manifest(_Table):
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
     lights: LightsRecord | None = None
+
+    @property
+    def mounting(self) -> Mounting:
+        """What has to be done to a stored frame until it stands upright; nothing, where unknown."""
+        mounting = None if self.rig is None else self.rig.mounting
+        return mounting or Mounting()
+
+    def check_current(self, folder: Path) -> None:
+        """Refuse to go on with a session of another format version: no file mixes versions.
+
+        Raises
+        ------
+        DataError
+            If it is of another version; the message names ``folder``.
+        """
+        if self.format_version != FORMAT_VERSION:
+            raise DataError(
+                f"{folder}: was begun in format version {self.format_version}, this program writes "
+                f"{FORMAT_VERSION}: finish it with the program that began it (surface-geometry-"
+                f"processing {self.software.version}), or record anew"
+            )
 
     @classmethod
     def begin(
@@ -242,11 +286,13 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     """
     values = parse_toml(data, path)
     version = values.get("format_version")
-    if version != FORMAT_VERSION:
+    if type(version) is not int or version not in _READ:
         raise DataError(
             f"{path}: format version {version!r} is not understood, this program reads "
-            f"{FORMAT_VERSION}; use the version that wrote it"
+            f"{' and '.join(map(str, _READ))}; use the version that wrote it"
         )
+    if version < FORMAT_VERSION:
+        _refuse_added(values, path)
     manifest = validated(Manifest, values, path)
     try:
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):
@@ -255,3 +301,14 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
     return manifest
+
+
+def _refuse_added(values: dict[str, Any], path: Path) -> None:
+    """Refuse keys that a session of version 1 cannot have."""
+    for table, keys in _ADDED.items():
+        found = values.get(table)
+        added = [key for key in keys if isinstance(found, dict) and key in found]
+        if added:
+            raise DataError(
+                f"{path}: unknown key '{table}.{added[0]}': format version 1 has none of that name"
+            )

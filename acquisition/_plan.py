@@ -3,71 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from acquisition._errors import DataError
-from acquisition._lights import led_id
-from acquisition._toml import read_toml
+from acquisition._planned_shot import PlannedShot as PlannedShot
+from acquisition._planned_shot import Role as Role
+from acquisition._planned_shot import ShotKey as ShotKey
+from acquisition._toml import read_toml, validated
 
-Role = Literal["light", "dark", "ambient", "flat"]
-ShotKey = tuple[Role, int | None, int, int]
+
+def _led_number(key: object) -> object:
+    """Return the LED that a key stands for: TOML has keys of text only."""
+    if not isinstance(key, str):
+        return key
+    if not (key.isascii() and key.isdecimal()) or str(int(key)) != key:
+        raise ValueError(f"{key!r} is no LED: write its number, as 7 for LED 7")
+    return int(key)
+
 
 _Led = Annotated[int, Field(strict=True, ge=0)]
-_Exposure = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-
-
-@dataclass(frozen=True)
-class PlannedShot:
-    """One frame to take.
-
-    Parameters
-    ----------
-    role
-        ``light`` (one LED burns), ``dark``, ``ambient`` (both with all LEDs off) or ``flat``.
-    led
-        LED number from 0 for a light, None otherwise.
-    bracket
-        Index of the exposure from 0; for dark and ambient frames the first bracket they serve.
-    repeat
-        0 for the first shot of this LED and bracket, then 1, 2 ...
-    exposure_us
-        Exposure time asked for, microseconds; None where it is not known (imported images).
-    """
-
-    role: Role
-    led: int | None
-    bracket: int
-    repeat: int
-    exposure_us: float | None
-
-    @property
-    def key(self) -> ShotKey:
-        """What identifies the shot: a retake has the key of the shot it replaces."""
-        return self.role, self.led, self.bracket, self.repeat
-
-    @property
-    def file(self) -> str:
-        """File name inside ``frames/`` of the first take."""
-        return self.take_file(self.repeat)
-
-    def take_file(self, number: int) -> str:
-        """File name with the running number that tells repeats and retakes apart (0: none)."""
-        return f"{self._stem()}{f'_R{number}' if number else ''}.tif"
-
-    def _stem(self) -> str:
-        if self.led is not None:
-            return f"{led_id(self.led)}_E{self.bracket}"
-        if self.role == "flat":
-            return f"F_E{self.bracket}"
-        if self.exposure_us is None:
-            raise DataError(f"a {self.role} frame needs its exposure: it is filed by it")
-        exposure = float(self.exposure_us)
-        text = str(int(exposure)) if exposure.is_integer() else repr(exposure)
-        return f"{'D' if self.role == 'dark' else 'A'}_{text}us"
+_LedKey = Annotated[_Led, BeforeValidator(_led_number)]
+_Exposure = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+_Exposures = Annotated[tuple[_Exposure, ...], Field(min_length=1)]
+_Flag = Annotated[bool, Field(strict=True)]
 
 
 class CapturePlan(BaseModel):
@@ -79,6 +49,9 @@ class CapturePlan(BaseModel):
         LEDs in the order in which they are lit, counted from 0, each once.
     exposures_us
         One exposure time per bracket, microseconds, all different.
+    exposures_by_led
+        Exposure times of single LEDs, one per bracket, instead of those; keys of a TOML file are
+        LED numbers as text.
     repeats
         Shots of each LED and bracket, 1 to 1000.
     dark
@@ -86,18 +59,32 @@ class CapturePlan(BaseModel):
         light falls on the sensor is up to the operator.
     ambient
         Take one frame with the LEDs off for each exposure, to measure the light in the room.
+    flats
+        Frames of a white card for each bracket, at the end, 0 to 1000. They are lit by LEDs spread
+        evenly over ``leds``, each frame by one; as many as there are LEDs are lit by each in turn.
     gain_db
         Analogue gain, the same for all shots.
+    sequence
+        The board may run through the LEDs by itself where the rig can.
+    retakes
+        How often a shot that failed may be taken again, 0 to 100.
+    max_clipped_fraction
+        Largest share of saturated samples that a frame may have.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     leds: Annotated[tuple[_Led, ...], Field(min_length=1)]
-    exposures_us: Annotated[tuple[_Exposure, ...], Field(min_length=1)]
+    exposures_us: _Exposures
+    exposures_by_led: dict[_LedKey, _Exposures] = {}
     repeats: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
-    dark: bool = True
-    ambient: bool = False
-    gain_db: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    dark: _Flag = True
+    ambient: _Flag = False
+    flats: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    gain_db: Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)] = 0.0
+    sequence: _Flag = False
+    retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
+    max_clipped_fraction: Annotated[float, Field(strict=True, ge=0, le=1)] = 1.0
 
     @field_validator("leds", "exposures_us")
     @classmethod
@@ -107,6 +94,40 @@ class CapturePlan(BaseModel):
                 raise ValueError(f"{value:g} is there twice: each may be planned once")
         return values
 
+    @model_validator(mode="after")
+    def _exposures_fit(self) -> Self:
+        for led, exposures_us in self.exposures_by_led.items():
+            if led not in self.leds:
+                raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
+            if len(exposures_us) != len(self.exposures_us):
+                raise ValueError(
+                    f"exposures_by_led: LED {led} has {len(exposures_us)} exposures, exposures_us "
+                    f"has {len(self.exposures_us)}: give one for each bracket"
+                )
+            if len(set(exposures_us)) < len(exposures_us):
+                raise ValueError(f"exposures_by_led: LED {led} has an exposure twice")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, values_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Write LEDs as TOML's keys, which are text, and no table where it would be empty."""
+        values: dict[str, Any] = values_of(self)
+        by_led = values.pop("exposures_by_led", {})
+        if by_led:
+            values["exposures_by_led"] = {str(led): own for led, own in by_led.items()}
+        return values
+
+    def exposure_us(self, led: int, bracket: int) -> float:
+        """Exposure of an LED of the plan in a bracket, microseconds."""
+        return self.exposures_by_led.get(led, self.exposures_us)[bracket]
+
+    @property
+    def distinct_exposures_us(self) -> tuple[float, ...]:
+        """Every exposure that an LED is taken with, once, in the order of brackets and LEDs."""
+        brackets = range(len(self.exposures_us))
+        used = (self.exposure_us(led, bracket) for bracket in brackets for led in self.leds)
+        return tuple(dict.fromkeys(used))
+
     def check(self, led_count: int, dead_leds: Iterable[int] = ()) -> None:
         """Check the plan against the board that is to carry it out.
 
@@ -115,7 +136,7 @@ class CapturePlan(BaseModel):
         led_count
             LEDs of the board.
         dead_leds
-            LEDs known not to work.
+            LEDs known not to work; `without` leaves them out.
 
         Raises
         ------
@@ -134,25 +155,77 @@ class CapturePlan(BaseModel):
                 f"plan: LED {dead[0]} is marked dead in the rig file; leave it out of leds"
             )
 
-    def shots(self) -> tuple[PlannedShot, ...]:
-        """Return the shots in the order in which they are taken: dark, ambient, lights.
+    def without(self, dead_leds: Iterable[int]) -> tuple[CapturePlan, tuple[int, ...]]:
+        """Leave out LEDs that are known not to work.
 
-        The exposure changes only from one bracket to the next, as cameras take time for it.
+        Returns
+        -------
+        plan
+            The plan for the others.
+        left_out
+            The LEDs of this plan that are not in it, in its order.
+
+        Raises
+        ------
+        DataError
+            If none is left.
+        """
+        dead = set(dead_leds)
+        left_out = tuple(led for led in self.leds if led in dead)
+        if not left_out:
+            return self, ()
+        if len(left_out) == len(self.leds):
+            raise DataError("plan: every LED of leds is marked dead in the rig file; mend the rig")
+        kept = {led: own for led, own in self.exposures_by_led.items() if led not in dead}
+        leds = tuple(led for led in self.leds if led not in dead)
+        return self.changed(leds=leds, exposures_by_led=kept), left_out
+
+    def changed(self, **values: Any) -> CapturePlan:
+        """Return a plan with other values of these fields.
+
+        Raises
+        ------
+        DataError
+            If they make no plan.
+        """
+        return validated(CapturePlan, {**self.model_dump(), **values}, Path("plan"))
+
+    def shots(self) -> tuple[PlannedShot, ...]:
+        """Return the shots in the order in which they are taken: dark, ambient, lights, flats.
+
+        The exposure changes as seldom as can be, as cameras take time for it: bracket after
+        bracket, and within one the LEDs of one exposure together.
         """
         roles: tuple[tuple[Role, bool], ...] = (("dark", self.dark), ("ambient", self.ambient))
         unlit = [
-            PlannedShot(role, None, bracket, 0, exposure_us)
+            PlannedShot(role, None, index, 0, exposure_us)
             for role, wanted in roles
             if wanted
-            for bracket, exposure_us in enumerate(self.exposures_us)
+            for index, exposure_us in enumerate(self.distinct_exposures_us)
         ]
+        brackets = range(len(self.exposures_us))
         lit = [
-            PlannedShot("light", led, bracket, repeat, exposure_us)
-            for bracket, exposure_us in enumerate(self.exposures_us)
+            PlannedShot("light", led, bracket, repeat, self.exposure_us(led, bracket))
+            for bracket in brackets
             for repeat in range(self.repeats)
-            for led in self.leds
+            for led in self._by_exposure(bracket)
         ]
-        return (*unlit, *lit)
+        flats = [
+            PlannedShot("flat", None, bracket, number, self.exposure_us(led, bracket), led)
+            for bracket in brackets
+            for number, led in enumerate(self._flat_leds())
+        ]
+        return (*unlit, *lit, *flats)
+
+    def _by_exposure(self, bracket: int) -> list[int]:
+        """Return the LEDs in their order, but those of an exposure with the first that has it."""
+        together: dict[float, list[int]] = {}
+        for led in self.leds:
+            together.setdefault(self.exposure_us(led, bracket), []).append(led)
+        return [led for leds in together.values() for led in leds]
+
+    def _flat_leds(self) -> list[int]:
+        return [self.leds[number * len(self.leds) // self.flats] for number in range(self.flats)]
 
 
 def read_plan(path: Path) -> CapturePlan:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +29,25 @@ class RawFrame:
         Grey value without light, the mean over the colours.
     white_level_dn
         Grey value at which a sample counts as saturated.
+    black_levels_dn
+        Grey value without light of each place of the block, in the order of ``cfa``.
+    exposure_us
+        Exposure time, microseconds; None where the file does not tell.
+    iso
+        Sensitivity; None where the file does not tell.
+    taken
+        When it was taken, by the camera's clock, which knows no time zone: UTC is put in its place.
+        None where the file does not tell.
     """
 
     pixels: npt.NDArray[np.uint16]
     cfa: str
     black_level_dn: float
     white_level_dn: float
+    black_levels_dn: tuple[float, ...]
+    exposure_us: float | None = None
+    iso: float | None = None
+    taken: datetime | None = None
 
 
 def is_raw(path: Path) -> bool:
@@ -62,15 +76,57 @@ def read_raw(path: str | Path) -> RawFrame:
                 )
             pixels = np.array(raw.raw_image_visible, np.uint16)
             rows, columns = raw.raw_pattern.shape
-            block = np.array(raw.raw_colors_visible[:rows, :columns])
+            block = np.array(raw.raw_colors_visible[:rows, :columns]).ravel()
             colours = raw.color_desc.decode("ascii")
-            cfa = "".join(colours[index] for index in block.ravel())
-            black = float(np.mean(np.asarray(raw.black_level_per_channel)[np.unique(block)]))
+            levels = np.asarray(raw.black_level_per_channel, np.float64)
             white = float(raw.white_level)
+            exposure_us, iso, taken = _told(raw)
     except rawpy.LibRawError as error:
-        reason = error.args[0] if error.args else error
-        text = reason.decode("ascii", "replace") if isinstance(reason, bytes) else str(reason)
-        raise DataError(f"{path}: not a readable camera RAW file ({text})") from error
+        raise DataError(f"{path}: {_reason(error)}") from error
+    black = float(np.mean(levels[np.unique(block)]))
     if not 0 <= black < white:
         raise DataError(f"{path}: black level {black:g} is not below white level {white:g}")
-    return RawFrame(pixels, cfa, black, white)
+    return RawFrame(
+        pixels=pixels,
+        cfa="".join(colours[index] for index in block),
+        black_level_dn=black,
+        white_level_dn=white,
+        black_levels_dn=tuple(levels[block].tolist()),
+        exposure_us=exposure_us,
+        iso=iso,
+        taken=taken,
+    )
+
+
+def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | None]:
+    """Return exposure (microseconds), ISO and time of a RAW file without decoding its pixels.
+
+    What is not known is None. A DataError names a file that is no RAW.
+    """
+    try:
+        with rawpy.imread(str(path)) as raw:
+            return _told(raw)
+    except rawpy.LibRawError as error:
+        raise DataError(f"{path}: {_reason(error)}") from error
+
+
+def _told(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:
+    shot = raw.other
+    # LibRaw holds single precision, of which seven digits mean something.
+    exposure_us = _positive(float(f"{shot.shutter_speed * 1e6:.7g}"))
+    return exposure_us, _positive(shot.iso_speed), _taken(shot.timestamp)
+
+
+def _reason(error: rawpy.LibRawError) -> str:
+    reason = error.args[0] if error.args else error
+    text = reason.decode("ascii", "replace") if isinstance(reason, bytes) else str(reason)
+    return f"not a readable camera RAW file ({text})"
+
+
+def _positive(value: float) -> float | None:
+    """Return a value unless it is LibRaw's sign for not known."""
+    return float(value) if np.isfinite(value) and value > 0 else None
+
+
+def _taken(time: datetime) -> datetime | None:
+    return None if time.year <= 1970 else time.replace(tzinfo=UTC)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -14,33 +16,28 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._images import write_tiff
+from acquisition._frame_file import store_frame
 from acquisition._journal import Echo, EventLine, FrameLine
-from acquisition._journal_file import Clock, JournalFile
+from acquisition._journal_file import AnyLine, Clock, JournalFile
 from acquisition._manifest import Manifest
 from acquisition._plan import PlannedShot, ShotKey
-from acquisition._quality import measure_quality
+from acquisition._quality import FrameQuality, measure_quality
+from acquisition._recovery import set_aside
 from acquisition._session import (
     COMPLETE,
-    DERIVED,
     FRAMES,
     JOURNAL,
     MANIFEST,
     completion_mark,
     examine,
-    leaves,
 )
-from acquisition._session_frame import pixels_sha256
 from acquisition._software import software_version
 from acquisition._storage import (
     disk,
-    is_part,
     lock_folder,
     make_folder,
     part_path,
-    publish,
     sha256_of,
-    sync_folder,
     write_durably,
 )
 from acquisition._toml import to_toml
@@ -57,7 +54,9 @@ class SessionWriter:
     journal, flushed too. So a crash at any moment leaves every frame that has a line, and at most
     one file without a line and one line cut short. A context manager; leaving it closes.
 
-    Not for several threads at once.
+    Several threads may write at once: frames go to the disk side by side, lines one by one. If
+    one of them is still writing when another closes, what it has begun ends by itself, adds no line
+    any more, and only then is the session free for others.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, journal: JournalFile, lock: int) -> None:
@@ -65,6 +64,12 @@ class SessionWriter:
         self.manifest = manifest
         self._journal = journal
         self._lock: int | None = lock
+        # Held while a line is written; the other one only while these are looked at or changed.
+        self._order = threading.Lock()
+        self._state = threading.Lock()
+        self._busy = 0
+        self._closed = False
+        self._sound = True
         shots = () if manifest.plan is None else manifest.plan.shots()
         self._planned = {shot.key for shot in shots}
         self._missing: dict[ShotKey, PlannedShot] = {shot.key: shot for shot in shots}
@@ -123,7 +128,7 @@ class SessionWriter:
         MissingPathError
             If the folder does not exist.
         DataError
-            If it is no session, is damaged, or is complete already.
+            If it is no session, is damaged, is complete already, or is of another format version.
         StorageError
             If another process records into it, or the disk refuses.
         """
@@ -140,7 +145,8 @@ class SessionWriter:
                 raise DataError(found.problems[0])
             if session.complete:
                 raise DataError(f"{folder}: is complete; record into a new folder")
-            aside = _set_aside(folder, {frame.path.name for frame in session.recorded})
+            session.manifest.check_current(folder)
+            aside = set_aside(folder, {frame.path.name for frame in session.recorded})
             path = folder / JOURNAL
             if found.journal.lines:
                 details = {"software_version": software_version(), "unrecorded": aside}
@@ -158,7 +164,34 @@ class SessionWriter:
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
         """Planned shots that are not recorded yet, in plan order."""
-        return tuple(self._missing.values())
+        with self._state:
+            return tuple(self._missing.values())
+
+    def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
+        """Measure a frame, and check that it is one of this session.
+
+        Raises
+        ------
+        DataError
+            If the pixels are not what the manifest states, or the shot is not in the plan.
+        """
+        if self.manifest.plan is not None and shot.key not in self._planned:
+            raise DataError(f"{self.folder}: {shot.file} is not in the plan of this session")
+        camera = self.manifest.camera
+        if pixels.dtype != np.uint16 or pixels.shape != camera.shape:
+            raise DataError(
+                f"{self.folder}: {shot.file} has {pixels.dtype} pixels of shape {pixels.shape}; "
+                f"this session holds uint16 of {camera.shape}"
+            )
+        quality = measure_quality(
+            pixels, white_level_dn=camera.white_dn, black_level_dn=camera.black_level_dn
+        )
+        if quality.percentiles_dn["100"] >= 2**camera.bit_depth:
+            raise DataError(
+                f"{self.folder}: {shot.file} has a value of {quality.percentiles_dn['100']}, more "
+                f"than {camera.bit_depth} bits hold; set the camera to deliver low-aligned samples"
+            )
+        return quality
 
     def write_frame(
         self,
@@ -173,6 +206,8 @@ class SessionWriter:
         echo: Echo | None = None,
         status: Literal["ok", "rejected"] = "ok",
         origin: str | None = None,
+        quality: FrameQuality | None = None,
+        before_line: Callable[[], None] = lambda: None,
     ) -> FrameLine:
         """Store a frame and its line; on return both are safe on disk.
 
@@ -194,6 +229,11 @@ class SessionWriter:
             ``rejected`` keeps the frame without counting it.
         origin
             Name of the file an imported frame came from.
+        quality
+            What `measure` gave for these pixels; it is called otherwise.
+        before_line
+            Called when the file is there and the line is not: who writes several frames at once
+            can put their lines in order.
 
         Raises
         ------
@@ -202,20 +242,7 @@ class SessionWriter:
         StorageError
             If the disk refuses. What was recorded before stays whole.
         """
-        if self.manifest.plan is not None and shot.key not in self._planned:
-            raise DataError(f"{self.folder}: {shot.file} is not in the plan of this session")
-        self._check_pixels(shot, pixels)
-        camera = self.manifest.camera
-        quality = measure_quality(
-            pixels, white_level_dn=camera.white_dn, black_level_dn=camera.black_level_dn
-        )
-        if quality.percentiles_dn["100"] >= 2**camera.bit_depth:
-            raise DataError(
-                f"{self.folder}: {shot.file} has a value of {quality.percentiles_dn['100']}, more "
-                f"than {camera.bit_depth} bits hold; set the camera to deliver low-aligned samples"
-            )
-        path = self._free_path(shot)
-        size, file_sha256 = self._store(path, pixels)
+        quality = quality or self.measure(shot, pixels)
         values = {
             "role": shot.role,
             "led": shot.led,
@@ -223,10 +250,6 @@ class SessionWriter:
             "repeat": shot.repeat,
             "exposure_us": shot.exposure_us if exposure_us is None else exposure_us,
             "gain_db": gain_db,
-            "file": f"{FRAMES}/{path.name}",
-            "bytes": size,
-            "file_sha256": file_sha256,
-            "pixels_sha256": pixels_sha256(pixels),
             "frame_id": frame_id,
             "timestamp_ns": timestamp_ns,
             "temperature_c": temperature_c,
@@ -237,11 +260,11 @@ class SessionWriter:
             "status": status,
             "origin": origin,
         }
-        line = self._journal.append(FrameLine, values)
-        self._names.add(path.name)
-        if status == "ok":
-            self._missing.pop(shot.key, None)
-        return line
+        with self._used(), self._name_for(shot) as path:
+            stored = store_frame(path, pixels)
+            values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}
+            before_line()
+            return self._append(FrameLine, values)
 
     def write_event(self, event: str, **details: Any) -> EventLine:
         """Store an event, a name of lower-case words with ``_``, with details JSON can hold.
@@ -253,7 +276,8 @@ class SessionWriter:
         StorageError
             If the disk refuses.
         """
-        return self._journal.append(EventLine, {"event": event, "details": details})
+        with self._used():
+            return self._append(EventLine, {"event": event, "details": details})
 
     def complete(self) -> None:
         """Declare the recording brought to its end, and close.
@@ -265,20 +289,22 @@ class SessionWriter:
         StorageError
             If the disk refuses, or another program changed the journal.
         """
-        if self._missing:
+        missing = self.missing
+        if missing:
             raise DataError(
-                f"{self.folder}: {len(self._missing)} planned frames are missing, first "
-                f"{self.missing[0].file}; take them before completing"
+                f"{self.folder}: {len(missing)} planned frames are missing, first "
+                f"{missing[0].file}; take them before completing"
             )
-        write_durably(self.folder / COMPLETE, completion_mark(self._journal.read_back()))
+        with self._used(), self._order:
+            write_durably(self.folder / COMPLETE, completion_mark(self._journal.read_back()))
         self.close()
 
     def close(self) -> None:
-        """Let go of the session, complete or not; harmless when repeated."""
-        self._journal.close()
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        """Let go of the session, complete or not; harmless when repeated. Waits for nobody."""
+        with self._state:
+            self._closed = True
+            if not self._busy:
+                self._release()
 
     def __enter__(self) -> Self:
         return self
@@ -291,64 +317,62 @@ class SessionWriter:
     ) -> None:
         self.close()
 
-    def _check_pixels(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> None:
-        shape = self.manifest.camera.shape
-        if pixels.dtype != np.uint16 or pixels.shape != shape:
-            raise DataError(
-                f"{self.folder}: {shot.file} has {pixels.dtype} pixels of shape {pixels.shape}; "
-                f"this session holds uint16 of {shape}"
-            )
-
-    def _free_path(self, shot: PlannedShot) -> Path:
-        """Return the file for the next take; numbers of planned repeats are kept for them."""
-        plan = self.manifest.plan
-        number, retake = shot.repeat, 1 if plan is None else plan.repeats
-        while True:
-            path = self.folder / FRAMES / shot.take_file(number)
-            if path.name not in self._names and not path.exists():
-                return path
-            number, retake = retake, retake + 1
-
-    def _store(self, path: Path, pixels: npt.NDArray[np.uint16]) -> tuple[int, str]:
-        self._journal.check_open()
-        part = part_path(path)
+    @contextmanager
+    def _used(self) -> Iterator[None]:
+        """Keep the session's files open meanwhile."""
+        with self._state:
+            self._check_open()
+            if not self._sound:
+                raise StorageError(
+                    f"{self.folder}: an earlier line was cut short; reopen the session"
+                )
+            self._busy += 1
         try:
+            yield
+        finally:
+            with self._state:
+                self._busy -= 1
+                if self._closed and not self._busy:
+                    self._release()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise StorageError(f"{self.folder}: is closed; reopen the session to go on")
+
+    def _release(self) -> None:
+        self._journal.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
+        with self._order:
+            self._check_open()
             try:
-                write_tiff(part, pixels)
-            except (MissingPathError, DataError, StorageError) as error:
-                raise StorageError(f"{path}: {str(error).removeprefix(f'{part}: ')}") from error
-            with disk(path, "read back"):
-                data = part.read_bytes()
-            publish(part, path)
+                line = self._journal.append(kind, values)
+            finally:
+                self._sound = self._journal.sound
+        if isinstance(line, FrameLine) and line.status == "ok":
+            with self._state:
+                self._missing.pop(line.key, None)
+        return line
+
+    @contextmanager
+    def _name_for(self, shot: PlannedShot) -> Iterator[Path]:
+        """Reserve the file for the next take; numbers of planned repeats are kept for them."""
+        plan = self.manifest.plan
+        number, retake = shot.repeat, 1 if plan is None else max(plan.repeats, plan.flats)
+        with self._state:
+            while True:
+                path = self.folder / FRAMES / shot.take_file(number)
+                if path.name not in self._names and not path.exists():
+                    break
+                number, retake = retake, retake + 1
+            self._names.add(path.name)
+        try:
+            yield path
         except BaseException:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
+            # The file may be there by now, without a line; then it keeps its name.
+            with self._state:
+                self._names.discard(path.name)
             raise
-        return len(data), sha256_of(data)
-
-
-def _set_aside(folder: Path, recorded: set[str]) -> list[str]:
-    """Move files without a line out of ``frames/``, delete rests of unfinished writes."""
-    frames, shelf = folder / FRAMES, folder / DERIVED / "unrecorded"
-    if leaves(frames, folder):
-        raise DataError(f"{frames}: is a link that leaves the session; put the folder itself there")
-    make_folder(frames)
-    aside: list[str] = []
-    with disk(frames, "clear up"):
-        for path in sorted(frames.iterdir()):
-            if path.name in recorded:
-                continue
-            if is_part(path):
-                path.unlink()
-                continue
-            make_folder(shelf)
-            target = next(
-                free
-                for number in count()
-                if not (free := shelf / f"{number:03d}_{path.name}").exists()
-            )
-            os.rename(path, target)
-            sync_folder(shelf)
-            aside.append(target.relative_to(folder).as_posix())
-        sync_folder(frames)
-    return aside

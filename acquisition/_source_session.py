@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._images import read_image
+from acquisition._images import Image, read_image
 from acquisition._mask_files import read_mask
 from acquisition._session import (
     COMPLETE,
@@ -19,13 +20,16 @@ from acquisition._session import (
     TRUE_NORMALS,
     Session,
 )
+from acquisition._session_frame import SessionFrame
 from acquisition._source import Frame, Source
+from rig import Mounting
 
 
 def read_session(folder: Path, mask_path: Path | None = None) -> Source:
     """Read a session, complete or not: what is missing becomes a warning.
 
-    Mask and true normals are those in ``derived/``, where they are.
+    Frames are turned upright as they are read, and everything else is of the upright image: mask
+    and true normals, which are those in ``derived/``, where they are, camera and filter pattern.
 
     Raises
     ------
@@ -33,17 +37,17 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
         If it is damaged or holds no frame.
     """
     session = Session.open(folder)
-    device = session.manifest.camera
+    device, mounting = session.manifest.camera, session.manifest.mounting
     # The session's own reader checks the hash of the pixels.
     frames = tuple(
         Frame(
             recorded.path,
             recorded.light_id,
-            recorded.shape,
+            mounting.upright_shape(recorded.shape),
             recorded.role,
             recorded.bracket,
             recorded.exposure_us,
-            recorded.read,
+            _upright(recorded, mounting),
         )
         for recorded in session.frames
     )
@@ -57,7 +61,8 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
             f"{folder}: {len(session.missing)} planned frames are missing, first "
             f"{session.missing[0].file}"
         )
-    size = (device.height, device.width)
+    height, width, *_ = mounting.upright_shape((device.height, device.width))
+    size = (height, width)
     if mask_path is None:
         masks = (folder / MASK, folder / TRUE_MASK)
         mask_path = next((path for path in masks if path.exists()), None)
@@ -71,7 +76,7 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
         mask=read_mask(mask_path, size) if mask_path else None,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
-        cfa=device.cfa,
+        cfa=_upright_cfa(session, folder),
         black_level=device.black_level_dn,
         white_level=device.white_dn,
         files=(
@@ -81,6 +86,22 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
         ),
         warnings=tuple(warnings),
     )
+
+
+def _upright(recorded: SessionFrame, mounting: Mounting) -> Callable[[], Image]:
+    if mounting == Mounting():
+        return recorded.read
+    return lambda: mounting.upright(recorded.read())
+
+
+def _upright_cfa(session: Session, folder: Path) -> str | None:
+    device, mounting = session.manifest.camera, session.manifest.mounting
+    if device.cfa is None or mounting == Mounting():
+        return device.cfa
+    try:
+        return mounting.upright_cfa(device.cfa, (device.height, device.width))
+    except ValueError as error:
+        raise DataError(f"{folder / MANIFEST}: {error}: correct cfa in [camera]") from error
 
 
 def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -13,6 +14,9 @@ Advance = Callable[[int, int], None]
 
 _stderr = Console(stderr=True, highlight=False)
 
+# Between two lines of progress where there is no terminal for a bar.
+_LINE_EVERY_S = 10.0
+
 
 def note(text: str) -> None:
     """Say one line to the person at the terminal."""
@@ -21,9 +25,9 @@ def note(text: str) -> None:
 
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
-    """Show a bar on a terminal, nothing elsewhere; yields ``advance(done, total)``."""
+    """Show a bar on a terminal, a line now and then elsewhere; yields ``advance(done, total)``."""
     if sys.stderr is None or not sys.stderr.isatty():
-        yield lambda done, total: None
+        yield _Lines(what)
         return
     columns = (
         TextColumn("{task.description:<24}"),
@@ -34,3 +38,19 @@ def progress(what: str) -> Iterator[Advance]:
     with Progress(*columns, console=_stderr, transient=True) as bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class _Lines:
+    """Progress as lines of a log, the first one only when the work turns out to be long."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._began_s = self._told_s = time.monotonic()
+
+    def __call__(self, done: int, total: int) -> None:
+        now_s = time.monotonic()
+        if sys.stderr is None or now_s - self._told_s < _LINE_EVERY_S or not 0 < done < total:
+            return
+        left_s = (now_s - self._began_s) * (total - done) / done
+        note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")
+        self._told_s = now_s

@@ -77,7 +77,9 @@ def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _name(command: Callable[..., Result]) -> str:
-    words = ["sgp", command.__module__.rpartition(".")[2], command.__name__.rstrip("_")]
+    # Commands of one group may lie in several modules: capture.py, capture_files.py.
+    group = command.__module__.rpartition(".")[2].partition("_")[0]
+    words = ["sgp", group, command.__name__.rstrip("_")]
     return " ".join(dict.fromkeys(words))
 
 

@@ -27,7 +27,9 @@ class Result:
     inputs
         The files that were read, to be recorded by their hashes.
     ok
-        False where the command ran but what it examined is not in order (exit code 4).
+        False where the command ran but what it examined is not in order.
+    failing_code
+        The exit code of that: 4 for a recording, 3 for a rig.
     """
 
     outputs: dict[str, Path] = field(default_factory=dict)
@@ -36,6 +38,7 @@ class Result:
     summary: list[str] = field(default_factory=list)
     inputs: list[Path] = field(default_factory=list)
     ok: bool = True
+    failing_code: int = 4
 
     def to_json(self) -> str:
         """Return the one object that ``--json`` prints."""

@@ -18,14 +18,24 @@ _TOP = ("demo", "run", "normals", "surface", "compare", "simulate")
 _GROUPS = {
     "capture": (
         "Record sessions, check them and bring in others.",
-        ("plan", "run", "verify", "info", "import_"),
+        ("run", "resume", "verify", "info"),
     ),
-    "rig": ("Talk to a rig: board and camera.", ("list_", "check", "light", "off", "snap")),
+    "rig": (
+        "Talk to a rig: board and camera.",
+        ("list_", "check", "light", "off", "snap", "selftest"),
+    ),
     "calibrate": ("Estimate where the lights are and how strong.", ("spheres", "intensities")),
     "detail": (
         "Split normal maps into shape and detail, and combine them.",
         ("separate", "combine", "transfer"),
     ),
+}
+# Commands of a group that have a module of their own.
+_FURTHER = {
+    "capture": {
+        "capture_plan": ("plan", "check"),
+        "capture_files": ("compact", "export", "import_"),
+    }
 }
 
 
@@ -56,7 +66,8 @@ def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
 def _group(name: str) -> App:
     text, functions = _GROUPS[name]
     app = _app(name, text)
-    _add(app, name, functions)
+    for module, names in {name: functions, **_FURTHER.get(name, {})}.items():
+        _add(app, module, names)
     return app
 
 
@@ -138,7 +149,7 @@ def _show(result: Any, as_json: bool) -> int:
         for warning in result.warnings:
             note(f"note: {warning}")
     sys.stdout.flush()
-    return 0 if result.ok else 4
+    return 0 if result.ok else result.failing_code
 
 
 def _fail(text: str, code: int, *, as_json: bool, debug: bool) -> int:

@@ -2,72 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from acquisition import (
     CapturePlan,
     DataError,
-    MissingPathError,
+    MeteringGoal,
+    PlannedShot,
     Session,
-    StorageError,
-    import_frames,
+    check_resume,
+    preflight,
     read_camera,
     read_lights,
     read_plan,
     record,
+    rehearse,
     verify_session,
 )
-from rig import RigError, open_rig
+from acquisition import meter as meter_plan
+from acquisition import resume as resume_recording
+from rig import Rig, RigError, open_rig
+from sgp._capture_talk import CaptureTalk
 from sgp._console import note, progress
-from sgp._options import Count
-from sgp._output import check_folder
+from sgp._output import check_file, check_folder
 from sgp._result import Result
-from sgp._stages import open_source
+from sgp._session_sheet import write_session_sheet
+from sgp._session_summary import describe
+from sgp.commands.capture_plan import chosen_plan
 
-_DEFAULT_EXPOSURE_US = 20_000.0
-
-
-def plan(
-    plan: Path | None = None,
-    *,
-    leds: Count = 36,
-    width: Count = 2448,
-    height: Count = 2048,
-) -> Result:
-    """Show what a plan would record, without touching hardware.
-
-    For example:
-
-        capture plan plan.toml --width 2448 --height 2048
-
-    Parameters
-    ----------
-    plan
-        Plan file; default: every LED once at 20 ms, and a dark frame.
-    leds
-        LEDs of the board.
-    width
-        Width of a frame in pixels.
-    height
-        Height of a frame in pixels.
-    """
-    chosen = _plan(plan, tuple(range(leds)))
-    chosen.check(leds)
-    shots = chosen.shots()
-    size = len(shots) * width * height * 2
-    exposed = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6
-    return Result(
-        metrics={
-            "shots": [shot.file for shot in shots],
-            "bytes": size,
-            "exposure_seconds": exposed,
-        },
-        summary=[
-            *(f"{shot.file:<16} {shot.role:<8} {shot.exposure_us:>10g} us" for shot in shots),
-            f"{len(shots)} shots, {exposed:.2f} s of exposure, {size / 1e6:.0f} MB",
-        ],
-    )
+Metering = Literal["each", "one"]
 
 
 def run(
@@ -75,16 +40,22 @@ def run(
     *,
     rig: str = "simulated",
     plan: Path | None = None,
+    meter: Metering | None = None,
     object_name: str = "",
     operator: str = "",
+    place: str = "",
     notes: str = "",
+    rights: str = "",
     camera: Path | None = None,
     lights: Path | None = None,
+    skip_check: bool = False,
+    dry_run: bool = False,
 ) -> Result:
     """Record a session on a rig.
 
-    Every frame is on disk, hashed and journalled, before the next is taken. Ctrl-C turns the LEDs
-    off and leaves what was recorded as a whole, incomplete session.
+    Frames are hashed, stored and journalled while the next ones are taken. Ctrl-C once ends the
+    work after this shot, twice at once; either way the LEDs are off, and `capture resume` finishes
+    what is missing.
 
     For example:
 
@@ -98,40 +69,104 @@ def run(
         Name of a rig, or a rig.toml.
     plan
         Plan file; default: every working LED once at 20 ms, and a dark frame.
+    meter
+        Choose the exposures on the spot instead: each LED its own, or one for all.
     object_name
         What is recorded.
     operator
         Who records it.
+    place
+        Where.
     notes
         Anything worth knowing later.
+    rights
+        Who holds the rights, and the licence.
     camera
         Camera model to store with the session.
     lights
         Calibrated lights to store with the session.
+    skip_check
+        Leave out the checks of disk, rig and picture that come first.
+    dry_run
+        Take every shot with all LEDs off and record nothing.
     """
     check_folder(out)
+    stored_lights = None if lights is None else read_lights(lights)
     with open_rig(rig) as opened:
-        info, config = opened.camera.info, opened.config
-        working = tuple(led for led in range(config.leds) if led not in config.dead_leds)
-        chosen = _plan(plan, working)
-        model = None if camera is None else read_camera(camera, (info.height, info.width))
-        with progress("recording") as advance:
-            try:
-                session = record(
-                    opened,
-                    chosen,
-                    out,
-                    operator=operator,
-                    object_name=object_name,
-                    notes=notes,
-                    camera_model=model,
-                    lights=None if lights is None else read_lights(lights),
-                    on_frame=lambda line, done, total: advance(done, total),
-                )
-            except (KeyboardInterrupt, RigError, StorageError, DataError) as error:
-                _tell_what_is_left(out, error)
-                raise
-    return _describe(session)
+        model = None if camera is None else read_camera(camera, _upright_size(opened))
+        chosen, left_out = chosen_plan(plan, opened.config)
+        if dry_run:
+            return _rehearse(opened, chosen, chosen.shots())
+        events: list[tuple[str, dict[str, Any]]] = []
+        warnings: list[str] = []
+        if left_out:
+            events.append(("left_out", {"leds": list(left_out), "reason": "listed as dead"}))
+            warnings.append(f"LED {', '.join(map(str, left_out))}: listed as dead, left out")
+        if meter is not None:
+            chosen = _metered(opened, chosen, meter, events, warnings)
+        if not skip_check:
+            _check(opened, chosen, out, events, warnings)
+        with CaptureTalk(out) as talk:
+            session = record(
+                opened,
+                chosen,
+                out,
+                operator=operator,
+                object_name=object_name,
+                place=place,
+                notes=notes,
+                rights=rights,
+                camera_model=model,
+                lights=stored_lights,
+                events=events,
+                on_frame=talk.on_frame,
+                on_event=talk.on_event,
+                on_stop=talk.on_stop,
+                before_flats=talk.before_flats,
+            )
+    return describe(session, warnings)
+
+
+def resume(
+    session: Path, *, rig: str = "simulated", plan: Path | None = None, dry_run: bool = False
+) -> Result:
+    """Take the shots that a session is missing.
+
+    The rig must be the one that the session was begun with: same board, same camera, same plan.
+
+    For example:
+
+        capture resume recordings/owl --rig bench.toml
+
+    Parameters
+    ----------
+    session
+        The session's folder.
+    rig
+        Name of a rig, or a rig.toml.
+    plan
+        Plan file; if given, a session of another plan is refused.
+    dry_run
+        Check that it can be done, take the missing shots with all LEDs off and record nothing.
+    """
+    asked = None if plan is None else read_plan(plan)
+    missing = Session.open(session).missing
+    only_flats = bool(missing) and all(shot.role == "flat" for shot in missing)
+    with open_rig(rig) as opened:
+        if dry_run:
+            found, recorded = check_resume(opened, session, asked)
+            return _rehearse(opened, recorded, found.missing)
+        with CaptureTalk(session, card_is_there=only_flats) as talk:
+            finished = resume_recording(
+                opened,
+                session,
+                plan=asked,
+                on_frame=talk.on_frame,
+                on_event=talk.on_event,
+                on_stop=talk.on_stop,
+                before_flats=talk.before_flats,
+            )
+    return describe(finished, [f"{len(missing)} shots were missing and have been taken"])
 
 
 def verify(session: Path) -> Result:
@@ -176,124 +211,91 @@ def verify(session: Path) -> Result:
     return result
 
 
-def info(session: Path) -> Result:
+def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Result:
     """Tell what a session holds.
 
     For example:
 
-        capture info recordings/owl
+        capture info recordings/owl --sheet owl.png
 
     Parameters
     ----------
     session
         The session's folder.
+    sheet
+        Contact sheet to write, a .png.
+    force
+        Replace a contact sheet that exists.
     """
     opened = Session.open(session)
-    result = _describe(opened)
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
-    if gone:
-        result.warnings.append(
-            f"{len(gone)} frame files are not there, first {gone[0]}: see verify"
-        )
+    lost = f"{len(gone)} frame files are not there, first {gone[0]}: see verify" if gone else ""
+    result = describe(opened, [lost] if lost else [])
+    if sheet is not None:
+        check_file(sheet, ".png", force=force)
+        if not opened.frames:
+            raise DataError(f"{session}: no frame counts, there is nothing to draw")
+        write_session_sheet(sheet, opened)
+        result.outputs["sheet"] = sheet
     return result
 
 
-def import_(
-    source: Path,
-    *,
+def _upright_size(rig: Rig) -> tuple[int, int]:
+    info = rig.camera.info
+    height, width = rig.config.mounting.upright_shape((info.height, info.width))
+    return height, width
+
+
+def _metered(
+    rig: Rig,
+    plan: CapturePlan,
+    how: Metering,
+    events: list[tuple[str, dict[str, Any]]],
+    warnings: list[str],
+) -> CapturePlan:
+    with progress("metering") as advance:
+        found = meter_plan(
+            rig,
+            plan,
+            MeteringGoal(each=how == "each"),
+            on_light=lambda light, done, total: advance(done, total),
+        )
+    events.append(("metered", found.details()))
+    if found.dead_leds:
+        reason = "gave no light when metered"
+        events.append(("left_out", {"leds": list(found.dead_leds), "reason": reason}))
+    warnings += found.warnings
+    return found.plan
+
+
+def _check(
+    rig: Rig,
+    plan: CapturePlan,
     out: Path,
-    lights: Path | None = None,
-    object_name: str = "",
-    operator: str = "",
-    notes: str = "",
-) -> Result:
-    """Bring photographs into a session.
-
-    Camera RAW stays linear: black and white level and the colour filter pattern are recorded.
-
-    For example:
-
-        capture import photographs/ --lights lights.lp --out recordings/vase
-        capture import IMG_0001.CR2 --out recordings/one-frame
-
-    Parameters
-    ----------
-    source
-        A folder of images with or without an .lp, a DiLiGenT object folder, or one image file.
-    out
-        New folder for the session.
-    lights
-        lights.json, .lp or DiLiGenT text.
-    object_name
-        What was recorded.
-    operator
-        Who recorded it.
-    notes
-        Anything worth knowing later.
-    """
-    check_folder(out)
-    opened, _ = open_source(source, lights=lights)
-    with progress("importing") as advance:
-        session = import_frames(
-            opened,
-            out,
-            operator=operator,
-            object_name=object_name,
-            notes=notes,
-            on_frame=lambda line, done, total: advance(done, total),
-        )
-    result = _describe(session)
-    result.warnings[:0] = opened.warnings
-    return result
-
-
-def _plan(path: Path | None, leds: tuple[int, ...]) -> CapturePlan:
-    if path is not None:
-        return read_plan(path)
-    return CapturePlan(leds=leds, exposures_us=(_DEFAULT_EXPOSURE_US,))
-
-
-def _tell_what_is_left(out: Path, error: BaseException) -> None:
-    """Say what a capture that stopped has left; why it stopped is said by the error itself."""
-    try:
-        session = Session.open(out)
-    except (DataError, MissingPathError):
-        return  # nothing had been recorded
-    # The engine adds a note to the error where the board did not answer.
-    lights = "see below for the LEDs" if hasattr(error, "__notes__") else "the LEDs are off"
-    note(f"{out}: incomplete, {len(session.frames)} frames are whole; {lights}")
-
-
-def _describe(session: Session) -> Result:
-    manifest, camera = session.manifest, session.manifest.camera
-    metrics: dict[str, Any] = {
-        "complete": session.complete,
-        "frames": len(session.frames),
-        "missing": [shot.file for shot in session.missing],
-        "started_utc": manifest.started_utc.isoformat(),
-        "object": manifest.object,
-        "operator": manifest.operator,
-        "camera": camera.model_dump(),
-        "lights": None if session.lights is None else len(session.lights),
-    }
-    summary = [
-        f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
-        f"object    {manifest.object or '-'}, by {manifest.operator or '-'}, "
-        f"{manifest.started_utc:%Y-%m-%d %H:%M} UTC",
-        f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
-        f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
-        + (f", colour filter {camera.cfa}" if camera.cfa else ""),
-        f"frames    {len(session.frames)}, {len(session.missing)} missing",
+    events: list[tuple[str, dict[str, Any]]],
+    warnings: list[str],
+) -> None:
+    """Do the pre-flight; refuse to go on where it fails."""
+    note("checking disk, rig and picture (--skip-check leaves this out)")
+    found = preflight(rig, plan, out)
+    if not found.ok:
+        complaints = "; ".join(f"{check.name}: {check.text}" for check in found.failed)
+        raise RigError(f"the check before recording failed: {complaints}")
+    events.append(("checked", found.details()))
+    warnings += [
+        f"{check.name}: {check.text}" for check in found.checks if check.state == "warning"
     ]
-    for frame in session.frames:
-        line = frame.line
-        exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
-        summary.append(
-            f"  {line.file:<24} {line.role:<8} {exposure:>10}  clipped {line.clipped_fraction:.3%}"
-        )
+
+
+def _rehearse(rig: Rig, plan: CapturePlan, shots: Sequence[PlannedShot]) -> Result:
+    with progress("dry run") as advance:
+        seconds = rehearse(rig, plan, advance, shots=shots)
+    count, info = len(shots), rig.camera.info
+    size = count * info.width * info.height * 2
     return Result(
-        outputs={"session": session.folder},
-        metrics=metrics,
-        warnings=list(session.warnings),
-        summary=summary,
+        metrics={"shots": count, "seconds": seconds, "bytes": size, "recorded": False},
+        summary=[
+            f"dry run: {count} shots in {seconds:.1f} s with all LEDs off, nothing was recorded; "
+            f"they would take {size / 1e6:.0f} MB"
+        ],
     )

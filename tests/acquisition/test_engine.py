@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from acquisition import _recording, _session_writer
 from acquisition._camera_model import CameraModel
 from acquisition._engine import record
 from acquisition._errors import DataError, StorageError
@@ -20,83 +23,13 @@ from acquisition._journal import FrameLine
 from acquisition._lights import Lights
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan
+from acquisition._rehearsal import rehearse
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
 from acquisition._verify import verify_session
-from rig import (
-    Board,
-    BoardEcho,
-    BoardError,
-    BoardIdentity,
-    CameraError,
-    CameraFrame,
-    CameraInfo,
-    RigConfig,
-    RigError,
-)
+from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
-
-LEDS = 6
-PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
-TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
-
-
-def seen(led: int | None, exposure_us: float) -> npt.NDArray[np.uint16]:
-    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095."""
-    level = 0 if led is None else (led + 1) * exposure_us
-    ramp = 64 + level * np.linspace(1, 4, 10)[None, :] * np.ones((7, 1))
-    return np.minimum(ramp, 4095).astype(np.uint16)
-
-
-class Bench:
-    """Board and camera in one: what burns, what happened, and what goes wrong when."""
-
-    port = "fake"
-    identity = BoardIdentity("fake-board", 1, "1.2.3", LEDS, 10_000)
-    info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
-
-    def __init__(self) -> None:
-        self.burning: int | None = None
-        self.commands = 0
-        self.frames = 0
-        self.shots: list[int | None] = []
-        self.on_trigger: Callable[[int], None] = lambda number: None
-        self.off_fails = False
-        self.exposure_us = 0.0
-        self.gain_db = 0.0
-        self.log: list[str] = []
-
-    def on(self, led: int, hold_ms: float) -> BoardEcho:
-        self.burning = led
-        self.commands += 1
-        return BoardEcho(self.commands, led)
-
-    def off(self) -> BoardEcho:
-        if self.off_fails:
-            raise BoardError("fake: OFF is not answered")
-        burned, self.burning = self.burning, None
-        self.commands += 1
-        self.log.append("off")
-        return BoardEcho(self.commands, burned)
-
-    def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        # As cameras do: the nearest step they have.
-        self.exposure_us, self.gain_db = exposure_us + 0.25, gain_db
-        return self.exposure_us
-
-    def trigger(self) -> int:
-        self.frames += 1
-        self.shots.append(self.burning)
-        self.on_trigger(self.frames)
-        return self.frames
-
-    def fetch(self, frame_id: int, timeout_s: float) -> CameraFrame:
-        pixels = seen(self.burning, self.exposure_us - 0.25)
-        return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
-
-    def arm(self) -> None: ...
-    def disarm(self) -> None: ...
-    def close(self) -> None: ...
+from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
 
 
 @pytest.fixture
@@ -106,8 +39,7 @@ def bench() -> Bench:
 
 @pytest.fixture
 def rig(bench: Bench) -> Iterator[RealRig]:
-    config = RigConfig(name="bench-1", driver="fake", leds=LEDS, settle_ms=0, dead_leds=(4,))
-    rig = RealRig(cast(Board, bench), bench, config)
+    rig = rig_on(bench)
     yield rig
     bench.off_fails = False
     rig.close()
@@ -152,7 +84,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     assert manifest.plan == PLAN
     assert manifest.rig is not None
     assert (manifest.rig.name, manifest.rig.board, manifest.rig.protocol) == (
-        *("bench-1", "fake-board", "1"),
+        *("bench-1", "fake-board", "2"),
     )
     assert (manifest.camera.model, manifest.camera.serial) == ("Eye", "42")
     assert (manifest.camera.black_level_dn, manifest.camera.white_dn) == (64.0, 4095.0)
@@ -177,6 +109,7 @@ def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
     ("error", "event"),
     [
         pytest.param(KeyboardInterrupt(), "interrupted", id="ctrl-c"),
+        pytest.param(SystemExit(143), "interrupted", id="sigterm"),
         pytest.param(CameraError("frame 6 did not come"), "failed", id="camera"),
         pytest.param(BoardError("unplugged"), "failed", id="board"),
         pytest.param(ZeroDivisionError("a fault of ours"), "failed", id="fault"),
@@ -196,9 +129,11 @@ def test_an_error_amid_a_shot(
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete, found.frames, len(found.missing)) == (True, False, 5, 5)
     session = Session.open(tmp_path / "s")
-    assert [line.event for line in session.events] == [event]
-    assert session.events[0].details["leds_confirmed_off"] is True
-    assert session.events[0].details["reason"] in (str(error), type(error).__name__)
+    assert [line.event for line in events_of(session)] == [event]
+    assert events_of(session)[0].details["leds_confirmed_off"] is True
+    reasons = {"SystemExit": "the program was told to end, exit code 143"}
+    name = type(error).__name__
+    assert events_of(session)[0].details["reason"] == reasons.get(name, str(error) or name)
     # It can be brought to its end with exactly the missing shots.
     bench.on_trigger = lambda number: None
     with SessionWriter.reopen(tmp_path / "s") as writer:
@@ -214,27 +149,36 @@ def test_an_error_in_the_callback_finds_the_leds_dark(
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", **TOLD, on_frame=stop)
     assert bench.burning is None
-    assert len(Session.open(tmp_path / "s").frames) == 1
+    # What was taken by then is kept.
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == bench.frames
+    assert session.events[-1].details["leds_confirmed_off"] is True
 
 
 def test_a_full_disk_turns_the_leds_off_before_anything_else(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.write
+    burning: list[int | None] = []
 
     def full(descriptor: int, data: Any) -> int:
         if bench.frames >= 6:
-            bench.log.append("write")
+            if threading.current_thread() is threading.main_thread():
+                burning.append(bench.burning)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return real(descriptor, data)
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"):
         record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.log[-2:] == ["write", "off"]
+    # What the shooting thread itself writes, in the end, it writes in the dark.
+    assert set(burning) <= {None}
+    assert bench.log[-1] == "off"
+    assert bench.burning is None
     monkeypatch.undo()
     found = verify_session(tmp_path / "s")
-    assert (found.ok, found.complete, found.frames) == (True, False, 5)
+    assert (found.ok, found.complete) == (True, False)
+    assert 0 < found.frames < 10
 
 
 def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
@@ -248,7 +192,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
     with pytest.raises(CameraError, match="frame 1 did not come") as caught:
         record(rig, PLAN, tmp_path / "s", **TOLD)
     assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
-    assert Session.open(tmp_path / "s").events[0].details["leds_confirmed_off"] is False
+    assert events_of(Session.open(tmp_path / "s"))[0].details["leds_confirmed_off"] is False
 
 
 @pytest.mark.parametrize(
@@ -301,7 +245,7 @@ def test_a_camera_that_delivers_another_size(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
-    monkeypatch.setattr(bench, "fetch", lambda frame_id, timeout_s: frame)
+    monkeypatch.setattr(bench, "fetch", lambda *_: frame)
     with pytest.raises(DataError, match="this session holds"):
         record(rig, PLAN, tmp_path / "s", **TOLD)
 
@@ -332,3 +276,311 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
         expected = plane(frame.led).astype(np.float64) * 500.0
         assert np.abs(frame.read() - expected).max() <= 1.0
     assert verify_session(tmp_path / "s").ok
+
+
+def test_leds_listed_as_dead_are_left_out_told_and_recorded(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    told: list[tuple[str, Any]] = []
+    plan = CapturePlan(leds=(3, 4, 5), exposures_us=(100.0,))
+    session = record(
+        rig, plan, tmp_path / "s", **TOLD, on_event=lambda name, of: told.append((name, dict(of)))
+    )
+    assert session.complete
+    assert session.manifest.plan is not None
+    assert session.manifest.plan.leds == (3, 5)
+    assert told == [("left_out", {"leds": [4], "reason": "listed as dead"})]
+    assert [(line.event, dict(line.details)) for line in events_of(session)] == told
+    assert bench.shots == [None, 3, 5]
+
+
+def test_an_led_without_light_is_told_by_name(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    bench.dead = {0}
+    with pytest.raises(RigError, match=r"L00_E0\.tif: LED 0 gave no light at 200 us"):
+        record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = Session.open(tmp_path / "s")
+    rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
+    assert [line.led for line in rejected] == [0]
+    assert ("light", 0, 0, 0) in [shot.key for shot in session.missing]
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_an_led_that_lights_the_second_time_is_retaken(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    bench.dead = {0}
+    told: list[str] = []
+
+    def on_event(name: str, details: Any) -> None:
+        if name == "retake":
+            told.append(details["file"])
+            bench.dead = set()
+
+    plan = PLAN.changed(retakes=1)
+    session = record(rig, plan, tmp_path / "s", **TOLD, on_event=on_event)
+    assert session.complete
+    assert "L00_E0.tif" in told
+    takes = [f.line for f in session.recorded if (f.led, f.bracket) == (0, 0)]
+    assert [(line.file, line.status) for line in takes] == [
+        ("frames/L00_E0.tif", "rejected"),
+        ("frames/L00_E0_R1.tif", "ok"),
+    ]
+    for frame in session.frames:
+        np.testing.assert_array_equal(
+            frame.read(), seen(frame.led, PLAN.exposures_us[frame.bracket])
+        )
+    assert verify_session(tmp_path / "s").ok
+
+
+@pytest.mark.parametrize("number", [1, 6, 10])
+def test_a_shot_that_fails_once_is_taken_again(
+    rig: RealRig, bench: Bench, tmp_path: Path, number: int
+) -> None:
+    def fail(frame: int) -> None:
+        if frame == number:
+            raise CameraError("frame did not come")
+
+    bench.on_trigger = fail
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    assert session.complete
+    assert [line.event for line in events_of(session)] == ["retake"]
+    assert events_of(session)[0].details["reason"] == "frame did not come"
+    assert bench.frames == 11
+    for frame in session.frames:
+        np.testing.assert_array_equal(
+            frame.read(), seen(frame.led, PLAN.exposures_us[frame.bracket])
+        )
+
+
+def test_a_shot_that_keeps_failing_ends_the_recording(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    def fail(frame: int) -> None:
+        if frame >= 6:
+            raise CameraError("frame did not come")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError) as caught:
+        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **TOLD)
+    assert bench.frames == 8
+    assert "L00_E0.tif was taken 3 times" in caught.value.__notes__
+    session = Session.open(tmp_path / "s")
+    assert [line.event for line in events_of(session)] == ["retake", "retake", "failed"]
+    assert len(session.frames) == 5
+
+
+def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    plan = PLAN.changed(max_clipped_fraction=0.1)
+    with pytest.raises(DataError, match=r"L05_E0\.tif: .* clipped at 200 us, the plan allows 10"):
+        record(rig, plan, tmp_path / "s", **TOLD)
+    assert bench.burning is None
+    assert ("light", 5, 0, 0) in [shot.key for shot in Session.open(tmp_path / "s").missing]
+
+
+def test_the_journal_has_the_order_of_the_plan(
+    rig: RealRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Even where a later frame is on disk first."""
+    real = _session_writer.store_frame
+    second_is_there = threading.Event()
+
+    def uneven(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+        if path.name.startswith("D_200us"):
+            assert second_is_there.wait(20)
+        stored = real(path, pixels)
+        second_is_there.set()
+        return stored
+
+    monkeypatch.setattr(_session_writer, "store_frame", uneven)
+    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    assert [frame.path.name for frame in session.frames] == [shot.file for shot in PLAN.shots()]
+
+
+class _Gate:
+    """A disk that takes nothing until it is opened."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.open = threading.Event()
+        real = _session_writer.store_frame
+
+        def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+            assert self.open.wait(30)
+            return real(path, pixels)
+
+        monkeypatch.setattr(_session_writer, "store_frame", slow)
+
+
+def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = _Gate(monkeypatch)
+    taken: list[int] = []
+
+    def on_event(name: str, details: Any) -> None:
+        if name == "paused":
+            taken.append(bench.frames)
+            assert bench.burning is None
+            assert bench.log[-1] == "off"
+            gate.open.set()
+
+    session = record(rig, PLAN, tmp_path / "s", **TOLD, on_event=on_event)
+    assert taken[0] == _recording.ROOM
+    assert session.complete
+    assert [line.event for line in session.events][:2] == ["paused", "resumed"]
+    assert len(session.frames) == bench.frames == 10
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_a_disk_that_is_stuck_is_told_in_the_dark(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = _Gate(monkeypatch)
+    with pytest.raises(StorageError, match=r"has taken no frame for 0.3 s, 6 writes"):
+        record(rig, PLAN, tmp_path / "s", **TOLD, stall_s=0.3)
+    assert bench.burning is None
+    assert bench.frames == _recording.ROOM
+    # The one who is stuck still has the session; and what it was at does not count.
+    with pytest.raises(StorageError, match="another process"):
+        SessionWriter.reopen(tmp_path / "s")
+    gate.open.set()
+    deadline = threading.Event()
+    for _ in range(200):
+        try:
+            SessionWriter.reopen(tmp_path / "s").close()
+        except StorageError:
+            deadline.wait(0.05)
+        else:
+            break
+    session = Session.open(tmp_path / "s")
+    assert session.frames == ()
+    assert verify_session(tmp_path / "s").ok
+    assert session.events[-1].event == "reopened"
+
+
+def _press_ctrl_c(times: int) -> Callable[[int], None]:
+    def at(number: int) -> None:
+        if number == 6:
+            for _ in range(times):
+                os.kill(os.getpid(), signal.SIGINT)
+
+    return at
+
+
+def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    bench.on_trigger = _press_ctrl_c(1)
+    told: list[str] = []
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt, match="after a shot"):
+        record(rig, PLAN, tmp_path / "s", **TOLD, on_stop=lambda: told.append("stopping"))
+    assert signal.getsignal(signal.SIGINT) is before
+    assert told == ["stopping"]
+    assert bench.burning is None
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == bench.frames == 6
+    assert [line.event for line in events_of(session)] == ["interrupted"]
+
+
+def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    bench.on_trigger = _press_ctrl_c(2)
+    with pytest.raises(KeyboardInterrupt):
+        record(rig, PLAN, tmp_path / "s", **TOLD)
+    assert bench.burning is None
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == 5
+    assert [line.event for line in events_of(session)] == ["interrupted"]
+    assert events_of(session)[0].details["leds_confirmed_off"] is True
+
+
+def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = _Gate(monkeypatch)
+    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+    threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        record(rig, PLAN, tmp_path / "s", **TOLD)
+    assert bench.burning is None
+    gate.open.set()
+
+
+def test_ctrl_c_at_the_last_shot_finds_a_complete_recording(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    bench.on_trigger = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 10 else None
+    assert record(rig, PLAN, tmp_path / "s", **TOLD).complete
+
+
+def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    shots_before: list[int] = []
+    plan = PLAN.changed(flats=2)
+    session = record(
+        rig, plan, tmp_path / "s", **TOLD, before_flats=lambda: shots_before.append(bench.frames)
+    )
+    assert shots_before == [10]
+    assert bench.shots[10:] == [3, 0, 3, 0]
+    assert [frame.role for frame in session.frames][10:] == ["flat"] * 4
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_a_plan_for_a_sequence_on_a_rig_without_is_told(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **TOLD)
+    assert [line.event for line in events_of(session)] == ["not_sequenced"]
+    assert "trigger = 'software'" in str(events_of(session)[0].details["reason"])
+
+
+def test_a_rehearsal_takes_every_shot_in_the_dark(rig: RealRig, bench: Bench) -> None:
+    counted: list[tuple[int, int]] = []
+    assert rehearse(rig, PLAN, lambda done, total: counted.append((done, total))) > 0
+    assert bench.shots == [None] * 10
+    assert counted[-1] == (10, 10)
+
+
+def _plane(led: int | None) -> npt.NDArray[np.float32]:
+    base = np.arange(48, dtype=np.float32).reshape(6, 8)
+    return np.zeros((6, 8), np.float32) if led is None else base * np.float32(0.01 * (led + 1))
+
+
+def _sequenced_rig() -> RealRig:
+    from simulator._simulated_rig import simulated_rig
+
+    config = RigConfig(name="sim", driver="simulated", leds=12, trigger="board", settle_ms=0.5)
+    sensor = NoiseModel(1.0, 0.0, 0.0, 12)
+    return simulated_rig(_plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+
+
+SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), sequence=True)
+
+
+def test_a_sequence_is_recorded(tmp_path: Path) -> None:
+    with _sequenced_rig() as rig:
+        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD)
+    files = [frame.path.name for frame in session.frames]
+    assert files == [shot.file for shot in SEQUENCE.shots()]
+    assert events_of(session) == []
+    for frame in session.frames:
+        expected = _plane(frame.led).astype(np.float64) * SEQUENCE.exposures_us[frame.bracket]
+        assert np.abs(frame.read() - expected).max() <= 1.0
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_a_sequence_that_the_disk_cannot_follow_is_ended_and_begun_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = _Gate(monkeypatch)
+
+    def on_event(name: str, details: Any) -> None:
+        if name == "paused":
+            assert rig.board.status().led is None
+            gate.open.set()
+
+    with _sequenced_rig() as rig:
+        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD, on_event=on_event)
+    assert session.complete
+    assert [line.event for line in session.events][:2] == ["paused", "resumed"]
+    files = [frame.path.name for frame in session.frames]
+    assert files == [shot.file for shot in SEQUENCE.shots()]
+    for frame in session.frames:
+        expected = _plane(frame.led).astype(np.float64) * SEQUENCE.exposures_us[frame.bracket]
+        assert np.abs(frame.read() - expected).max() <= 1.0

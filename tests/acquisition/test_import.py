@@ -7,15 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, StorageError
-from acquisition._images import write_exr, write_png, write_tiff
-from acquisition._import import import_frames
+from acquisition._export import prepare_export
+from acquisition._images import read_image, write_exr, write_png, write_tiff
+from acquisition._import import import_frames, read_import
 from acquisition._lights import Lights
 from acquisition._raw import read_raw
 from acquisition._session import Session
+from acquisition._source_images import images_source
 from acquisition._source_reader import read_source
 from acquisition._verify import verify_session
 
@@ -47,6 +50,8 @@ def test_samples_lights_and_camera_arrive(
         operator="op",
         object_name="owl",
         notes="from elsewhere",
+        place="Rome",
+        rights="CC0",
         on_frame=lambda line, n, total: done.append((line.origin, n, total)),
     )
     assert session.complete
@@ -60,6 +65,7 @@ def test_samples_lights_and_camera_arrive(
     manifest = session.manifest
     assert (manifest.camera.bit_depth, manifest.camera.white_dn) == (bit_depth, white)
     assert (manifest.operator, manifest.object, manifest.plan) == ("op", "owl", None)
+    assert (manifest.place, manifest.rights) == ("Rome", "CC0")
     again = read_source(tmp_path / "out")
     assert again.lights is not None
     assert again.lights.ids == tuple(f"L{i:02d}" for i in range(12))
@@ -131,6 +137,94 @@ def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     session = Session.open(tmp_path / "out")
     assert not session.complete
     assert len(session.frames) == 2
+
+
+def test_images_called_after_leds_keep_them(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for led in (0, 1, 4, 12):
+        write_png(tmp_path / "in" / f"L{led:02d}_E0.png", PIXELS[led % 12])
+    directions = np.array([[1.0, 0, 1], [2, 0, 1], [3, 0, 1], [4, 0, 1]])
+    lights = Lights(directions=directions, ids=("L00", "L01", "L04", "L12"))
+    source = read_import(tmp_path / "in", lights=replace(lights, ids=()))
+    session = import_frames(source, tmp_path / "out")
+    assert [frame.led for frame in session.frames] == [0, 1, 4, 12]
+    assert session.lights is not None
+    assert session.lights.ids == lights.ids
+    # One that is not called so: all are counted.
+    write_png(tmp_path / "in" / "L_13_E0.png", PIXELS[0])
+    files = [tmp_path / "in" / name for name in ("L00_E0.png", "L_13_E0.png")]
+    counted = import_frames(images_source(tmp_path / "in", files), tmp_path / "other")
+    assert [frame.led for frame in counted.frames] == [0, 1]
+
+
+def test_the_exposure_that_an_image_states_is_kept(tmp_path: Path) -> None:
+    spec = oiio.ImageSpec(6, 4, 3, oiio.UINT16)
+    spec.attribute("ExposureTime", 0.0125)
+    spec.attribute("Make", "Acme")
+    for index in range(2):
+        file = oiio.ImageOutput.create("tiff")
+        assert file.open(str(tmp_path / f"a.{index}.tif"), spec)
+        assert file.write_image(PIXELS[index])
+        assert file.close()
+    session = import_frames(read_import(tmp_path), tmp_path / "out")
+    assert [frame.exposure_us for frame in session.frames] == [12_500, 12_500]
+    assert session.manifest.camera.vendor == "Acme"
+
+
+def lp(folder: Path, names: list[str]) -> Path:
+    rows = "".join(f"{name} 0 0.{i + 1} 1\n" for i, name in enumerate(names))
+    (folder / "x.lp").write_text(f"{len(names)}\n{rows}")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("names", "refused", "warned"),
+    [
+        pytest.param(["a.0.png", "a.1.png"], "", False, id="by-name"),
+        pytest.param(["D:\\scan\\A.0.PNG", "D:\\scan\\A.1.PNG"], "", False, id="windows"),
+        pytest.param(["x.png", "y.png"], "", True, id="by-order"),
+        pytest.param(["x.png", "y.png", "z.png"], "2 images for 3 lights", False, id="other-count"),
+        pytest.param(["a.0.png", "y.png"], "y.png is not", False, id="in-part"),
+    ],
+)
+def test_an_lp_matches_by_name_else_by_order_else_not(
+    tmp_path: Path, names: list[str], refused: str, warned: bool
+) -> None:
+    folder = lp(fill(tmp_path / "in"), names)
+    if refused:
+        with pytest.raises(DataError, match=refused):
+            read_import(folder)
+        return
+    source = read_import(folder)
+    assert any("by order" in line for line in source.warnings) is warned
+    session = import_frames(source, tmp_path / "out")
+    assert session.lights is not None
+    heights = session.lights.unit_directions[:, 1] / session.lights.unit_directions[:, 2]
+    np.testing.assert_allclose(heights, [0.1, 0.2])
+
+
+@needs_data
+def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
+    folder = Path(DATA or "") / "diligent" / "catPNG"
+    source = read_import(folder)
+    source = replace(
+        source, frames=source.frames[:5], lights=source.lights and source.lights.take(range(5))
+    )
+    session = import_frames(source, tmp_path / "out", object_name="cat")
+    assert verify_session(tmp_path / "out").ok
+    for frame, original in zip(session.frames, source.frames, strict=True):
+        np.testing.assert_array_equal(frame.read(), original.read())
+    assert session.lights is not None
+    rows = np.loadtxt(folder / "light_intensities.txt")[:5]
+    np.testing.assert_array_equal(session.lights.intensities, rows)
+    # And out again, as the files were.
+    prepare_export(tmp_path / "out", "diligent").write(tmp_path / "again")
+    for number in range(1, 6):
+        name = f"{number:03d}.png"
+        np.testing.assert_array_equal(
+            read_image(tmp_path / "again" / name), read_image(folder / name)
+        )
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "again" / "light_intensities.txt"), rows)
 
 
 @needs_data

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan import CapturePlan, PlannedShot, read_plan
+from acquisition._toml import to_toml
 
 
 def test_shots_come_in_order_and_with_the_names_of_the_format() -> None:
@@ -65,6 +70,41 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         pytest.param(
             "leds=[0]\nexposures_us=[5]\nled=3", "unknown key 'led'; known are leds", id="unknown"
         ),
+        pytest.param("leds=[0]\nexposures_us=['5']", "exposures_us", id="exposure-as-text"),
+        pytest.param("leds=[0]\nexposures_us=[5]\ndark='yes'", "dark", id="flag-as-text"),
+        pytest.param("leds=[0]\nexposures_us=[5]\nflats=-1", "flats", id="negative-flats"),
+        pytest.param("leds=[0]\nexposures_us=[5]\nretakes=1.5", "retakes", id="half-a-retake"),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5]\nmax_clipped_fraction=1.1", "max_clipped", id="over-all"
+        ),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5]\n[exposures_by_led]\n1=[5]",
+            "LED 1 is not one of leds",
+            id="exposure-of-another-led",
+        ),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5]\n[exposures_by_led]\n0=[5,6]",
+            "LED 0 has 2 exposures, exposures_us has 1",
+            id="too-many-exposures",
+        ),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5,6]\n[exposures_by_led]\n0=[7,7]",
+            "LED 0 has an exposure twice",
+            id="same-exposure-of-an-led",
+        ),
+        pytest.param(
+            "leds=[0]\nexposures_us=[5]\n[exposures_by_led]\n0=[0]", "exposures_by_led.0", id="zero"
+        ),
+        pytest.param(
+            "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\n07=[6]",
+            "'07' is no LED: write its number",
+            id="led-with-zeros",
+        ),
+        pytest.param(
+            "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\nL07=[6]",
+            "'L07' is no LED",
+            id="led-by-its-id",
+        ),
         pytest.param("leds=[0", "is not TOML", id="not-toml"),
         pytest.param("\x00", "is not TOML", id="binary"),
     ],
@@ -109,3 +149,108 @@ def test_plan_against_board(leds: tuple[int, ...], dead: tuple[int, ...], said: 
         return
     with pytest.raises(DataError, match=said):
         plan.check(36, dead)
+
+
+BY_LED = CapturePlan(
+    leds=(4, 1, 7, 2),
+    exposures_us=(1000.0, 50.0),
+    exposures_by_led={1: (2000.0, 100.0), 2: (2000.0, 50.0)},
+    ambient=True,
+)
+
+
+def test_leds_with_exposures_of_their_own() -> None:
+    shots = BY_LED.shots()
+    assert [(shot.file, shot.exposure_us) for shot in shots if shot.role == "light"] == [
+        ("L04_E0.tif", 1000.0),
+        ("L07_E0.tif", 1000.0),
+        ("L01_E0.tif", 2000.0),
+        ("L02_E0.tif", 2000.0),
+        ("L04_E1.tif", 50.0),
+        ("L07_E1.tif", 50.0),
+        ("L02_E1.tif", 50.0),
+        ("L01_E1.tif", 100.0),
+    ]
+    # One dark and one ambient frame for each exposure that is used, each a shot of its own.
+    unlit = [shot.file for shot in shots if shot.led is None]
+    assert unlit == [f"{role}_{us}us.tif" for role in "DA" for us in (1000, 2000, 50, 100)]
+    assert len({shot.key for shot in shots}) == len(shots)
+
+
+def test_an_exposure_that_no_led_uses_gets_no_dark_frame() -> None:
+    plan = CapturePlan(leds=(3,), exposures_us=(1000.0,), exposures_by_led={3: (70.0,)})
+    assert [shot.file for shot in plan.shots()] == ["D_70us.tif", "L03_E0.tif"]
+
+
+@pytest.mark.parametrize(
+    ("flats", "lit"),
+    [
+        pytest.param(1, [4], id="one"),
+        pytest.param(2, [4, 7], id="spread"),
+        pytest.param(4, [4, 1, 7, 2], id="each-led"),
+        pytest.param(6, [4, 4, 1, 7, 7, 2], id="more-than-leds"),
+    ],
+)
+def test_flats_come_last_and_are_lit_by_leds_spread_over_all(flats: int, lit: list[int]) -> None:
+    shots = BY_LED.changed(flats=flats).shots()
+    assert [shot.role for shot in shots[-2 * flats - 1 :]] == ["light", *["flat"] * (2 * flats)]
+    for bracket in (0, 1):
+        found = [shot for shot in shots if shot.role == "flat" and shot.bracket == bracket]
+        assert [shot.lit_led for shot in found] == lit
+        names = [f"F_E{bracket}.tif", *(f"F_E{bracket}_R{n}.tif" for n in range(1, flats))]
+        assert [shot.file for shot in found] == names
+        assert [shot.led for shot in found] == [None] * flats
+        assert [shot.exposure_us for shot in found] == [
+            BY_LED.exposure_us(led, bracket) for led in lit
+        ]
+    assert len({shot.key for shot in shots}) == len({shot.file for shot in shots}) == len(shots)
+
+
+def test_a_plan_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_bytes(to_toml(BY_LED.changed(flats=3, retakes=2, sequence=True)))
+    assert tomllib.loads(path.read_text())["exposures_by_led"]["1"] == [2000.0, 100.0]
+    assert read_plan(path) == BY_LED.changed(flats=3, retakes=2, sequence=True)
+
+
+def test_dead_leds_are_left_out_and_told() -> None:
+    plan, left_out = BY_LED.without((7, 1, 30))
+    assert left_out == (1, 7)
+    assert plan.leds == (4, 2)
+    assert plan.exposures_by_led == {2: (2000.0, 50.0)}
+    plan.check(36, (7, 1, 30))
+    assert BY_LED.without((0,)) == (BY_LED, ())
+    with pytest.raises(DataError, match="every LED of leds is marked dead"):
+        BY_LED.without((1, 2, 4, 7))
+
+
+def test_a_changed_plan_is_checked() -> None:
+    with pytest.raises(DataError, match="LED 9 is not one of leds"):
+        BY_LED.changed(exposures_by_led={9: (1.0, 2.0)})
+
+
+@given(st.data())
+def test_every_plan_has_each_file_once_and_an_exposure_for_each(data: st.DataObject) -> None:
+    leds = data.draw(st.lists(st.integers(0, 50), min_size=1, max_size=8, unique=True))
+    some_us = st.sampled_from([10.0, 12.5, 20.0, 40.0, 1e6])
+    brackets = data.draw(st.integers(1, 3))
+    exposures = st.lists(some_us, min_size=brackets, max_size=brackets, unique=True).map(tuple)
+    plan = CapturePlan(
+        leds=tuple(leds),
+        exposures_us=data.draw(exposures),
+        exposures_by_led=data.draw(st.dictionaries(st.sampled_from(leds), exposures)),
+        repeats=data.draw(st.integers(1, 3)),
+        dark=data.draw(st.booleans()),
+        ambient=data.draw(st.booleans()),
+        flats=data.draw(st.integers(0, 5)),
+    )
+    shots = plan.shots()
+    assert len({shot.key for shot in shots}) == len({shot.file for shot in shots}) == len(shots)
+    lit = [shot for shot in shots if shot.role == "light"]
+    assert len(lit) == len(leds) * brackets * plan.repeats
+    dark = {shot.exposure_us for shot in shots if shot.role == "dark"}
+    assert dark == ({shot.exposure_us for shot in lit} if plan.dark else set())
+    # The exposure is changed no more often than each is used in each bracket.
+    changes = sum(a.exposure_us != b.exposure_us for a, b in pairwise(lit))
+    groups = {(shot.bracket, shot.repeat, shot.exposure_us) for shot in lit}
+    assert changes < len(groups)

@@ -3,17 +3,224 @@
 from __future__ import annotations
 
 import os
+import struct
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._images import read_image
+from acquisition._images import read_image, write_png
+from acquisition._import import import_frames, read_import
+from acquisition._import_image import read_for_import, read_shot_data
+from acquisition._lights import Lights
 from acquisition._raw import is_raw, read_raw
+from acquisition._session import Session
+from acquisition._source_reader import read_source
+from acquisition._verify import verify_session
+from acquisition._watch import Watch, lights_in_order, watch_folder
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+
+
+Tag = tuple[int, int, int, bytes]
+_BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
+_LAYOUT = {_BYTE: "B", _SHORT: "H", _LONG: "I", _RATIONAL: "I", _SRATIONAL: "i"}
+
+
+def tag(number: int, kind: int, values: bytes | tuple[int, ...]) -> Tag:
+    if isinstance(values, bytes):
+        return number, kind, len(values), values
+    count = len(values) // (2 if kind in (_RATIONAL, _SRATIONAL) else 1)
+    return number, kind, count, struct.pack(f"<{len(values)}{_LAYOUT[kind]}", *values)
+
+
+def directory(tags: list[Tag], at: int) -> bytes:
+    """A TIFF directory as it stands at this offset, with what its entries cannot hold after it."""
+    entries, extra = b"", b""
+    after = at + 2 + 12 * len(tags) + 4
+    for number, kind, count, data in sorted(tags):
+        value = data.ljust(4, b"\0") if len(data) <= 4 else struct.pack("<I", after + len(extra))
+        extra += b"" if len(data) <= 4 else data + b"\0" * (len(data) % 2)
+        entries += struct.pack("<HHI", number, kind, count) + value
+    return struct.pack("<H", len(tags)) + entries + b"\0\0\0\0" + extra
+
+
+def dng(
+    pixels: npt.NDArray[np.uint16],
+    *,
+    black: tuple[int, int, int, int] = (64, 64, 64, 64),
+    white: int = 4095,
+    active: tuple[int, int, int, int] | None = None,
+    orientation: int = 1,
+    cfa: tuple[int, int, int, int] = (0, 1, 1, 2),
+    exposure: tuple[int, int] = (1, 200),
+    iso: int = 400,
+    taken: str = "2026:01:02 03:04:05",
+) -> bytes:
+    """A DNG file after Adobe's specification 1.4, uncompressed; ``active`` is top, left, ..."""
+    height, width = pixels.shape
+    samples = pixels.astype("<u2").tobytes()
+    exif = [
+        tag(33434, _RATIONAL, exposure),
+        tag(34855, _SHORT, (iso,)),
+        tag(36867, _ASCII, taken.encode() + b"\0"),
+    ]
+    matrix = tuple(number for i in range(9) for number in (int(i % 4 == 0), 1))
+
+    def tags(exif_at: int, samples_at: int) -> list[Tag]:
+        return [
+            tag(254, _LONG, (0,)),
+            tag(256, _LONG, (width,)),
+            tag(257, _LONG, (height,)),
+            tag(258, _SHORT, (16,)),
+            tag(259, _SHORT, (1,)),
+            tag(262, _SHORT, (32803,)),
+            tag(271, _ASCII, b"Acme\0"),
+            tag(272, _ASCII, b"Acme One\0"),
+            tag(273, _LONG, (samples_at,)),
+            tag(274, _SHORT, (orientation,)),
+            tag(277, _SHORT, (1,)),
+            tag(278, _LONG, (height,)),
+            tag(279, _LONG, (len(samples),)),
+            tag(284, _SHORT, (1,)),
+            tag(33421, _SHORT, (2, 2)),
+            tag(33422, _BYTE, cfa),
+            tag(34665, _LONG, (exif_at,)),
+            tag(50706, _BYTE, (1, 4, 0, 0)),
+            tag(50708, _ASCII, b"Acme One\0"),
+            tag(50713, _SHORT, (2, 2)),
+            tag(50714, _SHORT, black),
+            tag(50717, _SHORT, (white,)),
+            tag(50721, _SRATIONAL, matrix),
+            *([] if active is None else [tag(50829, _LONG, active)]),
+        ]
+
+    exif_at = 8 + len(directory(tags(0, 0), 8))
+    samples_at = exif_at + len(directory(exif, exif_at))
+    head = directory(tags(exif_at, samples_at), 8) + directory(exif, exif_at)
+    return struct.pack("<2sHI", b"II", 42, 8) + head + samples
+
+
+SENSOR = np.random.default_rng(3).integers(64, 4090, (40, 60)).astype(np.uint16)
+
+
+def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
+    """The active area alone, unturned, with the black level of each place of the mosaic."""
+    path = tmp_path / "a.dng"
+    path.write_bytes(
+        dng(SENSOR, black=(60, 64, 66, 70), white=4000, active=(2, 4, 38, 58), orientation=6)
+    )
+    raw = read_raw(path)
+    np.testing.assert_array_equal(raw.pixels, SENSOR[2:38, 4:58])
+    assert raw.cfa == "RGGB"
+    assert raw.black_levels_dn == (60, 64, 66, 70)
+    assert (raw.black_level_dn, raw.white_level_dn) == (65, 4000)
+    assert (raw.exposure_us, raw.iso) == (5000, 400)
+    assert raw.taken == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "cfa"),
+    [
+        pytest.param((0, 1, 1, 2), "RGGB", id="RGGB"),
+        pytest.param((2, 1, 1, 0), "BGGR", id="BGGR"),
+        pytest.param((1, 0, 2, 1), "GRBG", id="GRBG"),
+        pytest.param((1, 2, 0, 1), "GBRG", id="GBRG"),
+    ],
+)
+def test_every_mosaic_is_named_from_the_top_left(
+    tmp_path: Path, numbers: tuple[int, int, int, int], cfa: str
+) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(SENSOR, cfa=numbers, black=(60, 64, 66, 70)))
+    raw = read_raw(path)
+    assert raw.cfa == cfa
+    assert raw.black_levels_dn == (60, 64, 66, 70)
+    np.testing.assert_array_equal(raw.pixels, SENSOR)
+
+
+def test_a_raw_file_tells_its_camera_and_exposure_without_being_decoded(tmp_path: Path) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(SENSOR, exposure=(1, 8000), iso=100))
+    data = read_shot_data(path)
+    assert (data.exposure_us, data.iso, data.vendor, data.model) == (125, 100, "Acme", "Acme One")
+    assert data == read_for_import(path).data
+    path.write_bytes(dng(SENSOR, exposure=(0, 1), iso=0, taken=""))
+    assert read_shot_data(path).exposure_us is None
+    assert read_raw(path).iso is None
+
+
+def test_raw_files_become_a_session_with_all_they_tell(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for number in range(3):
+        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(
+            dng(SENSOR + number, black=(60, 64, 66, 70), white=4200, exposure=(number + 1, 100))
+        )
+    lights = Lights(directions=np.eye(3) + 0.1)
+    session = import_frames(read_import(tmp_path / "in", lights=lights), tmp_path / "out")
+    assert verify_session(tmp_path / "out").ok
+    camera = session.manifest.camera
+    assert (camera.cfa, camera.black_level_dn, camera.white_dn) == ("RGGB", 65, 4200)
+    assert (camera.vendor, camera.model, camera.bit_depth) == ("Acme", "Acme One", 13)
+    assert [frame.exposure_us for frame in session.frames] == [10_000, 20_000, 30_000]
+    second = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC).timestamp()
+    assert session.frames[0].line.timestamp_ns == second * 10**9
+    for number, frame in enumerate(session.frames):
+        np.testing.assert_array_equal(frame.read(), SENSOR + number)
+    (event,) = session.events
+    assert event.event == "imported"
+    assert event.details["iso"] == 400
+    assert event.details["black_levels_dn"] == [60, 64, 66, 70]
+    again = read_source(tmp_path / "out")
+    assert (again.cfa, again.black_level, again.white_level) == ("RGGB", 65, 4200)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        pytest.param({"white": 4000}, "white level 4000", id="white"),
+        pytest.param({"black": (99, 99, 99, 99)}, "black level 99", id="black"),
+        pytest.param({"cfa": (2, 1, 1, 0)}, "colour filter BGGR", id="mosaic"),
+        pytest.param({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)", id="size"),
+    ],
+)
+def test_a_raw_file_of_another_setting_is_refused(
+    tmp_path: Path, change: dict[str, Any], said: str
+) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
+    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, **change))
+    with pytest.raises(DataError, match=rf"IMG_1\.dng: {said}"):
+        import_frames(read_import(tmp_path / "in"), tmp_path / "out")
+    assert len(Session.open(tmp_path / "out").frames) == 1
+
+
+def test_a_black_level_measured_anew_for_each_frame_is_no_other_setting(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
+    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, black=(66, 66, 66, 66)))
+    assert import_frames(read_import(tmp_path / "in"), tmp_path / "out").complete
+
+
+def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
+    """RAW counts, JPEG does not; the camera's clock shows the shot that is missing."""
+    (tmp_path / "in").mkdir()
+    for number, second in enumerate((0, 5, 10, 20, 25, 30)):
+        data = dng(SENSOR + number, taken=f"2026:01:02 03:04:{second:02d}")
+        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(data)
+        write_png(tmp_path / "in" / f"IMG_{number}.png", np.zeros((4, 4), np.uint8))
+    watch = Watch(tmp_path / "in", lights_in_order(7), timeout_s=0.6, settle_s=0.05)
+    result = watch_folder(watch, tmp_path / "out")
+    assert [shot.led for shot in result.missing] == [3]
+    for number, frame in enumerate(result.session.frames):
+        np.testing.assert_array_equal(frame.read(), SENSOR + number)
+    assert result.session.manifest.camera.cfa == "RGGB"
+    assert verify_session(tmp_path / "out").ok
 
 
 @pytest.fixture
@@ -28,6 +235,8 @@ def test_a_real_file_is_read_as_the_sensor_saw_it(kodak: Path) -> None:
     assert raw.pixels.dtype == np.uint16
     assert raw.pixels.flags.owndata
     assert (raw.black_level_dn, raw.white_level_dn) == (0, 16383)
+    assert (raw.exposure_us, raw.iso) == (4350, 84)
+    assert raw.taken == datetime(1997, 4, 23, 8, 0, 47, tzinfo=UTC)
     assert raw.pixels.max() <= 16383
     # LibRaw lists the colours as RGBG and lays them out as 1 0 / 2 3.
     assert raw.cfa == "GRBG"

@@ -1,4 +1,8 @@
-"""A session kept as files: what was written once must stay readable, and be written the same."""
+"""Sessions kept as files: what was written once must stay readable, and be written the same.
+
+There is one of each format version. Where the format grows, the newest is written anew by
+``python tests/acquisition/test_session_golden.py``, which needs a decision; the older ones stay.
+"""
 
 from __future__ import annotations
 
@@ -16,34 +20,41 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition import _session_writer
+from acquisition._errors import DataError
 from acquisition._journal import Echo
 from acquisition._lights import Lights
 from acquisition._manifest import (
+    FORMAT_VERSION,
     CameraRecord,
     LightsRecord,
     Manifest,
     RigRecord,
     SoftwareRecord,
+    parse_manifest,
 )
 from acquisition._plan import CapturePlan
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
 from acquisition._verify import verify_session
+from rig import Mounting
 
-GOLDEN = Path(__file__).parent / "golden_session"
+FOLDERS = {
+    1: Path(__file__).parent / "golden_session",
+    2: Path(__file__).parent / "golden_session_2",
+}
+NEWEST = FOLDERS[FORMAT_VERSION]
+EVERY = pytest.mark.parametrize("version", FOLDERS)
 START = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
 
 
-def tiff(path: Path, pixels: npt.NDArray[np.uint16]) -> None:
-    """Write the least TIFF there is, so that the bytes do not depend on a library's version."""
-    height, width = pixels.shape
-    tags = [(256, width), (257, height), (258, 16), (259, 1), (262, 1), (273, 8), (277, 1)]
-    tags += [(278, height), (279, pixels.nbytes)]
-    data = struct.pack("<2sHI", b"II", 42, 8 + pixels.nbytes) + pixels.astype("<u2").tobytes()
-    data += struct.pack("<H", len(tags))
-    data += b"".join(struct.pack("<HHIHH", tag, 3, 1, value, 0) for tag, value in tags)
-    path.write_bytes(data + bytes(4))
+def samples_of(file: bytes) -> bytes:
+    """The samples of a TIFF with one strip, found as TIFF 6.0 says."""
+    (at,) = struct.unpack_from("<I", file, 4)
+    (count,) = struct.unpack_from("<H", file, at)
+    entries = [struct.unpack_from("<HHII", file, at + 2 + 12 * i) for i in range(count)]
+    # A short value stands in the first two of its four bytes, the others are zero here.
+    found = {tag: value for tag, _, _, value in entries}
+    return file[found[273] : found[273] + found[279]]
 
 
 def pixels_of(number: int) -> npt.NDArray[np.uint16]:
@@ -63,9 +74,24 @@ def write(folder: Path) -> None:
         place="lab 2",
         notes='said "keep"\nand kept',
         software=SoftwareRecord(name="surface-geometry-processing", version="0.0.0"),
-        plan=CapturePlan(leds=(3, 0), exposures_us=(100.0, 12.5), gain_db=1.5),
+        plan=CapturePlan(
+            leds=(3, 0),
+            exposures_us=(100.0, 12.5),
+            exposures_by_led={0: (40.0, 12.5)},
+            flats=1,
+            gain_db=1.5,
+            sequence=True,
+            retakes=2,
+            max_clipped_fraction=0.25,
+        ),
         rig=RigRecord(
-            name="dome", driver="bench", board="board", protocol="1", firmware="1.0", leds=4
+            name="dome",
+            driver="bench",
+            board="board",
+            protocol="2",
+            firmware="1.0",
+            leds=4,
+            mounting=Mounting(rotation_deg=90, mirror=True),
         ),
         camera=CameraRecord(
             width=8,
@@ -83,44 +109,47 @@ def write(folder: Path) -> None:
         ),
     )
     with SessionWriter.create(folder, told, clock=clock()) as writer:
+        writer.write_event("checked", checks=[{"name": "disk", "state": "ok", "text": "room"}])
         shots = writer.missing
-        for number, shot in enumerate(shots[:3], 1):
+        for number, shot in enumerate(shots[:4], 1):
             writer.write_frame(
                 shot,
                 pixels_of(number),
-                exposure_us=99.5 if shot.bracket == 0 else 12.5,
+                exposure_us=99.5 if shot.exposure_us == 100 else shot.exposure_us,
                 gain_db=1.5,
                 frame_id=number,
                 timestamp_ns=10**9 * number,
                 temperature_c=40.25,
-                echo=Echo(seq=number, led=shot.led),
+                echo=Echo(seq=number, led=shot.lit_led, lit_us=120, active_us=99),
             )
         writer.write_event("retake", reason="someone walked by", led=3)
-        writer.write_frame(shots[2], pixels_of(4), frame_id=4)
-        for number, shot in enumerate(shots[3:], 5):
-            writer.write_frame(shot, pixels_of(number), frame_id=number)
+        writer.write_frame(shots[3], pixels_of(40), frame_id=5)
+        writer.write_frame(shots[4], pixels_of(50), frame_id=6, status="rejected")
+        for number, shot in enumerate(shots[4:], 5):
+            writer.write_frame(
+                shot, pixels_of(number), frame_id=number + 2, echo=Echo(seq=9, led=shot.lit_led)
+            )
         writer.complete()
 
 
-def test_writing_again_gives_the_same_bytes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(_session_writer, "write_tiff", tiff)
+def test_writing_again_gives_the_same_bytes(tmp_path: Path) -> None:
     write(tmp_path / "s")
-    files = [path.relative_to(GOLDEN) for path in GOLDEN.rglob("*") if path.is_file()]
+    files = [path.relative_to(NEWEST) for path in NEWEST.rglob("*") if path.is_file()]
     written = [p.relative_to(tmp_path / "s") for p in (tmp_path / "s").rglob("*") if p.is_file()]
     assert sorted(written) == sorted(files)
     for name in files:
-        assert (tmp_path / "s" / name).read_bytes() == (GOLDEN / name).read_bytes(), name
+        assert (tmp_path / "s" / name).read_bytes() == (NEWEST / name).read_bytes(), name
 
 
-def test_the_kept_session_is_whole_by_the_written_format_alone() -> None:
+@EVERY
+def test_the_kept_session_is_whole_by_the_written_format_alone(version: int) -> None:
     """A verifier of its own, written from docs/session-format.md with the standard library."""
-    data = (GOLDEN / "journal.jsonl").read_bytes()
+    folder = FOLDERS[version]
+    data = (folder / "journal.jsonl").read_bytes()
     mark = hashlib.sha256(data).hexdigest()
-    assert (GOLDEN / "COMPLETE").read_text() == f"{mark}  journal.jsonl\n"
-    manifest = (GOLDEN / "session.toml").read_bytes()
-    assert tomllib.loads(manifest.decode())["format_version"] == 1
+    assert (folder / "COMPLETE").read_text() == f"{mark}  journal.jsonl\n"
+    manifest = (folder / "session.toml").read_bytes()
+    assert tomllib.loads(manifest.decode())["format_version"] == version
     previous = "0" * 64
     rows = []
     for line in data.split(b"\n")[:-1]:
@@ -134,21 +163,24 @@ def test_the_kept_session_is_whole_by_the_written_format_alone() -> None:
     assert [row["seq"] for row in rows] == list(range(len(rows)))
     frames = [row for row in rows if row["kind"] == "frame"]
     for row in frames:
-        file = (GOLDEN / row["file"]).read_bytes()
+        file = (folder / row["file"]).read_bytes()
         assert (len(file), hashlib.sha256(file).hexdigest()) == (row["bytes"], row["file_sha256"])
-        # The samples of these files start after an 8-byte header.
-        assert hashlib.sha256(file[8 : 8 + 96]).hexdigest() == row["pixels_sha256"]
-    stored = {path.name for path in (GOLDEN / "frames").iterdir()}
+        assert len(samples_of(file)) == 96
+        assert hashlib.sha256(samples_of(file)).hexdigest() == row["pixels_sha256"]
+    stored = {path.name for path in (folder / "frames").iterdir()}
     assert {row["file"] for row in frames} == {f"frames/{name}" for name in stored}
 
 
-def test_the_kept_session_reads_as_what_it_was() -> None:
-    session = Session.open(GOLDEN)
-    assert verify_session(GOLDEN).problems == ()
+def first_samples(session: Session) -> dict[str, int]:
+    return {Path(frame.line.file).stem: int(frame.read()[0, 0]) for frame in session.frames}
+
+
+def test_the_kept_session_of_version_1_reads_as_what_it_was() -> None:
+    session = Session.open(FOLDERS[1])
+    assert verify_session(FOLDERS[1]).problems == ()
     assert session.complete
-    taken = {frame.line.file: frame.read() for frame in session.frames}
     # The retake of the first light counts, under the name that says so.
-    assert {Path(file).stem: int(pixels[0, 0]) for file, pixels in taken.items()} == {
+    assert first_samples(session) == {
         "D_100us": 1,
         "D_12.5us": 2,
         "L03_E0_R1": 4,
@@ -166,8 +198,76 @@ def test_the_kept_session_reads_as_what_it_was() -> None:
     assert session.lights is not None
     assert session.lights.ids == ("L00", "L03")
     assert [line.event for line in session.events] == ["retake"]
+    # What version 2 added has the values that were meant before.
+    assert session.manifest.plan == CapturePlan(
+        leds=(3, 0), exposures_us=(100.0, 12.5), gain_db=1.5
+    )
+    assert session.manifest.mounting == Mounting()
+    assert first.line.echo == Echo(seq=1, led=None, lit_us=None, active_us=None)
 
 
-def test_the_kept_session_is_read_after_moving(tmp_path: Path) -> None:
-    shutil.copytree(GOLDEN, tmp_path / "moved")
+def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
+    session = Session.open(FOLDERS[2])
+    assert verify_session(FOLDERS[2]).problems == ()
+    assert session.complete
+    assert first_samples(session) == {
+        "D_100us": 1,
+        "D_40us": 2,
+        "D_12.5us": 3,
+        "L03_E0_R1": 40,
+        # What was rejected is kept under the first name and does not count.
+        "L00_E0_R1": 5,
+        "L03_E1": 6,
+        "L00_E1": 7,
+        "F_E0": 8,
+        "F_E1": 9,
+    }
+    plan = session.manifest.plan
+    assert plan is not None
+    assert plan.exposures_by_led == {0: (40.0, 12.5)}
+    assert (plan.flats, plan.retakes, plan.max_clipped_fraction) == (1, 2, 0.25)
+    assert plan.sequence
+    assert session.manifest.mounting == Mounting(rotation_deg=90, mirror=True)
+    fourth = session.recorded[3].line
+    assert (fourth.led, fourth.exposure_us) == (3, 99.5)
+    assert fourth.echo == Echo(seq=4, led=3, lit_us=120, active_us=99)
+    # A flat is no light of an LED; which one lit it, its echo says.
+    flat = next(frame.line for frame in session.frames if frame.role == "flat")
+    assert (flat.led, flat.echo and flat.echo.led) == (None, 3)
+    assert [line.event for line in session.events] == ["checked", "retake"]
+
+
+@EVERY
+def test_the_kept_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
+    shutil.copytree(FOLDERS[version], tmp_path / "moved")
     assert verify_session(tmp_path / "moved").ok
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        pytest.param("gain_db = 1.5", "flats = 1", "plan.flats", id="flats"),
+        pytest.param("gain_db = 1.5", "sequence = false", "plan.sequence", id="sequence"),
+        pytest.param(
+            "leds = 4", "leds = 4\n[rig.mounting]\nmirror = true", "rig.mounting", id="rig"
+        ),
+    ],
+)
+def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> None:
+    path = FOLDERS[1] / "session.toml"
+    data = path.read_text(encoding="utf-8")
+    assert old in data
+    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 has none"):
+        parse_manifest(data.replace(old, new).encode(), path)
+
+
+def test_only_the_version_that_began_a_session_goes_on_with_it() -> None:
+    old, new = (Session.open(FOLDERS[version]) for version in (1, 2))
+    new.manifest.check_current(new.folder)
+    with pytest.raises(DataError, match=r"begun in format version 1, this program writes 2"):
+        old.manifest.check_current(old.folder)
+
+
+if __name__ == "__main__":
+    shutil.rmtree(NEWEST, ignore_errors=True)
+    write(NEWEST)

@@ -109,13 +109,13 @@ def broken_middle(folder: Path) -> None:
     ("change", "name", "said"),
     [
         pytest.param(
-            toml_with("format_version = 1", "format_version = 2"),
+            toml_with("format_version = 2", "format_version = 3"),
             "session.toml",
-            "format version 2 is not understood, this program reads 1",
+            "format version 3 is not understood, this program reads 1 and 2",
             id="newer-version",
         ),
         pytest.param(
-            toml_with("format_version = 1\n", ""), "session.toml", "version None", id="no-version"
+            toml_with("format_version = 2\n", ""), "session.toml", "version None", id="no-version"
         ),
         pytest.param(
             toml_with("[camera]", 'colour = "red"\n[camera]'),

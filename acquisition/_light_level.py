@@ -1,0 +1,152 @@
+"""How bright a frame is, and which exposure would make it as bright as wanted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+
+# Within this, relative, a level is as wanted.
+_TOLERANCE = 0.02
+# Where saturation limits the exposure, the tail of the histogram is put here, of full scale: noise
+# must not carry it over.
+_TAIL = 0.95
+# Noise alone may look like light: an exposure from far below is gone towards in steps.
+_LARGEST_STEP = 32.0
+_STEPS_PER_DECADE = 96
+
+
+@dataclass(frozen=True)
+class MeteringGoal:
+    """How bright frames are to be.
+
+    Parameters
+    ----------
+    percentile
+        Of the raw values above black, over the full frame, above 0 to 100.
+    fraction
+        Where it is to be, of the range from black to white, above 0 and at most 0.95.
+    max_clipped_fraction
+        Largest share of saturated samples, 0 to 1. Where it asks for a shorter exposure than the
+        percentile does, it wins.
+    each
+        True for an exposure for each light, False for one that suits the brightest.
+    start_us
+        The first exposure that is tried, microseconds.
+    longest_us
+        Longest exposure to choose, microseconds. An LED without light up to here is dead.
+
+    Raises
+    ------
+    DataError
+        If a value is outside its range.
+    """
+
+    percentile: float = 99.5
+    fraction: float = 0.7
+    max_clipped_fraction: float = 0.005
+    each: bool = True
+    start_us: float = 10_000.0
+    longest_us: float = 1_000_000.0
+
+    def __post_init__(self) -> None:
+        ranges = (
+            ("percentile", 0 < self.percentile <= 100, "above 0 to 100"),
+            ("fraction", 0 < self.fraction <= _TAIL, f"above 0 to {_TAIL}"),
+            ("max_clipped_fraction", 0 <= self.max_clipped_fraction <= 1, "0 to 1"),
+            ("start_us", 0 < self.start_us < math.inf, "above 0"),
+            ("longest_us", 0 < self.longest_us < math.inf, "above 0"),
+        )
+        for name, fits, wanted in ranges:
+            if not fits:
+                raise DataError(f"metering: {name} is {getattr(self, name):g}, wanted is {wanted}")
+
+
+@dataclass(frozen=True)
+class LightLevel:
+    """How bright one frame is, in grey values above black.
+
+    Parameters
+    ----------
+    exposure_us
+        What the frame was taken with.
+    level_dn
+        The goal's percentile: the smallest value that at least this share of samples does not
+        exceed.
+    tail_dn
+        The same at 1 less the goal's ``max_clipped_fraction``.
+    mean_dn
+        Mean.
+    clipped_fraction
+        Share of samples at or above white.
+    """
+
+    exposure_us: float
+    level_dn: float
+    tail_dn: float
+    mean_dn: float
+    clipped_fraction: float
+
+
+def light_level(
+    pixels: npt.NDArray[np.uint16],
+    exposure_us: float,
+    goal: MeteringGoal,
+    *,
+    black_dn: float,
+    white_dn: float,
+) -> LightLevel:
+    """Measure a raw frame, ``(H, W)`` or ``(H, W, 3)``, over all its samples."""
+    counts = np.bincount(pixels.ravel(), minlength=65536)
+    ranks = np.cumsum(counts)
+    total = int(ranks[-1])
+
+    def quantile_dn(share: float) -> float:
+        return float(np.searchsorted(ranks, math.ceil(share * total))) - black_dn
+
+    return LightLevel(
+        exposure_us,
+        quantile_dn(goal.percentile / 100),
+        quantile_dn(1 - goal.max_clipped_fraction),
+        float(counts @ np.arange(65536)) / total - black_dn,
+        float(counts[math.ceil(white_dn) :].sum() / total),
+    )
+
+
+def reached(level: LightLevel, goal: MeteringGoal, span_dn: float) -> bool:
+    """Tell whether a frame is as bright as wanted; ``span_dn`` is white less black."""
+    return (
+        level.clipped_fraction <= goal.max_clipped_fraction
+        and abs(level.level_dn / (goal.fraction * span_dn) - 1) <= _TOLERANCE
+    )
+
+
+def better_exposure_us(level: LightLevel, goal: MeteringGoal, span_dn: float) -> float:
+    """Return the exposure that should make a frame as bright as wanted.
+
+    Grey values above black grow with the exposure, so it follows from one frame; one that is
+    saturated only says that less is needed, and is halved, or divided by eight where most of it is.
+    """
+    if level.clipped_fraction > goal.max_clipped_fraction or level.level_dn >= span_dn:
+        return level.exposure_us / (8 if level.clipped_fraction > 0.5 else 2)
+    by_level = goal.fraction * span_dn / max(level.level_dn, 1e-9)
+    by_tail = _TAIL * span_dn / max(level.tail_dn, 1e-9)
+    return level.exposure_us * min(by_level, by_tail, _LARGEST_STEP)
+
+
+def stepped_us(exposure_us: float, low_us: float, high_us: float) -> float:
+    """Return the nearest of 96 exposures per decade (the series E96) within a range.
+
+    Lights that differ by less than 2.4 % then share an exposure, and with it a dark frame.
+    """
+    if exposure_us <= low_us:
+        return low_us
+    if exposure_us >= high_us:
+        return high_us
+    exact = 10 ** (round(math.log10(exposure_us) * _STEPS_PER_DECADE) / _STEPS_PER_DECADE)
+    digits = 2 - math.floor(math.log10(exact))
+    return min(max(round(exact, digits), low_us), high_us)

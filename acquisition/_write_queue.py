@@ -1,0 +1,182 @@
+"""Work for the disk, done beside the thread that holds the light."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from acquisition._errors import StorageError
+
+Result = TypeVar("Result")
+
+Turn = Callable[[], None]
+
+_TICK_S = 0.5
+
+
+class WriteQueue(Generic[Result]):
+    """A bounded queue of jobs and the threads that do them, several at a time.
+
+    A job is called with a function that returns when it is its turn: every job before it is done.
+    So what follows that call is done in order. Each job calls it once.
+
+    Nothing is ever dropped: who finds the queue full waits. The first job that fails ends the work;
+    its error comes out wherever the owner asks next. The threads do not keep the program alive, so
+    that a disk that never answers cannot either.
+
+    Parameters
+    ----------
+    folder
+        Where the jobs write, for messages.
+    room
+        Jobs that may be under way or waiting, at least one.
+    threads
+        How many work at once.
+    stall_s
+        Longest time without any job being done before the disk counts as stuck.
+    """
+
+    def __init__(self, folder: Path, *, room: int, threads: int, stall_s: float) -> None:
+        self._folder = folder
+        self._room = room
+        self._stall_s = stall_s
+        self._changed = threading.Condition()
+        self._waiting: deque[Callable[[Turn], Result]] = deque()
+        self._begun = 0
+        self._finished = 0
+        self._ended = False
+        self._results: deque[Result] = deque()
+        self._error: BaseException | None = None
+        self._moved_s = 0.0
+        self._threads = [
+            threading.Thread(target=self._work, name=f"writer {number}", daemon=True)
+            for number in range(threads)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def full(self) -> bool:
+        """True where one more job would be one too many."""
+        return self._waits >= self._room
+
+    @property
+    def settled(self) -> bool:
+        """True where nothing waits or is under way, and `results` has nothing to tell."""
+        with self._changed:
+            return not (self._waits or self._results or self._error)
+
+    def put(self, job: Callable[[Turn], Result]) -> None:
+        """Add a job; wait for room before. Does not wait itself."""
+        with self._changed:
+            self._waiting.append(job)
+            self._changed.notify_all()
+
+    def results(self) -> list[Result]:
+        """Return what jobs gave since this was asked last.
+
+        Once all is told, the error of a job that failed is raised.
+        """
+        with self._changed:
+            found = list(self._results)
+            self._results.clear()
+            if not found and self._error is not None:
+                raise self._error
+            return found
+
+    def wait_for_room(self) -> None:
+        """Wait until half of the room is free, or a job has failed.
+
+        Raises
+        ------
+        StorageError
+            If nothing is done for too long.
+        """
+        self._wait(lambda: self._waits <= self._room // 2)
+
+    def drain(self, patience_s: float = math.inf) -> None:
+        """Wait until every job is done, one has failed, or for so long.
+
+        Raises as `wait_for_room`.
+        """
+        ends_s = time.monotonic() + patience_s
+        self._wait(lambda: self._waits == 0 or time.monotonic() >= ends_s)
+
+    def end(self, patience_s: float) -> bool:
+        """Forget jobs that wait, and give those under way so long to end.
+
+        Returns
+        -------
+        bool
+            False where one is still at it.
+        """
+        ends_s = time.monotonic() + patience_s
+        with self._changed:
+            self._ended = True
+            self._waiting.clear()
+            self._changed.notify_all()
+            while self._begun > self._finished and (left_s := ends_s - time.monotonic()) > 0:
+                self._changed.wait(left_s)
+            return self._begun == self._finished
+
+    @property
+    def _waits(self) -> int:
+        return len(self._waiting) + self._begun - self._finished
+
+    def _wait(self, until: Callable[[], bool]) -> None:
+        began_s = time.monotonic()
+        with self._changed:
+            while not until() and self._error is None:
+                stands_s = time.monotonic() - max(began_s, self._moved_s)
+                if stands_s > self._stall_s:
+                    raise StorageError(
+                        f"{self._folder}: the disk has taken no frame for {stands_s:.1f} s, "
+                        f"{self._waits} writes are waiting; find out what blocks it, then resume"
+                    )
+                self._changed.wait(min(_TICK_S, self._stall_s))
+
+    def _work(self) -> None:
+        while (taken := self._next()) is not None:
+            number, job = taken
+            try:
+                result = job(partial(self._wait_for_turn, number))
+            except BaseException as error:  # noqa: BLE001 - raised again where it is asked for
+                self._done([], error)
+            else:
+                self._done([result])
+                del result
+            # A frame must go with its job, not with the next one.
+            del job, taken
+
+    def _next(self) -> tuple[int, Callable[[Turn], Result]] | None:
+        with self._changed:
+            while not self._waiting and not self._ended:
+                self._changed.wait()
+            if self._ended:
+                return None
+            self._begun += 1
+            return self._begun - 1, self._waiting.popleft()
+
+    def _wait_for_turn(self, number: int) -> None:
+        with self._changed:
+            while self._finished < number and self._error is None:
+                self._changed.wait()
+            if self._error is not None:
+                raise StorageError(f"{self._folder}: what came before could not be written")
+
+    def _done(self, results: list[Result], error: BaseException | None = None) -> None:
+        with self._changed:
+            self._finished += 1
+            self._moved_s = time.monotonic()
+            self._results.extend(results)
+            if error is not None:
+                self._error = self._error or error
+                self._ended = True
+                self._waiting.clear()
+            self._changed.notify_all()

@@ -1,0 +1,128 @@
+"""What the capture runs share: a small simulated rig in processes that can be killed."""
+
+import json
+import os
+import sys
+import time
+import traceback
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+from acquisition import CapturePlan, NoiseModel, Session, verify_session
+from acquisition._quality import measure_quality
+from rig import RigConfig
+from simulator import simulated_rig
+from simulator._bench_state import BenchState
+
+LEDS = 36
+SIZE = (48, 64)
+EXPOSURE_US = 2000.0
+NOISE = NoiseModel(1.0, 0.0, 64.0, 12)
+PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
+# Grey values are whole numbers, and the sensor works in single precision.
+ROUNDING_DN = 0.51
+# Who starts an exposure, and whether the board runs through the LEDs by itself.
+MODES = ("software", "board", "sequence")
+TOLD = {"operator": "benchmark", "object_name": "planes"}
+# In a process that was forked, for every fork: these are compiled or loaded once.
+measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
+
+
+def plane(led):
+    """What an LED yields, photons per microsecond: no two alike, none of them all black."""
+    if led is None:
+        return np.full(SIZE, 0.005, np.float32)
+    return np.random.default_rng(led).uniform(0.1, 1.8, SIZE).astype(np.float32)
+
+
+def expected(led):
+    """The noiseless frame of an LED, worked out apart from simulator and camera, in grey values."""
+    electrons = plane(None).astype(np.float64) * EXPOSURE_US
+    if led is not None:
+        electrons += plane(led).astype(np.float64) * EXPOSURE_US
+    return np.clip(electrons + NOISE.black_level_dn, 0, 4095)
+
+
+def plan_for(mode):
+    """Return the plan of a mode."""
+    return PLAN.changed(sequence=mode == "sequence")
+
+
+def open_planes(mode="software", **more):
+    """Open a simulated rig on the planes, noise off."""
+    trigger = "software" if mode == "software" else "board"
+    config = RigConfig(name="planes", driver="simulated", leds=LEDS, settle_ms=0.5, trigger=trigger)
+    return simulated_rig(plane, config, size=SIZE, noise=NOISE, noisy=False, **more)
+
+
+def bench_of(rig):
+    """Return the bench state of a simulated rig; its file lies beside the board's port."""
+    return Path(rig.board.port).parent / "bench.state"
+
+
+def forked(work):
+    """Run work in a process of its own and return its id; it ends with 0, or 1 after an error."""
+    sys.stdout.flush()
+    pid = os.fork()
+    if pid:
+        return pid
+    code = 1
+    try:
+        work()
+        code = 0
+    except BaseException:  # noqa: BLE001 - it must not go on as the process it was forked from
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def ended(pid):
+    """Wait for a process and return its status as `subprocess` gives it."""
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def wait_for(path, timeout_s=60.0):
+    """Wait until a file is there and whole, and return what it holds, as JSON."""
+    ends_s = time.monotonic() + timeout_s
+    while time.monotonic() < ends_s:
+        with suppress(FileNotFoundError, json.JSONDecodeError):
+            return json.loads(path.read_text())
+        time.sleep(0.001)
+    raise SystemExit(f"{path} did not come within {timeout_s:g} s")
+
+
+def last_light_ns(state, path, timeout_s=10.0):
+    """Wait until the board's process has ended, and return when the last light went out.
+
+    ``state`` was opened while the board lived: its file is gone with the board.
+    """
+    ends_s = time.monotonic() + timeout_s
+    while path.exists():
+        if time.monotonic() > ends_s:
+            raise SystemExit(f"the virtual board of {path} still lives after {timeout_s:g} s")
+        time.sleep(0.005)
+    return max((period.end_ns for period in state.periods()), default=0)
+
+
+def open_state(path):
+    """Open a bench state."""
+    return BenchState(Path(path))
+
+
+def wrong_frames(folder):
+    """Return what is wrong with the frames that count: the pixels are not those of their LED."""
+    return [
+        f"{frame.path}: is not what LED {frame.led} gives"
+        for frame in Session.open(folder).frames
+        if np.abs(frame.read() - expected(frame.led)).max() > ROUNDING_DN
+    ]
+
+
+def is_whole(folder):
+    """Tell whether a session verifies as complete."""
+    found = verify_session(folder)
+    return found.ok and found.complete and not found.missing

@@ -1,0 +1,97 @@
+"""What is said to the operator while a recording goes on."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from acquisition import DataError, FrameLine, MissingPathError, Session
+from sgp._console import note, progress
+from sgp._exit import UsageError
+
+_STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
+_CARD = "flat frames are next: put the white card under the camera"
+
+
+class CaptureTalk:
+    """Progress, events and, where it ends early, what is left; the hooks of a recording.
+
+    Parameters
+    ----------
+    out
+        The session.
+    card_is_there
+        Flat frames are all that is missing: whoever goes on has put the card there.
+    """
+
+    def __init__(self, out: Path, *, card_is_there: bool = False) -> None:
+        self._out = out
+        self._card_is_there = card_is_there
+        self._stack = ExitStack()
+        self._advance: Callable[[int, int], None] = lambda done, total: None
+
+    def __enter__(self) -> Self:
+        self._advance = self._stack.enter_context(progress("recording"))
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+        if error is not None:
+            self._tell_what_is_left(error)
+
+    def on_frame(self, line: FrameLine, done: int, total: int) -> None:
+        """Move the bar."""
+        self._advance(done, total)
+
+    def on_event(self, event: str, details: Mapping[str, Any]) -> None:
+        """Say what happened, where an operator wants to know."""
+        match event:
+            case "retake":
+                note(f"again: {details['reason']}")
+            case "paused":
+                note("the disk is slower than the camera: waiting for it, with all LEDs off")
+            case "not_sequenced":
+                note(
+                    f"the plan asks for a sequence, shots are taken one by one: {details['reason']}"
+                )
+
+    def on_stop(self) -> None:
+        """Say that Ctrl-C was understood; inside a signal handler, so without the console."""
+        if sys.stderr is not None:
+            os.write(sys.stderr.fileno(), _STOPPING)
+
+    def before_flats(self) -> None:
+        """Have the white card put under the camera."""
+        if sys.stdin is not None and sys.stdin.isatty():
+            note(f"{_CARD}, then press Enter")
+            sys.stdin.readline()
+        elif not self._card_is_there:
+            raise UsageError(f"{_CARD}, then go on with `capture resume {self._out}`")
+
+    def _tell_what_is_left(self, error: BaseException) -> None:
+        """Say what a capture that stopped has left; why it stopped is said by the error itself."""
+        try:
+            session = Session.open(self._out)
+        except (DataError, MissingPathError):
+            return  # nothing had been recorded
+        if session.complete:
+            return
+        # The engine adds a note to the error where the board did not answer.
+        told = getattr(error, "__notes__", ())
+        dark = not any("not confirmed off" in line for line in told)
+        note(
+            f"{self._out}: incomplete, {len(session.frames)} frames are whole, "
+            f"{len(session.missing)} are missing; "
+            f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
+            "`capture resume` takes what is missing"
+        )

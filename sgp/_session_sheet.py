@@ -1,0 +1,86 @@
+"""A contact sheet of a session: every frame that counts, small, upright and named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Session, SessionFrame, write_png
+
+_WIDTH_PX: Final = 200
+_TEXT_PX: Final = 22
+_GAP_PX: Final = 4
+_COLUMNS: Final = 6
+_GAMMA: Final = 1 / 2.2
+_CLIPPED_RGB: Final = (255, 60, 60)
+
+_Picture = npt.NDArray[np.uint8]
+
+
+def write_session_sheet(path: Path, session: Session) -> None:
+    """Draw the frames of a session; samples at the white level are red.
+
+    All lights of one bracket are drawn with the same brightness, so that a weak one looks weak, and
+    frames without light with that of all, so that they look dark.
+
+    Parameters
+    ----------
+    path
+        A .png.
+    session
+        With at least one frame that counts.
+
+    Raises
+    ------
+    DataError
+        If a frame is damaged.
+    StorageError
+        If the disk refuses.
+    """
+    frames = session.frames
+    unlit = [frame.line for frame in frames if frame.role in ("dark", "ambient")]
+    black_dn = session.manifest.camera.black_level_dn
+    if unlit:
+        black_dn = max(black_dn, min(line.percentiles_dn["50"] for line in unlit))
+    tiles = [_tile(session, frame, black_dn, _bright_dn(frame, frames)) for frame in frames]
+    height, width = tiles[0].shape[:2]
+    rows = -(-len(tiles) // _COLUMNS)
+    columns = min(len(tiles), _COLUMNS)
+    sheet = np.full((rows * (height + _GAP_PX), columns * (width + _GAP_PX), 3), 255, np.uint8)
+    for place, tile in enumerate(tiles):
+        row, column = divmod(place, _COLUMNS)
+        top, left = row * (height + _GAP_PX), column * (width + _GAP_PX)
+        sheet[top : top + height, left : left + width] = tile
+    write_png(path, sheet)
+
+
+def _bright_dn(frame: SessionFrame, frames: Sequence[SessionFrame]) -> int:
+    """Return the grey value that is drawn white."""
+    lit = [other for other in frames if other.role in ("light", "flat")]
+    if frame in lit:
+        lit = [other for other in lit if other.bracket == frame.bracket]
+    return max(other.line.percentiles_dn["99.9"] for other in lit or [frame])
+
+
+def _tile(session: Session, frame: SessionFrame, black_dn: float, bright_dn: float) -> _Picture:
+    camera = session.manifest.camera
+    raw = frame.read()
+    clipped = np.atleast_3d(raw).max(axis=2) >= camera.white_dn
+    upright = session.manifest.mounting.upright(raw)
+    size = (_WIDTH_PX, max(1, round(_WIDTH_PX * upright.shape[0] / upright.shape[1])))
+    small = cv2.resize(upright, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    shade = np.clip((small - black_dn) / max(bright_dn - black_dn, 1.0), 0, 1) ** _GAMMA
+    grey = np.rint(255 * shade).astype(np.uint8)
+    picture = grey if grey.ndim == 3 else np.repeat(grey[..., None], 3, axis=2)
+    # One clipped sample colours its place, however small the picture is.
+    share = session.manifest.mounting.upright(clipped.astype(np.float32))
+    picture[cv2.resize(share, size, interpolation=cv2.INTER_AREA) > 0] = _CLIPPED_RGB
+    label = np.full((_TEXT_PX, _WIDTH_PX, 3), 255, np.uint8)
+    text = frame.path.stem
+    cv2.putText(label, text, (2, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.concatenate([picture, label])

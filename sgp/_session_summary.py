@@ -1,0 +1,85 @@
+"""A session in figures and in lines for a person."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from acquisition import FrameLine, Session
+from sgp._result import Result
+
+
+def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
+    """Tell what a session holds.
+
+    Parameters
+    ----------
+    session
+        Complete or not.
+    warnings
+        What else is to be told.
+
+    Returns
+    -------
+    Result
+        Its folder, figures, a line for each frame, and how it came about.
+    """
+    manifest, camera = session.manifest, session.manifest.camera
+    events = Counter(line.event for line in session.events)
+    metrics: dict[str, Any] = {
+        "complete": session.complete,
+        "frames": len(session.frames),
+        "missing": [shot.file for shot in session.missing],
+        "rejected": [f.line.file for f in session.recorded if f.line.status == "rejected"],
+        "events": dict(events),
+        "started_utc": manifest.started_utc.isoformat(),
+        **{name: getattr(manifest, name) for name in ("object", "operator", "place", "rights")},
+        "camera": camera.model_dump(),
+        "lights": None if session.lights is None else len(session.lights),
+    }
+    told = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
+    summary = [
+        f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
+        f"object    {manifest.object or '-'}, by {manifest.operator or '-'}, "
+        f"{manifest.started_utc:%Y-%m-%d %H:%M} UTC",
+        *(f"{name:<10}{text}" for name, text in told if text),
+        f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
+        f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
+        + (f", colour filter {camera.cfa}" if camera.cfa else ""),
+        f"frames    {len(session.frames)}, {len(session.missing)} missing, "
+        f"{len(metrics['rejected'])} rejected",
+    ]
+    if events:
+        summary.append(f"events    {', '.join(f'{n} x {name}' for name, n in events.items())}")
+    if session.frames:
+        summary.append(f"  {'file':<24} {'role':<8} {'exposure':>12} {'99 % DN':>8} {'lit DN':>7}")
+    dark_dn = _dark_dn(session)
+    summary += [_row(frame.line, dark_dn) for frame in session.frames]
+    return Result(
+        outputs={"session": session.folder},
+        metrics=metrics,
+        warnings=[*session.warnings, *warnings],
+        summary=summary,
+    )
+
+
+def _dark_dn(session: Session) -> dict[float | None, int]:
+    """Return the 99th percentile of the frames with all LEDs off, by their exposure."""
+    unlit = sorted(
+        (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),
+        key=lambda line: line.role == "ambient",
+    )
+    return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
+
+
+def _row(line: FrameLine, dark_dn: Mapping[float | None, int]) -> str:
+    exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
+    bright_dn = line.percentiles_dn["99"]
+    lit = ""
+    if line.role in ("light", "flat") and line.exposure_us in dark_dn:
+        lit = str(bright_dn - dark_dn[line.exposure_us])
+    return (
+        f"  {line.file:<24} {line.role:<8} {exposure:>12} {bright_dn:>8} {lit:>7}  "
+        f"clipped {line.clipped_fraction:.3%}"
+    )

@@ -1,0 +1,200 @@
+"""``capture``: what a plan would record, and whether a rig is ready for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from acquisition import CapturePlan, estimate_plan, preflight, read_plan
+from rig import RigConfig, open_rig, read_rig_config
+from sgp._console import progress
+from sgp._options import Count
+from sgp._result import Result
+
+_DEFAULT_EXPOSURE_US = 20_000.0
+_ROOM = 1.25
+_MOST_ROWS = 12
+
+Milliseconds = Annotated[float, Parameter(validator=Number(gte=0, lte=60_000))]
+
+
+def plan(
+    plan: Path | None = None,
+    *,
+    rig: Path | None = None,
+    leds: Count = 36,
+    width: Count = 2448,
+    height: Count = 2048,
+    frame_ms: Milliseconds = 70.0,
+) -> Result:
+    """Show what a plan would record, without touching hardware.
+
+    For example:
+
+        capture plan plan.toml --rig bench.toml --width 2448 --height 2048
+
+    Parameters
+    ----------
+    plan
+        Plan file; default: every LED once at 20 ms, and a dark frame.
+    rig
+        A rig.toml: its LED count, dead LEDs and settling time are used. It is read, not opened.
+    leds
+        LEDs of the board, where no rig is given.
+    width
+        Width of a frame in pixels.
+    height
+        Height of a frame in pixels.
+    frame_ms
+        What a frame takes beside its exposure and the settling of the light: readout, transfer,
+        commands.
+    """
+    config = RigConfig(name="-", driver="-", leds=leds) if rig is None else read_rig_config(rig)
+    chosen, left_out = chosen_plan(plan, config)
+    frame_s = (frame_ms + config.settle_ms) / 1000
+    cost = estimate_plan(chosen, width=width, height=height, frame_s=frame_s)
+    shots = chosen.shots()
+    counts = {role: sum(shot.role == role for shot in shots) for role in _ROLES}
+    frames = ", ".join(f"{count} {role}" for role, count in counts.items() if count)
+    table = _table(chosen)
+    return Result(
+        metrics={
+            "shots": [shot.file for shot in shots],
+            "counts": counts,
+            "bytes": cost.bytes,
+            "exposure_seconds": cost.exposure_s,
+            "seconds": cost.seconds,
+            "exposures_us": {
+                str(led): [chosen.exposure_us(led, b) for b in range(len(chosen.exposures_us))]
+                for led in chosen.leds
+            },
+            "left_out": list(left_out),
+        },
+        warnings=_left_out(left_out),
+        summary=[
+            f"{'exposures in us, one per bracket':<34} LEDs",
+            *(f"{exposures:<34} {leds_of}" for exposures, leds_of in table),
+            f"{len(shots)} shots: {frames}",
+            f"about {_duration(cost.seconds)}: {cost.exposure_s:.2f} s of exposure and "
+            f"{frame_s * 1000:g} ms for each frame (an estimate, see --frame-ms)",
+            f"{cost.bytes / 1e6:.0f} MB at {width} x {height} and 16 bits; "
+            f"{_ROOM * cost.bytes / 1e6:.0f} MB should be free",
+        ],
+    )
+
+
+def check(
+    out: Path, *, rig: str = "simulated", plan: Path | None = None, quick: bool = False
+) -> Result:
+    """Check disk, board, camera, picture and every LED before a recording.
+
+    The object lies under the camera as it is to be recorded. Nothing is recorded. The exit code is
+    3 where a check failed; warnings do not count.
+
+    For example:
+
+        capture check recordings/owl --rig bench.toml --plan plan.toml
+
+    Parameters
+    ----------
+    out
+        Folder of the session to come; it need not exist.
+    rig
+        Name of a rig, or a rig.toml.
+    plan
+        Plan file; default: every working LED once at 20 ms, and a dark frame.
+    quick
+        Do not try every LED.
+    """
+    with open_rig(rig) as opened, progress("checking") as advance:
+        chosen, left_out = chosen_plan(plan, opened.config)
+        flight = preflight(
+            opened,
+            chosen,
+            out,
+            self_test=not quick,
+            on_check=lambda found, done, total: advance(done, total),
+        )
+    failed = [found.name for found in flight.failed]
+    summary = [f"{found.state:<9} {found.name:<11} {found.text}" for found in flight.checks]
+    summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
+    return Result(
+        metrics={"ready": flight.ok, **flight.details()},
+        warnings=_left_out(left_out),
+        summary=summary,
+        ok=flight.ok,
+        failing_code=3,
+    )
+
+
+def chosen_plan(path: Path | None, config: RigConfig) -> tuple[CapturePlan, tuple[int, ...]]:
+    """Return the plan of a file, or the default one, for a rig, and the dead LEDs left out."""
+    if path is None:
+        every = tuple(range(config.leds))
+        planned = CapturePlan(leds=every, exposures_us=(_DEFAULT_EXPOSURE_US,))
+    else:
+        planned = read_plan(path)
+    chosen, left_out = planned.without(config.dead_leds)
+    chosen.check(config.leds)
+    return chosen, left_out
+
+
+_ROLES = ("light", "dark", "ambient", "flat")
+
+
+def _left_out(leds: tuple[int, ...]) -> list[str]:
+    if not leds:
+        return []
+    return [f"left out because the rig file lists them as dead: LEDs {_ranges(leds)}"]
+
+
+def _table(plan: CapturePlan) -> list[tuple[str, str]]:
+    """Return exposures and the LEDs that have them, neighbours together where there are many."""
+    brackets = range(len(plan.exposures_us))
+    groups: dict[tuple[float, ...], list[int]] = {}
+    for led in plan.leds:
+        own = tuple(plan.exposure_us(led, bracket) for bracket in brackets)
+        groups.setdefault(own, []).append(led)
+    if len(groups) <= _MOST_ROWS:
+        return [(_exposures(own, own), _ranges(leds)) for own, leds in groups.items()]
+    ordered = sorted(groups.items())
+    ends = [len(ordered) * row // _MOST_ROWS for row in range(_MOST_ROWS + 1)]
+    rows = []
+    for begin, end in pairwise(ends):
+        part = ordered[begin:end]
+        least, most = (
+            tuple(limit(own[bracket] for own, _ in part) for bracket in brackets)
+            for limit in (min, max)
+        )
+        rows.append((_exposures(least, most), _ranges(led for _, leds in part for led in leds)))
+    return rows
+
+
+def _exposures(least: tuple[float, ...], most: tuple[float, ...]) -> str:
+    return ", ".join(
+        f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        for low, high in zip(least, most, strict=True)
+    )
+
+
+def _ranges(leds: Iterable[int]) -> str:
+    """Write LED numbers shortly: 0-3, 7."""
+    runs: list[list[int]] = []
+    for led in sorted(leds):
+        if runs and led == runs[-1][-1] + 1:
+            runs[-1].append(led)
+        else:
+            runs.append([led])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s"

@@ -1,0 +1,107 @@
+"""Board and camera that do as a test says, behind the real `Rig`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._journal import EventLine
+from acquisition._plan import CapturePlan
+from acquisition._session import Session
+from rig import (
+    Board,
+    BoardEcho,
+    BoardError,
+    BoardIdentity,
+    CameraFrame,
+    CameraInfo,
+    Rig,
+    RigConfig,
+    Trigger,
+)
+
+LEDS = 6
+PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
+TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
+
+
+def seen(led: int | None, exposure_us: float) -> npt.NDArray[np.uint16]:
+    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095."""
+    level = 0 if led is None else (led + 1) * exposure_us
+    ramp = 64 + level * np.linspace(1, 4, 10)[None, :] * np.ones((7, 1))
+    return np.minimum(ramp, 4095).astype(np.uint16)
+
+
+class Bench:
+    """Board and camera in one: what burns, what happened, and what goes wrong when."""
+
+    port = "fake"
+    identity = BoardIdentity("fake-board", 2, "1.2.3", LEDS, 10_000, 1000, 48)
+    info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
+
+    def __init__(self) -> None:
+        self.burning: int | None = None
+        self.commands = 0
+        self.frames = 0
+        self.shots: list[int | None] = []
+        self.on_trigger: Callable[[int], None] = lambda number: None
+        self.off_fails = False
+        self.dead: set[int] = set()
+        self.exposure_us = 0.0
+        self.gain_db = 0.0
+        self.log: list[str] = []
+
+    def on(self, led: int, hold_ms: float) -> BoardEcho:
+        self.burning = led
+        self.commands += 1
+        self.log.append("on")
+        return BoardEcho(self.commands, led)
+
+    def off(self) -> BoardEcho:
+        if self.off_fails:
+            raise BoardError("fake: OFF is not answered")
+        burned, self.burning = self.burning, None
+        self.commands += 1
+        self.log.append("off")
+        return BoardEcho(self.commands, burned)
+
+    def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
+        # As cameras do: the nearest step they have.
+        self.exposure_us, self.gain_db = exposure_us + 0.25, gain_db
+        return self.exposure_us
+
+    def trigger(self) -> int:
+        self.frames += 1
+        self.shots.append(self.burning)
+        self.on_trigger(self.frames)
+        return self.frames
+
+    def fetch(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
+    ) -> CameraFrame:
+        led = None if self.burning in self.dead else self.burning
+        pixels = seen(led, self.exposure_us - 0.25)
+        return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
+
+    def expect(self) -> int:
+        raise NotImplementedError
+
+    def darken(self) -> None: ...
+    def ping(self) -> None: ...
+    def arm(self, trigger: Trigger = "software") -> None: ...
+    def disarm(self) -> None: ...
+    def close(self) -> None: ...
+
+
+def rig_on(bench: Bench, **config: Any) -> Rig:
+    """Open a rig on a bench; LED 4 is listed as dead."""
+    values = {"name": "bench-1", "driver": "fake", "leds": LEDS, "settle_ms": 0, "dead_leds": (4,)}
+    return Rig(cast(Board, bench), bench, RigConfig(**{**values, **config}))
+
+
+def events_of(session: Session) -> list[EventLine]:
+    """Return the events but for pauses: the fake camera is faster than any disk."""
+    return [line for line in session.events if line.event not in ("paused", "resumed")]

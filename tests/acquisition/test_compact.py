@@ -1,0 +1,455 @@
+"""Sessions made smaller: pixels stay, and no crash or full disk costs a frame or looks like damage.
+
+Processes that die are forked from one that has imported everything.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquisition import _compact
+from acquisition._compact import compact_session
+from acquisition._compact_tiff import deflate_tiff
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._images import read_image
+from acquisition._manifest import CameraRecord, Manifest
+from acquisition._plan import CapturePlan, PlannedShot
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._source_reader import read_source
+from acquisition._storage import lock_folder
+from acquisition._verify import verify_session
+
+SHAPE = (24, 32)
+PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+
+
+def picture(seed: int) -> npt.NDArray[np.uint16]:
+    """Grey values that deflate makes smaller."""
+    return np.random.default_rng(seed).integers(0, 40, SHAPE).astype(np.uint16)
+
+
+def noise() -> npt.NDArray[np.uint16]:
+    return np.random.default_rng(9).integers(0, 65536, SHAPE).astype(np.uint16)
+
+
+def write(folder: Path, *, plan: CapturePlan | None = PLAN, complete: bool = True) -> Path:
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=plan,
+        camera=CameraRecord(width=SHAPE[1], height=SHAPE[0], bit_depth=16),
+    )
+    shots = PLAN.shots() if complete else PLAN.shots()[:2]
+    with SessionWriter.create(folder, manifest) as writer:
+        for index, shot in enumerate(shots):
+            writer.write_frame(shot, picture(index))
+        if complete:
+            writer.complete()
+    return folder
+
+
+def pixels_hold(folder: Path) -> None:
+    session = Session.open(folder)
+    for index, frame in enumerate(session.recorded):
+        np.testing.assert_array_equal(frame.read(), picture(index))
+
+
+def whole(folder: Path) -> bool:
+    """Check that nothing is lost or called damaged; tell whether the session is complete."""
+    found = verify_session(folder)
+    assert found.problems == ()
+    pixels_hold(folder)
+    return found.complete
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in (folder / "frames").iterdir())
+
+
+@pytest.mark.parametrize("plan", [pytest.param(PLAN, id="planned"), pytest.param(None, id="free")])
+def test_a_complete_session_gets_smaller_and_stays_complete(
+    tmp_path: Path, plan: CapturePlan | None
+) -> None:
+    folder = write(tmp_path / "s", plan=plan)
+    before = verify_session(folder)
+    hashes = [frame.line.pixels_sha256 for frame in Session.open(folder).frames]
+    told: list[tuple[str, int, int]] = []
+    done = compact_session(
+        folder, on_frame=lambda frame, n, of: told.append((frame.path.name, n, of))
+    )
+    assert whole(folder)
+    after = verify_session(folder)
+    assert (done.frames, done.compacted, done.complete) == (3, 3, True)
+    assert (done.bytes_before, done.bytes_after) == (before.bytes, after.bytes)
+    assert after.bytes < 0.7 * before.bytes
+    assert after.warnings == ()
+    assert told == [("D_100us.tif", 1, 3), ("L00_E0.tif", 2, 3), ("L01_E0.tif", 3, 3)]
+    assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
+    session = Session.open(folder)
+    assert [frame.line.pixels_sha256 for frame in session.frames] == hashes
+    assert [event.event for event in session.events] == ["reopened", *["compacted"] * 3]
+    assert read_source(folder).light_ids == ("L00", "L01")
+    assert not (folder / "derived" / "COMPLETE").exists()
+
+
+def test_a_second_time_changes_nothing(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s")
+    compact_session(folder)
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    again = compact_session(folder)
+    assert (again.compacted, again.complete) == (0, True)
+    assert again.bytes_before == again.bytes_after
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+
+
+def test_an_incomplete_session_stays_so_and_can_be_finished(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s", complete=False)
+    done = compact_session(folder)
+    assert (done.compacted, done.complete) == (2, False)
+    assert not whole(folder)
+    with SessionWriter.reopen(folder) as writer:
+        (shot,) = writer.missing
+        writer.write_frame(shot, picture(2))
+        writer.complete()
+    assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.tif"]
+    assert compact_session(folder).compacted == 1
+    assert whole(folder)
+
+
+def test_a_retake_after_compaction_gets_a_name_of_its_own(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s", complete=False)
+    compact_session(folder)
+    with SessionWriter.reopen(folder) as writer:
+        writer.write_frame(PLAN.shots()[0], picture(2))
+    compact_session(folder)
+    assert names(folder) == ["D_100us.z.tif", "D_100us_R1.z.tif", "L00_E0.z.tif"]
+    assert not whole(folder)
+
+
+def test_what_does_not_shrink_keeps_its_file(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="",
+        object="",
+        camera=CameraRecord(width=SHAPE[1], height=SHAPE[0], bit_depth=16),
+    )
+    with SessionWriter.create(folder, manifest) as writer:
+        writer.write_frame(PlannedShot("light", 0, 0, 0, None), noise())
+        writer.complete()
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    assert compact_session(folder).compacted == 0
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+
+
+def test_what_cannot_be_compacted(tmp_path: Path) -> None:
+    with pytest.raises(MissingPathError, match="no such folder"):
+        compact_session(tmp_path / "none")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DataError, match="it is a file"):
+        compact_session(tmp_path / "file")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DataError, match="is not a session"):
+        compact_session(tmp_path / "empty")
+
+
+def test_while_another_process_has_the_session_nothing_is_touched(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s")
+    lock = lock_folder(folder)
+    try:
+        with pytest.raises(StorageError, match="another process"):
+            compact_session(folder)
+    finally:
+        os.close(lock)
+    assert whole(folder)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        pytest.param(lambda data: data[:-1] + bytes([data[-1] ^ 1]), id="pixel"),
+        pytest.param(lambda data: data[:4] + data[4:5] + data[5:-8], id="short"),
+        pytest.param(lambda data: data + b"\0", id="same-pixels-longer-file"),
+        pytest.param(None, id="gone"),
+    ],
+)
+def test_a_damaged_frame_is_named_and_nothing_else_suffers(
+    tmp_path: Path, spoil: Callable[[bytes], bytes] | None
+) -> None:
+    folder = write(tmp_path / "s")
+    frame = folder / "frames" / "L01_E0.tif"
+    data = frame.read_bytes()
+    frame.unlink()
+    if spoil is not None:
+        frame.write_bytes(spoil(data))
+    with pytest.raises(DataError, match=r"L01_E0\.tif"):
+        compact_session(folder)
+    assert verify_session(folder).complete
+    assert [problem.split(":")[0] for problem in verify_session(folder).problems] == [str(frame)]
+    frame.write_bytes(data)
+    assert compact_session(folder).compacted == 1
+    assert whole(folder)
+
+
+def test_a_file_that_does_not_read_back_is_never_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write(tmp_path / "s")
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    real = deflate_tiff
+    monkeypatch.setattr(_compact, "deflate_tiff", lambda pixels: real(pixels ^ np.uint16(1)))
+    with pytest.raises(StorageError, match=r"D_100us\.z\.tif: does not read back as written"):
+        compact_session(folder)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+
+
+def test_the_old_file_stays_where_the_new_one_was_damaged_before_it_went(tmp_path: Path) -> None:
+    """A crash left both files, and the disk then spoilt the new one: the old one is the remedy."""
+    folder = write(tmp_path / "s", complete=False)
+    old = (folder / "frames" / "L00_E0.tif").read_bytes()
+    compact_session(folder)
+    (folder / "frames" / "L00_E0.tif").write_bytes(old)
+    new = folder / "frames" / "L00_E0.z.tif"
+    new.write_bytes(new.read_bytes()[:-1])
+    with pytest.raises(DataError, match=r"L00_E0\.z\.tif"):
+        compact_session(folder)
+    assert (folder / "frames" / "L00_E0.tif").read_bytes() == old
+
+
+CALLS = ("write", "fsync", "replace", "unlink")
+
+
+@pytest.mark.parametrize("plan", [pytest.param(PLAN, id="planned"), pytest.param(None, id="free")])
+@pytest.mark.parametrize(
+    "error",
+    [
+        pytest.param(OSError(errno.ENOSPC, "No space left on device"), id="full"),
+        pytest.param(KeyboardInterrupt(), id="ctrl-c"),
+    ],
+)
+def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    plan: CapturePlan | None,
+    error: BaseException,
+) -> None:
+    original = write(tmp_path / "original", plan=plan)
+    left = [0]
+
+    def failing(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            left[0] -= 1
+            if left[0] == 0:
+                raise error
+            return real(*arguments, **options)
+
+        return call
+
+    fails_at, restored = 0, 0
+    while True:
+        fails_at += 1
+        folder = tmp_path / f"s{fails_at}"
+        shutil.copytree(original, folder)
+        with monkeypatch.context() as patch:
+            for name in CALLS:
+                patch.setattr(os, name, failing(getattr(os, name)))
+            left[0] = fails_at
+            message = str(folder)
+            try:
+                compact_session(folder)
+                break
+            except StorageError as caught:
+                message = str(caught)
+            except KeyboardInterrupt:
+                assert isinstance(error, KeyboardInterrupt)
+        assert str(folder) in message
+        assert "\n" not in message
+        restored += whole(folder)
+        compact_session(folder)
+        assert whole(folder)
+        assert verify_session(folder).warnings == ()
+        assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
+    assert fails_at > 20
+    # COMPLETE came back by itself wherever the journal was sure.
+    assert restored > fails_at // 2
+
+
+def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
+    """A real refusal of the system: the first compressed file is larger than allowed."""
+    folder = write(tmp_path / "s")
+    code = """
+import resource, signal, sys
+from acquisition._compact import compact_session
+from acquisition._errors import StorageError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
+try:
+    compact_session(sys.argv[1])
+except StorageError as error:
+    print(error)
+"""
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True
+    )
+    assert "D_100us.z.tif: cannot write" in done.stdout
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+
+
+SERVER = """
+import json, os, sys
+from acquisition._compact import compact_session
+
+def deadly(name, calls, dies_at):
+    real = getattr(os, name)
+    def call(*arguments, **options):
+        calls[0] += 1
+        if calls[0] == dies_at:
+            if name == "write":
+                real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+            os._exit(9)
+        return real(*arguments, **options)
+    setattr(os, name, call)
+
+print("ready", flush=True)
+for line in sys.stdin:
+    folder, dies_at = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        calls = [0]
+        for name in ("write", "fsync", "replace", "unlink", "mkdir"):
+            deadly(name, calls, dies_at)
+        try:
+            compact_session(folder)
+        finally:
+            os._exit(0)
+    print(os.waitpid(pid, 0)[1], flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Callable[[Path, int], int]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    stdin, stdout = process.stdin, process.stdout
+    assert stdout.readline() == "ready\n"
+
+    def compact(folder: Path, dies_at: int) -> int:
+        stdin.write(json.dumps([str(folder), dies_at]) + "\n")
+        stdin.flush()
+        return int(stdout.readline())
+
+    yield compact
+    stdin.close()
+    stdout.close()
+    process.wait(10)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
+@pytest.mark.parametrize("plan", [pytest.param(PLAN, id="planned"), pytest.param(None, id="free")])
+@pytest.mark.parametrize("complete", [True, False], ids=["complete", "incomplete"])
+def test_death_at_every_call_to_the_disk(
+    server: Callable[[Path, int], int], tmp_path: Path, plan: CapturePlan | None, complete: bool
+) -> None:
+    """One process for each call; a write dies half done. Compacting again brings all to its end."""
+    original = write(tmp_path / "original", plan=plan, complete=complete)
+    frames = len(Session.open(original).recorded)
+    status, dies_at, cut_off = -1, 0, 0
+    while status != 0:
+        dies_at += 1
+        folder = tmp_path / f"s{dies_at}"
+        shutil.copytree(original, folder)
+        status = server(folder, dies_at)
+        cut_off += complete and not whole(folder)
+        done = compact_session(folder)
+        assert done.complete is complete
+        assert whole(folder) is complete
+        assert verify_session(folder).warnings == ()
+        assert len(names(folder)) == frames
+        assert all(name.endswith(".z.tif") for name in names(folder))
+    assert dies_at > 6 * frames
+    assert not complete or cut_off > 6
+
+
+def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
+    server: Callable[[Path, int], int], tmp_path: Path
+) -> None:
+    folder = write(tmp_path / "s")
+    assert server(folder, 16) != 0
+    assert not whole(folder)
+    with SessionWriter.reopen(folder) as writer:
+        assert writer.missing == ()
+        writer.complete()
+    assert whole(folder)
+    compact_session(folder)
+    assert whole(folder)
+    assert not (folder / "derived" / "COMPLETE").exists()
+
+
+def test_a_mark_set_aside_that_does_not_fit_makes_nothing_complete(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s", plan=None, complete=False)
+    (folder / "derived").mkdir()
+    (folder / "derived" / "COMPLETE").write_text("0" * 64 + "  journal.jsonl\n")
+    assert not compact_session(folder).complete
+    assert not whole(folder)
+
+
+@pytest.mark.parametrize("since", ["frame", "event"])
+def test_a_mark_after_which_more_was_recorded_makes_nothing_complete(
+    tmp_path: Path, since: str
+) -> None:
+    folder = write(tmp_path / "s", plan=None)
+    mark = (folder / "COMPLETE").read_bytes()
+    (folder / "COMPLETE").unlink()
+    with SessionWriter.reopen(folder) as writer:
+        if since == "frame":
+            writer.write_frame(PlannedShot("light", 2, 0, 0, None), picture(3))
+        else:
+            writer.write_event("interrupted", reason="Ctrl-C")
+    (folder / "derived").mkdir()
+    (folder / "derived" / "COMPLETE").write_bytes(mark)
+    assert not compact_session(folder).complete
+    assert not whole(folder)
+
+
+@given(
+    st.tuples(st.integers(1, 150), st.integers(1, 40), st.sampled_from([1, 3])),
+    st.sampled_from([1, 255, 4095, 65535]),
+    st.integers(0, 2**32 - 1),
+)
+def test_every_image_reads_back_from_the_compressed_file(
+    tmp_path_factory: pytest.TempPathFactory,
+    shape: tuple[int, int, int],
+    largest: int,
+    seed: int,
+) -> None:
+    pixels = np.random.default_rng(seed).integers(0, largest, shape, endpoint=True)
+    image = pixels.astype(np.uint16)
+    image = image[..., 0] if shape[2] == 1 else image
+    path = tmp_path_factory.mktemp("tiff") / "a.tif"
+    path.write_bytes(deflate_tiff(image))
+    np.testing.assert_array_equal(read_image(path), image)
+    # Another reader, and another opinion on the colours' order.
+    other = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(other, image if image.ndim == 2 else image[..., ::-1])

@@ -1,0 +1,407 @@
+"""Pre-flight: a rig in order passes, and each thing that may be wrong is found and named."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition import _check_rig
+from acquisition._check import Check
+from acquisition._check_disk import check_disk
+from acquisition._check_images import (
+    Trials,
+    check_exposure,
+    check_focus,
+    check_response,
+    check_room,
+    check_steadiness,
+    detail,
+)
+from acquisition._plan import CapturePlan
+from acquisition._preflight import Preflight, preflight
+from rig import BoardError, RigConfig
+from simulator._lamps import Lamps
+from simulator._open_rig import rig_for
+from simulator._render import Rendering, render
+from simulator._rig_scenes import scene_named
+from simulator._virtual_camera import VirtualCamera
+
+LEDS = 8
+PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
+WHITE_DN = 4095.0
+
+
+class Usage(NamedTuple):
+    total: int
+    used: int
+    free: int
+
+
+@pytest.fixture(scope="module")
+def rendering() -> Rendering:
+    return render(scene_named("coin", width=160, height=128, leds=LEDS, seed=4))
+
+
+def flown(rendering: Rendering, plan: CapturePlan, folder: Path, **rig: Any) -> Preflight:
+    values = {"seed": 2, "realtime": False, "camera": "inside", **rig}
+    with rig_for(rendering, **values) as opened:
+        return preflight(opened, plan, folder, self_test=False)
+
+
+def states(flight: Preflight) -> dict[str, str]:
+    return {check.name: check.state for check in flight.checks}
+
+
+def named(flight: Preflight, name: str) -> Check:
+    return next(check for check in flight.checks if check.name == name)
+
+
+def test_a_rig_in_order_is_ready_and_nothing_is_left_behind(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    told: list[tuple[str, int, int]] = []
+    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+        flight = preflight(
+            rig,
+            PLAN,
+            tmp_path / "new" / "session",
+            on_check=lambda check, done, total: told.append((check.name, done, total)),
+        )
+        assert rig.board.status().led is None
+    assert set(states(flight).values()) == {"ok"}, flight.checks
+    assert flight.ok
+    assert list(tmp_path.iterdir()) == []
+    assert told == [(name, n, len(told)) for n, name in enumerate(states(flight), 1)]
+    assert [name for name, _, _ in told][:3] == ["disk", "board", "camera"]
+    assert told[-1][0] == "LEDs"
+    details = json.loads(json.dumps(flight.details(), allow_nan=False))
+    assert [check["name"] for check in details["checks"]] == list(states(flight))
+
+
+def test_a_dead_led_is_found_and_concerns_only_plans_that_light_it(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    config = RigConfig(name="sim", driver="simulated", leds=LEDS)
+    with rig_for(
+        rendering, config, seed=2, realtime=False, camera="inside", lamps=Lamps(dead=(3,))
+    ) as rig:
+        flight = preflight(rig, PLAN, tmp_path)
+        rest = preflight(rig, PLAN.without((3,))[0], tmp_path)
+    assert named(flight, "LEDs").state == "failed"
+    assert "LED 3" in named(flight, "LEDs").text
+    assert not flight.ok
+    assert named(rest, "LEDs").state == "warning"
+    assert rest.ok
+
+
+def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    pulsed = Lamps(pwm_hz=1e6 / 1024, pwm_duty=0.3)
+    flight = flown(rendering, PLAN, tmp_path, lamps=pulsed)
+    assert named(flight, "steadiness").state == "warning"
+    assert "1024 us" in named(flight, "steadiness").text
+    # The shot of a whole number of periods is as steady as ever.
+    plan = CapturePlan(leds=PLAN.leds, exposures_us=(20_480.0, 1024.0))
+    assert states(flown(rendering, plan, tmp_path, lamps=pulsed))["steadiness"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("exposures_us", "others", "name", "state", "said"),
+    [
+        pytest.param((100.0,), {}, "exposure", "warning", "expose longer", id="too-short"),
+        pytest.param((150_000.0,), {}, "exposure", "warning", "expose shorter", id="too-long"),
+        pytest.param(
+            (60_000.0, 1000.0),
+            {"max_clipped_fraction": 0.0},
+            "exposure",
+            "failed",
+            "the plan allows 0.00%",
+            id="over-the-plan's-limit",
+        ),
+        pytest.param((20_000.4,), {}, None, "ok", "", id="not-a-step-of-the-camera"),
+        pytest.param(
+            (11.4,), {}, "camera", "warning", "11 us instead of 11.4 us", id="coarse-step"
+        ),
+    ],
+)
+def test_exposures_that_do_not_suit_the_scene(
+    rendering: Rendering,
+    tmp_path: Path,
+    exposures_us: tuple[float, ...],
+    others: dict[str, Any],
+    name: str | None,
+    state: str,
+    said: str,
+) -> None:
+    plan = CapturePlan(leds=PLAN.leds, exposures_us=exposures_us, **others)
+    flight = flown(rendering, plan, tmp_path)
+    if name is None:
+        assert set(states(flight).values()) == {"ok"}
+    else:
+        assert named(flight, name).state == state
+        assert said in named(flight, name).text
+    assert flight.ok is (state != "failed")
+
+
+def test_an_exposure_beyond_the_camera_fails_and_what_needs_frames_is_not_done(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    plan = CapturePlan(leds=PLAN.leds, exposures_us=(5.0,))
+    flight = flown(rendering, plan, tmp_path)
+    assert "exposes for 10 to 1e+07 us, not for 5" in named(flight, "camera").text
+    assert states(flight)["disk"] == states(flight)["board"] == "ok"
+    assert list(states(flight).values())[3:] == ["not done"] * 6
+    assert not flight.ok
+
+
+def test_a_plan_for_another_board_fails(rendering: Rendering, tmp_path: Path) -> None:
+    plan = CapturePlan(leds=(0, LEDS), exposures_us=(1000.0,))
+    assert "LED 8 does not exist" in named(flown(rendering, plan, tmp_path), "board").text
+
+
+def test_an_exposure_longer_than_the_board_gives_light_fails(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    plan = CapturePlan(leds=PLAN.leds, exposures_us=(9e7,))
+    assert "the plan wants 90002" in named(flown(rendering, plan, tmp_path), "board").text
+
+
+def test_a_camera_that_fails_is_a_failed_check_that_says_what_the_camera_said(
+    rendering: Rendering, tmp_path: Path
+) -> None:
+    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+        cast(VirtualCamera, rig.camera).faults[4] = "lost"
+        flight = preflight(rig, PLAN, tmp_path)
+        assert rig.board.status().led is None
+    assert states(flight)["camera"] == "ok"
+    assert "frame 4 did not come" in named(flight, "response").text
+    assert states(flight)["response"] == "failed"
+    assert states(flight)["LEDs"] == "not done"
+
+
+def test_a_board_that_does_not_answer_is_a_failed_check(
+    rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def silent() -> None:
+        raise BoardError("LED board on /dev/x: STATUS is not answered")
+
+    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+        monkeypatch.setattr(rig.board, "status", silent)
+        flight = preflight(rig, PLAN, tmp_path)
+    assert named(flight, "board").text == "LED board on /dev/x: STATUS is not answered"
+    assert states(flight)["camera"] == "not done"
+
+
+def test_a_hot_board_is_told(
+    rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_check_rig, "_HOT_C", 20.0)
+    flight = flown(rendering, PLAN, tmp_path)
+    assert named(flight, "board").state == "warning"
+    assert "let it cool down" in named(flight, "board").text
+
+
+# The disk.
+
+
+def test_room_for_the_recording_and_a_quarter_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(10**9, 0, 125_000_000))
+    assert check_disk(tmp_path, 100_000_000).state == "ok"
+    tight = check_disk(tmp_path, 100_000_001)
+    assert tight.state == "failed"
+    assert "125 MB free, 125 MB wanted (1.25 x the estimate)" in tight.text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_takes_no_files_is_named() -> None:
+    found = check_disk(Path("/proc/no-such-folder/session"), 1)
+    assert found.state == "failed"
+    assert found.text.startswith("/proc: cannot write a file here")
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("x")
+    found = check_disk(tmp_path / "notes.txt" / "session", 1)
+    assert found.state == "failed"
+    assert found.text.startswith(f"{tmp_path / 'notes.txt'}: cannot write a file here")
+
+
+def test_a_disk_that_refuses_to_flush_or_lies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flush = os.fsync
+
+    def refuse(descriptor: int) -> None:
+        # Folders can be flushed here, files cannot.
+        if stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(5, "Input/output error")
+        flush(descriptor)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", refuse)
+        found = check_disk(tmp_path, 1)
+        assert found.state == "failed"
+        assert "Input/output error; the disk fails" in found.text
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "read_bytes", lambda path: b"something else")
+        found = check_disk(tmp_path, 1)
+        assert found.state == "failed"
+        assert "differs from what was written" in found.text
+    assert list(tmp_path.iterdir()) == []
+
+
+# The picture, on frames made for the purpose.
+
+
+def scene(sigma_px: float = 0.0, seed: int = 3) -> npt.NDArray[np.float64]:
+    """A surface with random structure, blurred; mean 0.1 grey values per microsecond."""
+    image = np.random.default_rng(seed).uniform(0.02, 0.18, (120, 160))
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px) if sigma_px else image, np.float64)
+
+
+def frame(
+    light: npt.NDArray[np.float64], exposure_us: float, seed: int, gamma: float = 1.0
+) -> npt.NDArray[np.uint16]:
+    grey = 64 + 4031 * (np.clip(light * exposure_us / 4031, 0, 1)) ** gamma
+    grey += np.random.default_rng(seed).normal(0, 3.0, light.shape)
+    return np.clip(np.rint(grey), 0, WHITE_DN).astype(np.uint16)
+
+
+def trials(
+    light: npt.NDArray[np.float64], room: float = 0.0, gamma: float = 1.0, long_us: float = 10_000.0
+) -> Trials:
+    off = np.full(light.shape, room)
+    half_us = long_us / 2
+    return Trials(
+        led=5,
+        black=64.0,
+        white_dn=WHITE_DN,
+        lit=(frame(light + room, long_us, 1, gamma), frame(light + room, long_us, 2, gamma)),
+        unlit=frame(off, long_us, 3, gamma),
+        half=frame(light + room, half_us, 4, gamma),
+        half_unlit=frame(off, half_us, 5, gamma),
+        lit_us=long_us,
+        half_us=half_us,
+    )
+
+
+@pytest.mark.parametrize(
+    ("gamma", "state"),
+    [
+        pytest.param(1.0, "ok", id="linear"),
+        pytest.param(0.95, "warning", id="slightly-bent"),
+        pytest.param(0.45, "failed", id="display-gamma"),
+    ],
+)
+@pytest.mark.parametrize("room", [0.0, 0.01])
+def test_a_camera_that_bends_its_values(gamma: float, state: str, room: float) -> None:
+    found = check_response(trials(scene(), room, gamma))
+    assert found.state == state
+    assert "LED 5" in found.text
+
+
+def test_a_camera_that_brightens_short_exposures_by_itself() -> None:
+    made = trials(scene())
+    found = check_response(replace(made, half=frame(scene(), 10_000.0, 8)))
+    assert found.state == "failed"
+    assert "auto gain" in found.text
+
+
+@pytest.mark.parametrize(
+    ("long_us", "said"),
+    [pytest.param(1e6, "saturated", id="bright"), pytest.param(10.0, "too little", id="dark")],
+)
+def test_a_response_that_cannot_be_told(long_us: float, said: str) -> None:
+    found = check_response(trials(scene(), long_us=long_us))
+    assert found.state == "not done"
+    assert said in found.text
+
+
+def test_detail_is_what_it_says_whatever_the_noise() -> None:
+    rows, columns = np.mgrid[:200, :200]
+    ramp = 500.0 + 8 * rows + 8 * columns
+    noise = np.random.default_rng(1)
+    fine = noise.normal(1000, 100, (200, 200))
+    for sigma_dn in (0.0, 10.0):
+        for image, wanted in ((ramp, 1 / 16), (fine, 1.0)):
+            one, other = (
+                np.rint(image + noise.normal(0, sigma_dn, image.shape)).astype(np.uint16)
+                for _ in range(2)
+            )
+            assert detail(one, other)[0] == pytest.approx(wanted, rel=0.1)
+
+
+def test_focus() -> None:
+    assert check_focus(trials(scene())).state == "ok"
+    blurred = check_focus(trials(scene(sigma_px=5)))
+    assert blurred.state == "warning"
+    assert "focus the lens" in blurred.text
+    empty = check_focus(trials(np.full((120, 160), 0.1)))
+    assert empty.state == "warning"
+    assert "nothing to focus on" in empty.text
+
+
+def test_a_simulated_lens_out_of_focus_is_told(rendering: Rendering, tmp_path: Path) -> None:
+    planes = [cv2.GaussianBlur(plane, (0, 0), 5.0) for plane in rendering.planes]
+    blurred = replace(rendering, planes=np.stack(planes))
+    assert states(flown(blurred, PLAN, tmp_path))["focus"] == "warning"
+    assert states(flown(rendering, PLAN, tmp_path))["focus"] == "ok"
+
+
+@pytest.mark.parametrize(
+    ("room", "state", "share"),
+    [
+        pytest.param(0.0, "ok", 0.0, id="dark"),
+        pytest.param(0.001, "ok", 0.01, id="dim"),
+        pytest.param(0.005, "warning", 0.05, id="bright"),
+        pytest.param(0.1, "warning", 1.0, id="like-the-LED"),
+    ],
+)
+def test_light_in_the_room(room: float, state: str, share: float) -> None:
+    found = check_room(trials(scene(), room))
+    assert found.state == state
+    assert found.values["share"] == pytest.approx(share, abs=0.01 + share / 20)
+
+
+def test_an_led_without_light_fails() -> None:
+    assert check_room(trials(np.zeros((120, 160)), 0.02)).state == "failed"
+
+
+def test_the_longest_and_the_shortest_bracket_are_judged() -> None:
+    def shot(exposure_us: float) -> tuple[float, npt.NDArray[np.uint16]]:
+        return exposure_us, frame(scene(), exposure_us, 1)
+
+    def state(*exposures_us: float, limit: float = 1.0) -> str:
+        frames = [shot(exposure_us) for exposure_us in exposures_us]
+        return check_exposure(frames, 64.0, WHITE_DN, limit).state
+
+    assert state(15_000) == "ok"
+    assert state(60_000, 1000) == "ok"  # the long one is saturated, which the short one mends
+    assert state(60_000, 1000, limit=0.1) == "failed"
+    assert state(60_000, 50_000) == "warning"
+    assert state(1000, 100) == "warning"
+
+
+def test_steadiness_is_relative_to_the_light() -> None:
+    off = frame(np.zeros((120, 160)), 1000, 9)
+
+    def steady(factors: list[float]) -> str:
+        shots = [frame(scene() * f, 1000, n) for n, f in enumerate(factors)]
+        return check_steadiness(2, shots, off, 1000.0).state
+
+    assert steady([1.0, 1.0, 1.0, 1.0]) == "ok"
+    assert steady([1.0, 1.05, 0.96, 1.02]) == "warning"
+    assert steady([0.0, 0.0, 0.0]) == "not done"

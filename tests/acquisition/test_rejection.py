@@ -1,0 +1,111 @@
+"""What tells a frame with light from one without, on frames as sensors make them."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition._errors import DataError
+from acquisition._plan import PlannedShot
+from acquisition._quality import FrameQuality, measure_quality
+from acquisition._rejection import is_lit, rejection
+from rig import RigError
+
+SIZE = (480, 640)
+BLACK, WHITE = 64.0, 4095.0
+
+
+def frame(
+    seed: int, light_dn: npt.NDArray[np.float64] | float = 0.0, offset_dn: float = 0.0
+) -> FrameQuality:
+    """A frame with shot noise, 2 DN of read noise and the same few hot pixels every time."""
+    rng = np.random.default_rng(seed)
+    image = (
+        BLACK + offset_dn + rng.poisson(np.broadcast_to(light_dn, SIZE)) + rng.normal(0, 2, SIZE)
+    )
+    hot = np.random.default_rng(99).integers(0, SIZE[0] * SIZE[1], 40)
+    image.ravel()[hot] += 300
+    raw = np.clip(np.round(image), 0, WHITE).astype(np.uint16)
+    return measure_quality(raw, white_level_dn=WHITE, black_level_dn=BLACK)
+
+
+def spot(pixels: int, bright_dn: float) -> npt.NDArray[np.float64]:
+    light = np.zeros(SIZE)
+    light.ravel()[100_000 : 100_000 + pixels] = bright_dn
+    return light
+
+
+DARK = frame(0).percentiles_dn
+
+
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_a_frame_without_light_is_not_lit(seed: int) -> None:
+    assert not is_lit(frame(seed).percentiles_dn, DARK, WHITE - BLACK)
+
+
+@pytest.mark.parametrize("offset_dn", [-2.0, 1.0, 2.0])
+def test_a_black_level_that_drifts_is_no_light(offset_dn: float) -> None:
+    drifted = frame(1, offset_dn=offset_dn).percentiles_dn
+    assert not is_lit(drifted, DARK, WHITE - BLACK)
+
+
+@pytest.mark.parametrize(
+    "light_dn",
+    [
+        pytest.param(6.0, id="dim everywhere"),
+        pytest.param(1500.0, id="bright everywhere"),
+        pytest.param(spot(SIZE[0] * SIZE[1] // 50, 30.0), id="a dim object in a black field"),
+        pytest.param(spot(12, 2500.0), id="only a highlight on a ball"),
+    ],
+)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_light_is_seen(light_dn: npt.NDArray[np.float64] | float, seed: int) -> None:
+    assert is_lit(frame(seed, light_dn).percentiles_dn, DARK, WHITE - BLACK)
+
+
+LIGHT = PlannedShot("light", 7, 0, 0, 500.0)
+
+
+def judged(
+    shot: PlannedShot, quality: FrameQuality, *, dark: bool = True, limit: float = 1.0
+) -> RigError | DataError | None:
+    return rejection(
+        shot,
+        quality,
+        dark_dn=DARK if dark else None,
+        range_dn=WHITE - BLACK,
+        max_clipped_fraction=limit,
+    )
+
+
+def test_the_led_and_what_to_do_are_named() -> None:
+    error = judged(LIGHT, frame(1))
+    assert isinstance(error, RigError)
+    assert str(error).startswith("L07_E0.tif: LED 7 gave no light at 500 us")
+    assert "dead_leds" in str(error)
+    assert "\n" not in str(error)
+
+
+def test_clipping_is_told_with_its_limit() -> None:
+    error = judged(LIGHT, frame(1, spot(3072 * 4, 9000.0)), limit=0.02)
+    assert isinstance(error, DataError)
+    assert "4.000% of the samples are clipped at 500 us, the plan allows 2.000%" in str(error)
+    assert judged(LIGHT, frame(1, spot(3072 * 4, 9000.0)), limit=0.05) is None
+
+
+@pytest.mark.parametrize(
+    ("shot", "dark"),
+    [
+        pytest.param(PlannedShot("dark", None, 0, 0, 500.0), True, id="a dark frame"),
+        pytest.param(PlannedShot("ambient", None, 0, 0, 500.0), True, id="an ambient frame"),
+        pytest.param(LIGHT, False, id="no dark frame to compare with"),
+    ],
+)
+def test_what_is_not_judged_by_its_light(shot: PlannedShot, dark: bool) -> None:
+    assert judged(shot, frame(1), dark=dark) is None
+
+
+def test_a_flat_is_judged_by_the_led_that_lights_it() -> None:
+    error = judged(PlannedShot("flat", None, 0, 0, 500.0, 3), frame(1))
+    assert "LED 3 gave no light" in str(error)

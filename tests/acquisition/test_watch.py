@@ -1,0 +1,332 @@
+"""A folder that something fills while it is watched."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition import _watch_files
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._images import write_exr, write_png, write_tiff
+from acquisition._lights import Lights
+from acquisition._manifest import Manifest
+from acquisition._plan import CapturePlan
+from acquisition._session import Session
+from acquisition._session_writer import SessionWriter
+from acquisition._verify import verify_session
+from acquisition._watch import Watch, WatchResult, lights_in_order, watch_folder
+
+SHAPE = (8, 10)
+BEGIN_NS = 1_700_000_000 * 10**9
+
+
+def picture(number: int) -> npt.NDArray[np.uint16]:
+    return np.random.default_rng(number).integers(0, 65536, SHAPE).astype(np.uint16)
+
+
+def shoot(folder: Path, number: int, time_s: float, name: str | None = None) -> Path:
+    """Put an image there, as if written that many seconds after the first."""
+    path = folder / (name or f"IMG_{number:04d}.png")
+    write_png(path, picture(number))
+    stamp = BEGIN_NS + round(time_s * 1e9)
+    os.utime(path, ns=(stamp, stamp))
+    return path
+
+
+def watch(folder: Path, leds: int = 8, **options: Any) -> Watch:
+    options = {"timeout_s": 0.6, "settle_s": 0.05, **options}
+    return Watch(folder, lights_in_order(leds), **options)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "in").mkdir()
+    return tmp_path / "in"
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "out"
+
+
+def recorded(out: Path) -> dict[int, str | None]:
+    """Origin by LED, pixels checked."""
+    session = Session.open(out)
+    for frame in session.frames:
+        assert frame.line.origin is not None
+        number = re.search(r"\d+", frame.line.origin)
+        assert number is not None
+        np.testing.assert_array_equal(frame.read(), picture(int(number[0])))
+    return {frame.led: frame.line.origin for frame in session.frames if frame.led is not None}
+
+
+def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path) -> None:
+    for number in range(8):
+        shoot(folder, number, 2.0 * number)
+    (folder / ".hidden.png").write_bytes(b"x")
+    (folder / "notes.txt").write_text("x")
+    told: list[str] = []
+    steps: list[tuple[int, int]] = []
+    lights = Lights(directions=np.stack([np.arange(8), np.zeros(8), np.ones(8)], 1))
+    result = watch_folder(
+        watch(folder),
+        out,
+        lights=lights,
+        tell=told.append,
+        on_frame=lambda done, total: steps.append((done, total)),
+        texts={"operator": "Ada", "place": "Rome"},
+    )
+    assert result.missing == ()
+    assert result.session.complete
+    assert verify_session(out).ok
+    assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
+    assert told[0] == "IMG_0000.png is L00_E0"
+    assert steps == [(i + 1, 8) for i in range(8)]
+    assert result.session.manifest.place == "Rome"
+    assert result.session.lights is not None
+    assert result.session.lights.ids == lights.ids
+
+
+def test_a_gap_in_time_leaves_a_hole_and_is_told(folder: Path, out: Path) -> None:
+    for number, at in enumerate([0, 2, 4, 8, 10, 12, 14]):
+        shoot(folder, number, at)
+    result = watch_folder(watch(folder), out)
+    assert [shot.file for shot in result.missing] == ["L03_E0.tif"]
+    assert not result.session.complete
+    assert recorded(out)[4] == "IMG_0003.png"
+    assert any("1 image is missing between IMG_0002.png and IMG_0003" in w for w in result.warnings)
+    assert any("save an image as L03_E0.png" in w for w in result.warnings)
+    # The hole is filled by name; nothing else moves.
+    shoot(folder, 3, 99, "L03_E0.png")
+    again = watch_folder(watch(folder), out)
+    assert again.session.complete
+    assert recorded(out)[3] == "L03_E0.png"
+    assert recorded(out)[4] == "IMG_0003.png"
+    assert verify_session(out).ok
+
+
+def test_images_taken_by_hand_are_matched_by_number_and_that_is_told(
+    folder: Path, out: Path
+) -> None:
+    for number, at in zip((1, 2, 3, 5, 6, 7, 8), (0, 3, 21, 30, 31, 50, 51), strict=True):
+        shoot(folder, number, at)
+    result = watch_folder(watch(folder), out)
+    assert sorted(recorded(out)) == [0, 1, 2, 4, 5, 6, 7]
+    assert any("no steady pace" in line for line in result.warnings)
+    assert any("missing by number between IMG_0003" in line for line in result.warnings)
+
+
+def test_without_gaps_pauses_mean_nothing(folder: Path, out: Path) -> None:
+    for number, at in enumerate([0, 2, 4, 8, 10, 12, 14, 16]):
+        shoot(folder, number, at)
+    assert watch_folder(watch(folder, gaps=False), out).session.complete
+
+
+def test_more_images_than_lights_are_named(folder: Path, out: Path) -> None:
+    for number in range(7):
+        shoot(folder, number, 2.0 * number)
+    result = watch_folder(watch(folder, leds=6), out)
+    assert result.session.complete
+    assert any("IMG_0006.png: no shot is left" in line for line in result.warnings)
+
+
+def in_background(work: Callable[[], None]) -> threading.Thread:
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_images_are_taken_as_they_appear_and_only_whole(folder: Path, out: Path) -> None:
+    """Files grow slowly under their own name, stall in mid-way, or are renamed when finished."""
+    (folder.parent / "ready").mkdir()
+
+    def camera() -> None:
+        for number in range(8):
+            source = shoot(folder.parent / "ready", number, 2.0 * number)
+            data, status = source.read_bytes(), source.stat()
+            path = folder / source.name
+            if number % 3 == 2:
+                os.replace(source, path)
+                continue
+            with path.open("wb") as file:
+                for start in range(0, len(data), len(data) // 3 + 1):
+                    file.write(data[start : start + len(data) // 3 + 1])
+                    file.flush()
+                    # Longer than a file must stay to count as settled.
+                    time.sleep(0.12)
+            os.utime(path, ns=(status.st_mtime_ns, status.st_mtime_ns))
+
+    thread = in_background(camera)
+    told: list[str] = []
+    result = watch_folder(watch(folder, timeout_s=20.0), out, tell=told.append)
+    thread.join(20)
+    assert result.session.complete
+    assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
+
+
+def test_nothing_overtakes_a_file_that_is_not_whole(folder: Path, out: Path) -> None:
+    for number in range(8):
+        shoot(folder, number, 2.0 * number)
+    cut = folder / "IMG_0003.png"
+    data, status = cut.read_bytes(), cut.stat()
+    cut.write_bytes(data[:-20])
+    result = watch_folder(watch(folder, gaps=False), out)
+    assert sorted(recorded(out)) == [0, 1, 2]
+    assert any("waiting for the rest" in w and "IMG_0003.png" in w for w in result.warnings)
+    cut.write_bytes(data)
+    os.utime(cut, ns=(status.st_mtime_ns, status.st_mtime_ns))
+    assert watch_folder(watch(folder, gaps=False), out).session.complete
+    assert verify_session(out).ok
+
+
+def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> None:
+    for number, at in enumerate([0, 2, 4, 6, 10, 12]):
+        shoot(folder, number, at)
+
+    def interrupted(done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        watch_folder(watch(folder), out, on_frame=interrupted)
+    assert verify_session(out).ok
+    assert sorted(recorded(out)) == [0, 1, 2]
+    for number, at in ((6, 14), (7, 16)):
+        shoot(folder, number, at)
+    told: list[str] = []
+    result = watch_folder(watch(folder), out, tell=told.append)
+    assert "taken up with 3 images" in told[0]
+    assert sorted(recorded(out)) == [0, 1, 2, 3, 5, 6, 7]
+    assert [shot.led for shot in result.missing] == [4]
+    assert any("IMG_0007.png: no shot is left" in line for line in result.warnings)
+
+
+def test_a_session_for_other_shots_is_not_taken_up(folder: Path, out: Path) -> None:
+    shoot(folder, 0, 0)
+    watch_folder(watch(folder), out)
+    with pytest.raises(DataError, match="the same --leds or --plan"):
+        watch_folder(watch(folder, leds=9), out)
+    (folder / "IMG_0000.png").unlink()
+    shoot(folder, 1, 2)
+    with pytest.raises(DataError, match=r"IMG_0000\.png: is recorded, but gone"):
+        watch_folder(watch(folder), out)
+    assert verify_session(out).ok
+
+
+def test_a_watch_killed_before_its_first_frame_is_taken_up(folder: Path, out: Path) -> None:
+    for number in range(3):
+        shoot(folder, number, 2.0 * number)
+    camera = {"width": SHAPE[1], "height": SHAPE[0], "bit_depth": 16}
+    manifest = Manifest.begin(out, operator="", object="", camera=camera)
+    SessionWriter.create(out, manifest).close()
+    assert watch_folder(watch(folder, leds=3), out).session.complete
+    assert verify_session(out).ok
+    assert recorded(out)[2] == "IMG_0002.png"
+
+
+def test_two_watchers_of_one_session(folder: Path, out: Path) -> None:
+    shoot(folder, 0, 0)
+    watch_folder(watch(folder), out)
+    writer = SessionWriter.reopen(out)
+    try:
+        with pytest.raises(StorageError, match="another process"):
+            watch_folder(watch(folder), out)
+    finally:
+        writer.close()
+
+
+def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
+    plan = CapturePlan(leds=(3, 1), exposures_us=(1000.0, 4000.0), dark=True)
+    shots = plan.shots()
+    for number in range(len(shots)):
+        shoot(folder, number, 2.0 * number)
+    result: WatchResult = watch_folder(
+        Watch(folder, shots, plan, timeout_s=0.6, settle_s=0.05), out
+    )
+    assert result.session.complete
+    assert result.session.manifest.plan == plan
+    assert [frame.line.origin for frame in result.session.frames] == [
+        f"IMG_{i:04d}.png" for i in range(6)
+    ]
+    assert [frame.role for frame in result.session.frames][:2] == ["dark", "dark"]
+    assert [frame.led for frame in result.session.frames][2:] == [3, 1, 3, 1]
+
+
+def test_no_image_at_all_is_told_and_leaves_nothing(folder: Path, out: Path) -> None:
+    with pytest.raises(DataError, match=r"in: no image came within 0\.3 s"):
+        watch_folder(watch(folder, timeout_s=0.3), out)
+    assert not out.exists()
+    (folder / "a.png").write_bytes(b"no image")
+    with pytest.raises(DataError, match=r"a\.png: .*no image came"):
+        watch_folder(watch(folder, timeout_s=0.3), out)
+    with pytest.raises(MissingPathError, match="no such folder"):
+        watch_folder(watch(folder / "none"), out)
+
+
+def test_an_image_of_another_kind_is_refused_and_the_session_stays_whole(
+    folder: Path, out: Path
+) -> None:
+    for number in range(3):
+        shoot(folder, number, 2.0 * number)
+    write_tiff(folder / "IMG_0003.tif", np.zeros((4, 4), np.uint16))
+    with pytest.raises(DataError, match=r"IMG_0003\.tif: pixels \(4, 4\)"):
+        watch_folder(watch(folder, gaps=False), out)
+    assert sorted(recorded(out)) == [0, 1, 2]
+    # On taking it up the first image still says what belongs.
+    with pytest.raises(DataError, match=r"IMG_0003\.tif: pixels \(4, 4\)"):
+        watch_folder(watch(folder, gaps=False), out)
+    assert verify_session(out).ok
+
+
+def test_floats_never_count_as_whole_images_of_a_session(folder: Path, out: Path) -> None:
+    write_exr(folder / "a.exr", np.ones((4, 4), np.float32))
+    with pytest.raises(DataError, match=r"a\.exr: a session holds whole numbers"):
+        watch_folder(watch(folder, timeout_s=0.3), out)
+
+
+def test_a_disk_that_is_full_leaves_what_was_recorded(
+    folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(8):
+        shoot(folder, number, 2.0 * number)
+    real = os.replace
+
+    def full(*arguments: Any) -> None:
+        if len(list(out.glob("frames/L*"))) == 3:
+            raise OSError(28, "No space left on device")
+        real(*arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        with pytest.raises(StorageError, match="No space left"):
+            watch_folder(watch(folder), out)
+    assert verify_session(out).ok
+    assert len(recorded(out)) == 3
+    assert watch_folder(watch(folder), out).session.complete
+    assert verify_session(out).ok
+
+
+def test_few_images_are_kept_in_memory_while_they_wait(
+    folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(6):
+        shoot(folder, number, 2.0 * number)
+    read: list[str] = []
+    real = _watch_files.read_for_import
+
+    def counted(path: Path) -> Any:
+        read.append(path.name)
+        return real(path)
+
+    monkeypatch.setattr(_watch_files, "read_for_import", counted)
+    assert watch_folder(watch(folder, leds=6), out).session.complete
+    assert len(read) == 6 + (6 - _watch_files._KEPT)

@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from acquisition._errors import StorageError
+from acquisition._write_queue import Turn, WriteQueue
+
+FOLDER = Path("session")
+
+
+@pytest.fixture
+def queue() -> Iterator[WriteQueue[int]]:
+    queue: WriteQueue[int] = WriteQueue(FOLDER, room=4, threads=2, stall_s=0.4)
+    yield queue
+    queue.end(5)
+
+
+def settled(queue: WriteQueue[int]) -> list[int]:
+    queue.drain()
+    return queue.results()
+
+
+def test_results_come_in_the_order_of_the_jobs(queue: WriteQueue[int]) -> None:
+    written: list[int] = []
+
+    def job(number: int, turn: Turn) -> int:
+        time.sleep(0.01 if number % 2 else 0)  # the odd ones are overtaken
+        turn()
+        written.append(number)
+        return number
+
+    for number in range(20):
+        queue.put(lambda turn, number=number: job(number, turn))
+    assert settled(queue) == list(range(20))
+    assert written == list(range(20))
+    assert queue.settled
+
+
+def test_jobs_work_side_by_side(queue: WriteQueue[int]) -> None:
+    together = threading.Barrier(2, timeout=10)
+
+    def job(turn: Turn) -> int:
+        together.wait()
+        turn()
+        return 1
+
+    queue.put(job)
+    queue.put(job)
+    assert settled(queue) == [1, 1]
+
+
+def test_it_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]) -> None:
+    gate = threading.Event()
+
+    def job(turn: Turn) -> int:
+        assert gate.wait(10)
+        turn()
+        return 1
+
+    for number in range(4):
+        assert not queue.full, number
+        queue.put(job)
+    assert queue.full
+    threading.Timer(0.05, gate.set).start()
+    queue.wait_for_room()
+    assert len(queue.results()) >= 2
+
+
+def test_what_was_done_is_told_before_the_error(queue: WriteQueue[int]) -> None:
+    def fine(turn: Turn) -> int:
+        turn()
+        return 7
+
+    def fails(turn: Turn) -> int:
+        turn()
+        raise ZeroDivisionError("no")
+
+    queue.put(fine)
+    queue.put(fails)
+    queue.put(fine)
+    queue.drain()
+    assert not queue.settled
+    assert queue.results() == [7]
+    with pytest.raises(ZeroDivisionError):
+        queue.results()
+    with pytest.raises(ZeroDivisionError):
+        queue.results()
+
+
+def test_nothing_is_written_after_a_job_that_failed(queue: WriteQueue[int]) -> None:
+    """Even by one that was under way: what it would write belongs behind the missing piece."""
+    second_waits = threading.Event()
+    written: list[int] = []
+
+    def first(turn: Turn) -> int:
+        assert second_waits.wait(10)
+        raise StorageError("disk full")
+
+    def second(turn: Turn) -> int:
+        second_waits.set()
+        turn()
+        written.append(2)
+        return 2
+
+    queue.put(first)
+    queue.put(second)
+    queue.drain()
+    assert queue.end(10)
+    assert written == []
+    with pytest.raises(StorageError, match="disk full"):
+        queue.results()
+
+
+def test_a_job_that_never_ends_is_told(queue: WriteQueue[int]) -> None:
+    gate = threading.Event()
+
+    def job(turn: Turn) -> int:
+        assert gate.wait(30)
+        turn()
+        return 1
+
+    queue.put(job)
+    with pytest.raises(StorageError, match=r"session: the disk has taken no frame for 0\.\d s, 1 "):
+        queue.drain()
+    assert not queue.end(0.05)
+    gate.set()
+    assert queue.end(10)
+
+
+def test_slow_is_not_stuck(queue: WriteQueue[int]) -> None:
+    def job(turn: Turn) -> int:
+        time.sleep(0.25)
+        turn()
+        return 1
+
+    for _ in range(4):
+        queue.put(job)
+    assert settled(queue) == [1] * 4
+
+
+def test_the_end_forgets_what_waits(queue: WriteQueue[int]) -> None:
+    gate = threading.Event()
+    begun: list[int] = []
+
+    def job(number: int, turn: Turn) -> int:
+        begun.append(number)
+        assert gate.wait(10)
+        turn()
+        return number
+
+    for number in range(4):
+        queue.put(lambda turn, number=number: job(number, turn))
+    while len(begun) < 2:
+        time.sleep(0.001)
+    threading.Timer(0.05, gate.set).start()
+    assert queue.end(10)
+    assert begun == [0, 1]

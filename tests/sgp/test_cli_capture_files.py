@@ -1,0 +1,290 @@
+"""Sessions made smaller, written for other programs and brought back, as an operator does it."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import Session, read_image, read_lights, write_png
+
+CAPTURE = [sys.executable, "-c", "from sgp import capture; capture()"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """A simulated session with dark frame, near lights, mask and true normals."""
+    from sgp.app import build, run
+
+    folder = tmp_path_factory.mktemp("made") / "coin"
+    words = ("simulate", "coin", "--out", str(folder), "--size", "96x80", "--lights", "6")
+    assert run(build(), [*words, "--seed", "3"]) == 0
+    return folder
+
+
+@pytest.fixture
+def session(made, tmp_path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "coin"))
+
+
+def lights_of(session: Path) -> Path:
+    return session / "derived" / "truth" / "lights.json"
+
+
+def lit(folder: Path) -> dict[int, np.ndarray]:
+    return {f.led: f.read() for f in Session.open(folder).frames if f.role == "light"}
+
+
+def same(folder: Path, other: Path) -> None:
+    one, two = lit(folder), lit(other)
+    assert list(one) == list(two)
+    for led in one:
+        np.testing.assert_array_equal(one[led], two[led])
+
+
+def test_compacting_a_session(sgp, session, made):
+    answer = sgp("capture", "compact", session, "--json")
+    assert answer.code == 0, answer.err
+    metrics = json.loads(answer.out)["metrics"]
+    assert (metrics["frames"], metrics["compacted"], metrics["complete"]) == (7, 7, True)
+    assert metrics["ratio"] > 1.3
+    assert metrics["bytes_after"] == sum(f.stat().st_size for f in (session / "frames").iterdir())
+    verified = sgp("capture", "verify", session)
+    assert verified.code == 0
+    assert "whole and complete" in verified.out
+    same(made, session)
+    again = sgp("capture", "compact", session)
+    assert again.code == 0
+    assert "0 of 7 frames compacted" in again.out
+
+
+def test_a_damaged_session_is_not_compacted(sgp, session):
+    frame = session / "frames" / "L03_E0.tif"
+    data = bytearray(frame.read_bytes())
+    data[-1] ^= 1
+    frame.write_bytes(data)
+    answer = sgp("capture", "compact", session)
+    assert answer.code == 4
+    assert answer.err.count("\n") == 1
+    assert "L03_E0.tif: was changed since it was recorded" in answer.err
+    assert sgp("capture", "compact", session / "none").code == 2
+
+
+@pytest.mark.parametrize("layout", ["diligent", "lp", "alicevision"])
+def test_export_and_import_give_the_same_pixels_and_lights(sgp, session, tmp_path, layout):
+    out, back = tmp_path / "out", tmp_path / "back"
+    words = ("--format", layout, "--out", out, "--lights", lights_of(session))
+    answer = sgp("capture", "export", session, *words, "--json")
+    assert answer.code == 0, answer.err
+    assert json.loads(answer.out)["metrics"]["images"] == 6
+    record = json.loads((out / "export.json").read_text())
+    assert record["parameters"]["layout"] == layout
+    assert record["metrics"]["subtracted"] == "nothing"
+    assert str(session / "frames" / "L00_E0.tif") in record["inputs"]
+    assert any("positions" in warning for warning in record["warnings"])
+    answer = sgp("capture", "import", out, "--out", back)
+    assert answer.code == 0, answer.err
+    assert answer.err == "", "nothing to warn of"
+    same(session, back)
+    lights, expected = Session.open(back).lights, read_lights(lights_of(session))
+    assert lights is not None
+    np.testing.assert_array_equal(lights.positions_mm, expected.positions_mm)
+    np.testing.assert_array_equal(lights.intensities, expected.intensities)
+    assert Session.open(back).manifest.object == "coin"
+
+
+def test_normals_of_an_export_are_as_good_as_those_of_the_session(sgp, session, tmp_path):
+    """Linear values stand alone: another program needs no black level and no dark frame."""
+    lights = lights_of(session)
+    words = ("--format", "diligent", "--values", "linear", "--lights", lights)
+    answer = sgp("capture", "export", session, *words, "--out", tmp_path / "out", "--json")
+    assert answer.code == 0
+    assert json.loads(answer.out)["metrics"]["subtracted"] == "dark frames"
+    errors = []
+    for source, given in ((session, lights), (tmp_path / "out", None)):
+        extra = ["--distant"] + ([] if given is None else ["--lights", given])
+        answer = sgp(
+            "normals", source, *extra, "--out", tmp_path / f"n{len(errors)}", "--force", "--json"
+        )
+        assert answer.code == 0, answer.err
+        errors.append(json.loads(answer.out)["metrics"]["mae_deg"])
+    assert errors[1] == pytest.approx(errors[0], abs=0.2)
+
+
+def test_an_exr_stack_has_every_frame(sgp, session, tmp_path):
+    answer = sgp("capture", "export", session, "--format", "exr", "--out", tmp_path / "out")
+    assert answer.code == 0
+    assert len(list((tmp_path / "out").glob("*.exr"))) == 7
+    stored = read_image(tmp_path / "out" / "L02_E0.exr")
+    np.testing.assert_array_equal(stored, lit(session)[2].astype(np.float32))
+    back = sgp("capture", "import", tmp_path / "out", "--out", tmp_path / "back")
+    assert back.code == 4
+    assert "a session holds whole numbers" in back.err
+    assert not (tmp_path / "back").exists()
+
+
+def test_an_export_replaces_only_an_earlier_one_and_only_when_told(sgp, session, tmp_path):
+    out, lights = tmp_path / "out", lights_of(session)
+    words = ("capture", "export", session, "--out", out, "--lights", lights, "--format")
+    assert sgp(*words, "lp").code == 0
+    (out / "mine.txt").write_text("keep")
+    refused = sgp(*words, "diligent")
+    assert refused.code == 2
+    assert "--force" in refused.err
+    assert (out / "lights.lp").exists()
+    assert sgp(*words, "diligent", "--bracket", 7, "--force").code == 4
+    assert (out / "lights.lp").exists(), "a command that fails costs nothing"
+    assert sgp(*words, "diligent", "--force").code == 0
+    assert not (out / "lights.lp").exists()
+    assert (out / "filenames.txt").exists()
+    assert (out / "mine.txt").read_text() == "keep"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        pytest.param(["--format", "lp"], 4, "no lights are known", id="no-lights"),
+        pytest.param(["--format", "gif"], 2, "gif", id="unknown-layout"),
+        pytest.param(["--format", "exr", "--bracket", "-1"], 2, "bracket", id="bracket"),
+        pytest.param(["--format", "lp", "--lights", "none.lp"], 2, "none.lp", id="no-file"),
+        pytest.param([], 2, "--format", id="no-layout"),
+    ],
+)
+def test_exports_that_cannot_be(sgp, session, tmp_path, words, code, said):
+    answer = sgp("capture", "export", session, "--out", tmp_path / "out", *words)
+    assert answer.code == code
+    assert said in answer.err
+    assert answer.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_export_never_goes_into_the_session(sgp, session):
+    words = ("capture", "export", session, "--format", "exr", "--out")
+    assert sgp(*words, session / "frames" / "x").code == 2
+    assert sgp(*words, session, "--force").code == 2
+    assert sgp("capture", "verify", session).code == 0
+
+
+def test_texts_for_people_go_into_the_session_and_on(sgp, recording, tmp_path):
+    texts = {"object-name": "Ball", "operator": "Ada", "place": "Rome", "rights": "CC0"}
+    options = [word for name, text in texts.items() for word in (f"--{name}", text)]
+    lights = recording.parent / "lights.json"
+    words = ("capture", "import", recording, "--lights", lights, "--out", tmp_path / "s")
+    assert sgp(*words, *options).code == 0
+    manifest = Session.open(tmp_path / "s").manifest
+    assert (manifest.object, manifest.operator) == ("Ball", "Ada")
+    assert (manifest.place, manifest.rights) == ("Rome", "CC0")
+    words = ("capture", "export", tmp_path / "s", "--format", "lp", "--out", tmp_path / "out")
+    assert sgp(*words).code == 0
+    assert sgp("capture", "import", tmp_path / "out", "--out", tmp_path / "b").code == 0
+    assert Session.open(tmp_path / "b").manifest.rights == "CC0"
+
+
+def tethered(folder: Path, times: list[float]) -> Path:
+    folder.mkdir(exist_ok=True)
+    for number, at in enumerate(times):
+        path = folder / f"IMG_{number:04d}.png"
+        write_png(path, np.full((8, 10), 100 * number + 7, np.uint16))
+        stamp = 1_700_000_000 * 10**9 + round(at * 1e9)
+        os.utime(path, ns=(stamp, stamp))
+    return folder
+
+
+def test_watching_a_folder(sgp, tmp_path):
+    folder, out = tethered(tmp_path / "in", [0, 2, 4, 8, 10, 12]), tmp_path / "out"
+    words = ("capture", "import", folder, "--watch", "--leds", 7, "--out", out)
+    answer = sgp(*words, "--timeout-s", 1.5, "--operator", "Ada", "--json")
+    assert answer.code == 4, answer.err
+    assert json.loads(answer.out)["metrics"]["missing"] == ["L03_E0.tif"]
+    assert "1 image is missing between IMG_0002.png and IMG_0003.png" in answer.err
+    assert "IMG_0003.png is L04_E0" in answer.err
+    shutil.copy(folder / "IMG_0000.png", folder / "L03.png")
+    answer = sgp(*words, "--timeout-s", 20)
+    assert answer.code == 0, answer.err
+    assert sgp("capture", "verify", out).code == 0
+    assert Session.open(out).manifest.operator == "Ada"
+    assert sgp(*words).code == 4, "a complete session is not taken up"
+
+
+def test_watching_with_a_plan(sgp, tmp_path):
+    plan = tmp_path / "plan.toml"
+    plan.write_text("leds = [2, 0]\nexposures_us = [500.0]\n")
+    folder = tethered(tmp_path / "in", [0, 2, 4])
+    words = ("capture", "import", folder, "--watch", "--plan", plan, "--out", tmp_path / "out")
+    assert sgp(*words, "--interval-s", 2, "--timeout-s", 20).code == 0
+    frames = Session.open(tmp_path / "out").frames
+    assert [(frame.role, frame.led) for frame in frames] == [
+        ("dark", None),
+        ("light", 2),
+        ("light", 0),
+    ]
+
+
+def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
+    folder, out = tethered(tmp_path / "in", [0, 2, 4, 6, 8, 10]), tmp_path / "out"
+    words = ["import", str(folder), "--watch", "--leds", "7", "--out", str(out)]
+    process = subprocess.Popen(
+        [*CAPTURE, *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+    )
+    deadline = time.monotonic() + 60
+    while not (out / "frames" / "L05_E0.tif").exists():
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 130, said
+    assert "the same command goes on" in said
+    assert "Traceback" not in said
+    tethered(folder, [0, 2, 4, 6, 8, 10, 12])
+    assert sgp("capture", *words, "--timeout-s", 20).code == 0
+    assert sgp("capture", "verify", out).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        pytest.param(["--watch"], "give --leds or --plan", id="no-shots"),
+        pytest.param(["--watch", "--leds", "3", "--plan", "p.toml"], "one of the two", id="both"),
+        pytest.param(["--leds", "3"], "--leds is for --watch", id="not-watching"),
+        pytest.param(["--interval-s", "3"], "--interval-s is for --watch", id="interval"),
+        pytest.param(
+            ["--watch", "--leds", "3", "--no-gaps", "--interval-s", "2"], "--no-gaps", id="no-time"
+        ),
+        pytest.param(["--watch", "--leds", "0"], "leds", id="no-leds"),
+        pytest.param(["--watch", "--leds", "3", "--mask", "m.png"], "--mask", id="mask"),
+        pytest.param(["--watch", "--leds", "3", "--timeout-s", "0"], "timeout", id="timeout"),
+    ],
+)
+def test_watches_that_cannot_be(sgp, tmp_path, words, said):
+    folder = tethered(tmp_path / "in", [0])
+    answer = sgp("capture", "import", folder, "--out", tmp_path / "out", *words)
+    assert answer.code == 2
+    assert said in answer.err
+    assert answer.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_watch_never_writes_into_a_folder_of_other_things(sgp, tmp_path):
+    folder = tethered(tmp_path / "in", [0])
+    words = ("capture", "import", folder, "--watch", "--leds", 1, "--out")
+    assert sgp(*words, folder).code == 2
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "x").write_text("")
+    assert sgp(*words, tmp_path / "other").code == 2
+
+
+@pytest.mark.parametrize("command", ["compact", "export", "import"])
+def test_every_command_shows_an_example(sgp, command):
+    answer = sgp("capture", command, "--help")
+    assert answer.code == 0
+    assert f"capture {command} " in answer.out.partition("For example:")[2]

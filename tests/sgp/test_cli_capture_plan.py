@@ -1,0 +1,151 @@
+"""A plan shown without hardware, and a rig checked against it, as an operator does."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+RIG = """
+name = "small"
+driver = "simulated"
+leds = 8
+settle_ms = 5
+dead_leds = [7]
+[options]
+scene = "coin"
+width = 96
+height = 80
+seed = 3
+camera = "inside"
+realtime = false
+"""
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def plan(tmp_path: Path):
+    def write(text: str = "leds = [0,1,2,3,7]\nexposures_us = [20000, 1000]\n") -> Path:
+        path = tmp_path / "plan.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_plan_is_shown_without_hardware(sgp, plan):
+    answer = sgp("capture", "plan", plan(), "--width", 100, "--height", 50, "--json")
+    metrics = json.loads(answer.out)["metrics"]
+    assert metrics["shots"][:2] == ["D_20000us.tif", "D_1000us.tif"]
+    assert metrics["shots"][-1] == "L07_E1.tif"
+    assert metrics["counts"] == {"light": 10, "dark": 2, "ambient": 0, "flat": 0}
+    assert metrics["bytes"] == 12 * 100 * 50 * 2
+    assert metrics["exposure_seconds"] == pytest.approx(6 * 0.021)
+    # 70 ms for each frame and 2 ms for the light to settle.
+    assert metrics["seconds"] == pytest.approx(6 * 0.021 + 12 * 0.072)
+
+
+def test_time_and_dead_leds_are_those_of_the_rig_file(sgp, plan, rig):
+    answer = sgp("capture", "plan", plan(), "--rig", rig, "--frame-ms", 10)
+    assert answer.code == 0
+    assert "left out because the rig file lists them as dead: LEDs 7" in answer.err
+    assert "L07" not in answer.out
+    assert "10 shots: 8 light, 2 dark" in answer.out
+    assert "15 ms for each frame" in answer.out
+    shown = json.loads(sgp("capture", "plan", plan(), "--rig", rig, "--json").out)
+    assert shown["metrics"]["left_out"] == [7]
+    assert list(shown["metrics"]["exposures_us"]) == ["0", "1", "2", "3"]
+
+
+def test_the_default_plan_lights_every_working_led(sgp, rig):
+    assert "37 shots: 36 light, 1 dark" in sgp("capture", "plan").out
+    assert "8 shots: 7 light, 1 dark" in sgp("capture", "plan", "--rig", rig).out
+
+
+def test_exposures_are_shown_by_groups_of_leds(sgp, plan):
+    text = "leds = [0,1,2,3,4,9]\nexposures_us = [20000]\n[exposures_by_led]\n"
+    shown = sgp("capture", "plan", plan(text + "3 = [30000]\n9 = [30000]\n")).out.splitlines()
+    assert shown[1].split() == ["20000", "0-2,", "4"]
+    assert shown[2].split() == ["30000", "3,", "9"]
+
+
+def test_many_exposures_take_few_lines(sgp, plan):
+    own = "".join(f"{led} = [{1000 + led}, {10 + led}]\n" for led in range(300))
+    text = f"leds = {list(range(300))}\nexposures_us = [5, 6]\n[exposures_by_led]\n{own}"
+    shown = sgp("capture", "plan", plan(text), "--leds", 300).out.splitlines()
+    assert len(shown) < 20
+    assert shown[1].split("  ")[0] == "1000 to 1024, 10 to 34"
+    assert shown[1].endswith(" 0-24")
+    assert shown[12].endswith(" 275-299")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        pytest.param(
+            "leds=[36]\nexposures_us=[5]", "LED 36 does not exist", id="led-36-of-0-to-35"
+        ),
+        pytest.param("leds=[0]\nexposures_us=[0]", "exposures_us.0", id="exposure-0"),
+        pytest.param("leds=[0,0]\nexposures_us=[5]", "0 is there twice", id="led-twice"),
+        pytest.param("leds=[0]\nexposures_us=[5,5]", "5 is there twice", id="exposure-twice"),
+        pytest.param("leds=[0]\nexposures_us=[5]\nflat=2", "unknown key 'flat'", id="key"),
+    ],
+)
+def test_plans_that_are_refused(sgp, plan, text, said):
+    answer = sgp("capture", "plan", plan(text))
+    assert answer.code == 4
+    assert answer.out == ""
+    assert said in answer.err
+    assert len(answer.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(("no-such-plan.toml",), id="plan"),
+        pytest.param(("--rig", "no-such-rig.toml"), id="rig"),
+        pytest.param(("--frame-ms", -1), id="negative-time"),
+    ],
+)
+def test_what_is_not_there_is_wrong_usage(sgp, words):
+    assert sgp("capture", "plan", *words).code == 2
+
+
+def test_a_rig_in_order_is_ready(sgp, rig, plan, tmp_path):
+    answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan())
+    assert answer.code == 0, answer.out
+    assert answer.out.splitlines()[-1] == "ready to record"
+    rows = [line.split()[:2] for line in answer.out.splitlines()[:-1]]
+    assert rows[0] == ["ok", "disk"]
+    assert rows[-1] == ["ok", "LEDs"]
+    assert "LEDs 7" in answer.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_rig_that_is_not_ready_gives_exit_3_and_says_why(sgp, rig, plan, tmp_path):
+    short = plan("leds = [0,1]\nexposures_us = [2]\n")
+    answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", short, "--quick")
+    assert answer.code == 3
+    assert "NOT READY: camera" in answer.out
+    assert "not done  focus" in answer.out
+    assert "LEDs " not in answer.out.partition("NOT READY")[2]
+    found = sgp(
+        "capture", "check", tmp_path / "new", "--rig", rig, "--plan", short, "--quick", "--json"
+    )
+    assert found.code == 3
+    told = json.loads(found.out)
+    assert told["ok"] is False
+    assert told["metrics"]["ready"] is False
+    states = {check["name"]: check["state"] for check in told["metrics"]["checks"]}
+    assert states["camera"] == "failed"
+    assert "LEDs" not in states
+
+
+def test_help_has_an_example(sgp):
+    for command in ("plan", "check"):
+        assert f"capture {command} " in sgp("capture", command, "--help").out
