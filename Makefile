@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
+# Many tests wait for a board or a camera: one worker more than two cores keeps them busy.
+WORKERS ?= 3
 
 .PHONY: demo test lint install clean genicam-1.5
 
@@ -12,7 +14,7 @@ demo: $(STAMP)
 	$(BIN)/sgp demo --out demo
 
 test: lint
-	$(BIN)/pytest -m "not slow" $(PYTEST_ARGS)
+	$(BIN)/pytest -m "not slow" -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -4,10 +4,14 @@ import signal
 
 import pytest
 
+_WANTED = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
+
 
 @pytest.fixture(scope="session", autouse=True)
-def _ctrl_c_works():
-    """Let SIGINT interrupt: a shell ignores it for what it runs in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+def _signals_work():
+    """Let signals strike that a shell ignores for what it runs in the background."""
+    known = [name for name in _WANTED if hasattr(signal, name)]
+    before = [signal.signal(getattr(signal, name), _WANTED[name]) for name in known]
     yield
-    signal.signal(signal.SIGINT, before)
+    for name, handler in zip(known, before, strict=True):
+        signal.signal(getattr(signal, name), handler)
