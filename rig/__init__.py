@@ -18,10 +18,18 @@ from rig._board_values import (
 from rig._camera import Camera, CameraFrame, CameraInfo, Trigger
 from rig._complaint import first_complaint
 from rig._config import RigConfig, read_rig_config
-from rig._errors import BoardError, CameraError, RigConfigError, RigError, RigNotFoundError
+from rig._errors import (
+    BoardError,
+    CameraError,
+    FrameTimeoutError,
+    RigConfigError,
+    RigError,
+    RigNotFoundError,
+)
 from rig._finding import Finding
+from rig._lights import Lights
 from rig._mounting import Mounting
-from rig._open import open_rig, rig_names
+from rig._open import open_lights, open_rig, rig_names
 from rig._ports import FoundPort, find_board, find_boards
 from rig._protocol import (
     MAX_COMMAND,
@@ -66,7 +74,9 @@ __all__ = [
     "FlashReport",
     "FoundCamera",
     "FoundPort",
+    "FrameTimeoutError",
     "GenICamCamera",
+    "Lights",
     "LineBuffer",
     "LineError",
     "Mounting",
@@ -93,6 +103,7 @@ __all__ = [
     "first_complaint",
     "open_bench",
     "open_genicam",
+    "open_lights",
     "open_rig",
     "read_rig_config",
     "rig_names",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +14,7 @@ from rig._camera import Camera
 from rig._complaint import first_complaint
 from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError
+from rig._lights import Lights
 from rig._ports import find_board
 from rig._rig import Rig
 
@@ -26,11 +29,11 @@ class BenchOptions(BaseModel):
     board
         Name of the board's firmware, where several boards are plugged in.
     cti
-        The camera maker's GenTL producer, a file ``*.cti``.
+        The camera maker's GenTL producer, a file ``*.cti``; needed for the camera.
     camera, model
         Serial number or model of the camera, where several are plugged in.
     pixel_format
-        For instance ``Mono12``; the camera's deepest format otherwise.
+        For instance ``Mono12``; otherwise the best that the camera has: 12 bit before all others.
     trigger_line
         The camera's input that the board's trigger output is wired to.
     frame_rate_hz
@@ -43,7 +46,7 @@ class BenchOptions(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    cti: Annotated[str, Field(min_length=1)]
+    cti: Annotated[str, Field(min_length=1)] | None = None
     port: Annotated[str, Field(min_length=1)] = "auto"
     board: str | None = None
     camera: str | None = None
@@ -70,42 +73,72 @@ def open_bench(config: RigConfig) -> Rig:
     RigError
         If board or camera are not found, do not open, or do not fit to the rig file.
     """
-    if not config.options:
+    options = _options(config)
+    if options.cti is None:
         raise RigConfigError(
             f"rig {config.name}: where the camera is found has to be told: write a rig file with "
             'driver = "bench" and, under [options], cti = "..." (see docs/rig-and-plan-files.md)'
         )
+    board = _board(config, options)
+    with _given_back(board):
+        # The light first: an earlier program may have left one on, and cameras are slow to open.
+        board.off()
+        camera = _camera(options.cti, options)
+    return Rig(board, camera, config)
+
+
+def open_bench_lights(config: RigConfig) -> Lights:
+    """Open only the LED board of a rig file of the driver ``bench``.
+
+    Raises
+    ------
+    RigConfigError
+        If an option is not understood.
+    RigError
+        If the board is not found, does not open, or does not fit to the rig file.
+    """
+    return Lights(_board(config, _options(config)), config)
+
+
+def _options(config: RigConfig) -> BenchOptions:
     try:
-        options = BenchOptions.model_validate(config.options)
+        return BenchOptions.model_validate(config.options)
     except ValidationError as error:
         complaint = first_complaint(error, noun="option", known=BenchOptions.model_fields)
         raise RigConfigError(f"rig {config.name}: {complaint}") from error
+
+
+def _board(config: RigConfig, options: BenchOptions) -> Board:
     port = find_board(name=options.board) if options.port == "auto" else options.port
     board = Board(port)
-    try:
+    with _given_back(board):
         if options.board not in (None, board.identity.name):
             raise BoardError(
                 f"LED board on {port} is {board.identity.name}, rig {config.name} wants "
                 f"{options.board}: correct port or board in the rig file"
             )
-        # The light first: an earlier program may have left one on, and cameras are slow to open.
-        board.off()
-        camera = _camera(options)
+    return board
+
+
+@contextlib.contextmanager
+def _given_back(board: Board) -> Iterator[None]:
+    """Close the board where something fails."""
+    try:
+        yield
     except BaseException as error:
         try:
             board.close()
         except BoardError as failure:
             error.add_note(f"on closing: {failure}")
         raise
-    return Rig(board, camera, config)
 
 
-def _camera(options: BenchOptions) -> Camera:
+def _camera(cti: str, options: BenchOptions) -> Camera:
     # harvesters takes a while to import; who only asks for options is spared it.
     from rig._genicam_camera import open_genicam
 
     return open_genicam(
-        Path(options.cti).expanduser(),
+        Path(cti).expanduser(),
         serial=options.camera,
         model=options.model,
         pixel_format=options.pixel_format,

@@ -65,6 +65,9 @@ class Board:
         self._uptime_asked_s = time.monotonic()
         try:
             self.identity = self._handshake(handshake_timeout_s)
+            # A board that resets when its port opens is younger than the open port: only from here
+            # on does a clock that is behind mean a restart.
+            self.status()
         except BaseException as error:
             try:
                 self.close()

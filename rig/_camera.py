@@ -39,6 +39,8 @@ class CameraInfo:
         From the trigger to the start of the exposure.
     frame_period_us
         Least time between two triggers at the exposure set last, 0 where it is not known.
+    turned_off
+        What the camera did to its pictures by itself until it was opened: names of nodes.
     """
 
     vendor: str
@@ -55,6 +57,7 @@ class CameraInfo:
     readout_us: float = 0.0
     trigger_delay_us: float = 0.0
     frame_period_us: float = 0.0
+    turned_off: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ class CameraFrame:
     frame_id
         The count of triggers since the camera was opened, checked against the device's own.
     timestamp_ns
-        The camera's own clock at the start of the exposure.
+        The camera's own clock at the start of the exposure; 0 where it tells no time.
     exposure_us, gain_db
         What the frame was taken with, as read back from the camera.
     temperature_c

@@ -12,6 +12,9 @@ from rig._complaint import first_complaint
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._mounting import Mounting
 
+# A dome of 100 m would do for a hangar.
+_Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
+
 
 class RigConfig(BaseModel):
     """One rig: which driver opens it, and what the driver and the controller need to know.
@@ -50,10 +53,10 @@ class RigConfig(BaseModel):
 
     name: str = Field(min_length=1)
     driver: str = Field(min_length=1)
-    leds: Annotated[int, Field(ge=1, le=4096)] = 36
+    leds: Annotated[int, Field(strict=True, ge=1, le=4096)] = 36
     settle_ms: Annotated[float, Field(ge=0, le=1000)] = 2.0
-    dead_leds: tuple[int, ...] = ()
-    led_positions_mm: tuple[tuple[float, float, float], ...] = ()
+    dead_leds: tuple[Annotated[int, Field(strict=True)], ...] = ()
+    led_positions_mm: tuple[tuple[_Millimetres, _Millimetres, _Millimetres], ...] = ()
     trigger: Literal["software", "board"] = "software"
     exposure_active: bool = False
     frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
@@ -70,6 +73,8 @@ class RigConfig(BaseModel):
             raise ValueError(
                 f"led_positions_mm has {len(self.led_positions_mm)} positions for {self.leds} LEDs"
             )
+        if len(set(self.led_positions_mm)) < len(self.led_positions_mm):
+            raise ValueError("led_positions_mm has two LEDs at one place")
         return self
 
 

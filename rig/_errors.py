@@ -13,6 +13,10 @@ class CameraError(RigError):
     """The camera failed; the message names the node or the frame that was awaited."""
 
 
+class FrameTimeoutError(CameraError):
+    """A frame did not come in time, and the camera has nothing to say about it."""
+
+
 class RigConfigError(RigError):
     """A rig file or rig name is not understood."""
 

@@ -7,6 +7,7 @@ import time
 from rig._camera import CameraFrame
 from rig._errors import CameraError
 from rig._exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
+from rig._frame_time import time_ns
 from rig._shot import led_name
 
 # How much the rate of one clock by the other wanders while a rig is open.
@@ -42,7 +43,13 @@ class FlashChain:
         return self._last_ns is not None and self._open_us(since_us) <= exposure.margin_us
 
     def begin(self, frame: CameraFrame) -> None:
-        """Start with a frame that is not proven itself and must not be used."""
+        """Start with a frame that is not proven itself and must not be used.
+
+        Raises
+        ------
+        CameraError
+            If the camera tells no time.
+        """
         self._frames_us = self._pulses_us = 0.0
         self._link(frame)
 
@@ -69,7 +76,7 @@ class FlashChain:
         Raises
         ------
         CameraError
-            If the frame was not exposed as long after the one before.
+            If the frame was not exposed as long after the one before, or the camera tells no time.
         """
         last_ns = self._last_ns
         self.cut()
@@ -79,7 +86,7 @@ class FlashChain:
                 f"{where} cannot be compared with the one before it, because the board has "
                 "restarted; the frame is thrown away, shoot again"
             )
-        apart_us = (frame.timestamp_ns - last_ns) / 1000
+        apart_us = (time_ns(frame, self._camera) - last_ns) / 1000
         off_us = abs(apart_us - self._rate * since_us)
         if off_us > min(self._open_us(since_us), exposure.margin_us):
             raise CameraError(
@@ -92,7 +99,7 @@ class FlashChain:
         self._link(frame)
 
     def _link(self, frame: CameraFrame) -> None:
-        self._last_ns = frame.timestamp_ns
+        self._last_ns = time_ns(frame, self._camera)
         self._last_s = time.monotonic()
 
     @property

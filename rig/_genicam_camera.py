@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rig._camera import CameraFrame, Trigger
-from rig._errors import CameraError
+from rig._errors import CameraError, FrameTimeoutError
 from rig._genicam_acquisition import Acquisition, ReceivedFrame
 from rig._genicam_automatics import turn_off_automatics
 from rig._genicam_count import BlockCount
@@ -64,9 +64,12 @@ class GenICamCamera:
             self._trigger = TriggerControl(self._nodes, options.trigger_line)
             check_needs(self._nodes, device.found, options.needs)
             self._trigger.free()
-            turn_off_automatics(self._nodes)
+            changed = turn_off_automatics(self._nodes)
             self._settings = Settings(self._nodes)
-            self.info, form = set_up(self._nodes, self._settings, device.found, options)
+            info, form = set_up(self._nodes, self._settings, device.found, options)
+            # Those of colour exist only now that the pixel format is chosen.
+            changed += turn_off_automatics(self._nodes)
+            self.info = replace(info, turned_off=tuple(dict.fromkeys(changed)))
             self._acquisition.expect(form, (self.info.height, self.info.width))
         except BaseException:
             with contextlib.suppress(CameraError):
@@ -197,7 +200,7 @@ class GenICamCamera:
             if now_s - began_s >= timeout_s:
                 self._settings.check_answers()
                 line = f", armed on {self._options.trigger_line}," if self._armed == "line" else ":"
-                raise CameraError(
+                raise FrameTimeoutError(
                     f"camera {self._name}{line} frame {frame_id} did not come within "
                     f"{timeout_s:g} s of waiting; check trigger and cable"
                 )

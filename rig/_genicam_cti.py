@@ -31,10 +31,9 @@ def check_cti(path: Path) -> None:
             f"{path}: no such GenTL producer; give the path of the .cti file that came with the "
             "camera's driver"
         ) from error
-    except OSError as error:
-        raise CameraError(
-            f"{path}: cannot be read as a GenTL producer ({error.strerror})"
-        ) from error
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise CameraError(f"{path}: cannot be read as a GenTL producer ({reason})") from error
     if content[:4] == _ELF_MAGIC and _elf_is_cut_short(content):
         raise CameraError(f"{path}: this GenTL producer is cut short; install the driver again")
     if _ENTRY_POINT not in content:

@@ -115,8 +115,12 @@ class Nodes:
             node.value = _stepped(node, value, low, high)
         return self.number(names)
 
-    def set_choice(self, names: Names, symbol: str) -> None:
-        """Choose a symbol of an enumeration, and check that the camera took it.
+    def is_choice(self, names: Names) -> bool:
+        """Tell whether a node is an enumeration."""
+        return isinstance(self._node(names), genapi.IEnumeration)
+
+    def set_choice(self, names: Names, symbol: str) -> bool:
+        """Choose a symbol of an enumeration, check that the camera took it; tell if it was another.
 
         Raises
         ------
@@ -127,7 +131,7 @@ class Nodes:
         where = self._where(names)
         # Written only where needed: many cameras lock what they will not let change.
         if self.text(names) == symbol:
-            return
+            return False
         choices = self.choices(names)
         if symbol not in choices:
             raise CameraError(f"{where}: no {symbol!r} here, only {', '.join(choices)}")
@@ -135,17 +139,19 @@ class Nodes:
             self._node(names).value = symbol
         if (found := self.text(names)) != symbol:
             raise CameraError(f"{where}: was set to {symbol} but stays {found}")
+        return True
 
-    def set_flag(self, names: Names, *, on: bool) -> None:
-        """Write a boolean, and check that the camera took it."""
+    def set_flag(self, names: Names, *, on: bool) -> bool:
+        """Write a boolean, check that the camera took it; tell if it was the other."""
         where = self._where(names)
         node = self._node(names)
         with told(f"{where}, set to {on}"):
             if bool(node.value) == on:
-                return
+                return False
             node.value = on
             if bool(node.value) != on:
                 raise CameraError(f"{where}: was set to {on} but stays {not on}")
+        return True
 
     def execute(self, names: Names) -> None:
         """Execute a command."""

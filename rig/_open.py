@@ -6,11 +6,14 @@ from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from rig._bench import open_bench_lights
 from rig._config import RigConfig, read_rig_config
 from rig._errors import RigConfigError, RigNotFoundError
+from rig._lights import Lights
 from rig._rig import Rig
 
 DRIVERS = "sgp.rigs"
+BENCH = "bench"
 
 
 def rig_names() -> tuple[str, ...]:
@@ -36,16 +39,36 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     RigError
         If the rig does not open.
     """
-    if name_or_path in rig_names():
-        config = RigConfig(name=name_or_path, driver=name_or_path)
-    elif _is_path(name_or_path):
-        config = read_rig_config(Path(name_or_path))
-    else:
-        raise RigNotFoundError(
-            f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
-            "and no rig file of that name exists"
-        )
+    config = _config(name_or_path)
     return _driver(config)(config)
+
+
+def open_lights(name_or_path: str = "simulated") -> Lights | Rig:
+    """Open a rig for its LEDs only: of the driver ``bench`` the board alone, without its camera.
+
+    Parameters
+    ----------
+    name_or_path
+        See `open_rig`; the name ``bench`` stands for the one board that any port has.
+
+    Raises
+    ------
+    RigError
+        As `open_rig`.
+    """
+    config = _config(name_or_path)
+    return open_bench_lights(config) if config.driver == BENCH else _driver(config)(config)
+
+
+def _config(name_or_path: str) -> RigConfig:
+    if name_or_path in rig_names():
+        return RigConfig(name=name_or_path, driver=name_or_path)
+    if _is_path(name_or_path):
+        return read_rig_config(Path(name_or_path))
+    raise RigNotFoundError(
+        f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
+        "and no rig file of that name exists"
+    )
 
 
 def _is_path(name: str) -> bool:

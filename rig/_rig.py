@@ -12,10 +12,11 @@ from rig._board_values import BoardEcho
 from rig._camera import Camera, Trigger
 from rig._config import RigConfig
 from rig._dark import watch
-from rig._errors import BoardError, RigError
+from rig._errors import RigError
 from rig._exposure import Exposure
+from rig._lights import check_count
 from rig._sequence import run, runs
-from rig._shooting import Bench, by_board, by_software
+from rig._shooting import Bench, by_board, by_software, hold_ms
 from rig._shot import Shot
 from rig._wires import Wires, try_wires
 
@@ -67,13 +68,8 @@ class Rig:
         ]
         self._unwatch = watch(board.darken)
         try:
-            if board.identity.leds != config.leds:
-                raise BoardError(
-                    f"LED board on {board.port} has {board.identity.leds} LEDs, rig "
-                    f"{config.name} is said to have {config.leds}: correct the rig file"
-                )
+            check_count(board, config)
             board.off()
-            # From now on the board's age is known, and a restart shows.
             board.ping()
             self._arm("line" if config.trigger == "board" else "software")
         except BaseException as error:
@@ -123,6 +119,20 @@ class Rig:
             self._off_after(error)
             raise
 
+    def prepare(self, exposure_us: float, gain_db: float = 0.0) -> None:
+        """Set the camera as for a shot and take none: tells early whether it can be taken.
+
+        Raises
+        ------
+        RigError
+            If camera or board cannot do it.
+        """
+        exposure = self._configure(exposure_us, gain_db)
+        if self.config.trigger == "board":
+            exposure.check(self.board.identity)
+        else:
+            hold_ms(self._bench, exposure)
+
     def sequence(
         self, leds: Sequence[int | None], exposure_us: float, gain_db: float = 0.0
     ) -> Iterator[Shot]:
@@ -163,8 +173,11 @@ class Rig:
             self._arm("line")
             self._bench.chain.cut()
             for part in runs(tuple(leds), self.board.identity.max_steps):
-                if len(part) == 1:
-                    yield by_board(self._bench, part[0], exposure)
+                # Two frames alone do not prove each other: a lost trigger and a stray one could
+                # stand in for them.
+                if len(part) <= 2:
+                    for led in part:
+                        yield by_board(self._bench, led, exposure)
                 else:
                     yield from run(self._bench, part, exposure)
         except BaseException as error:
@@ -261,6 +274,8 @@ class Rig:
     def _configure(self, exposure_us: float, gain_db: float) -> Exposure:
         if self._exposure is None or self._settings != (exposure_us, gain_db):
             self._exposure = None
+            # Cameras that stamp the end of an exposure, or begin it later, shift by its length.
+            self._bench.chain.cut()
             real_us = self.camera.configure(exposure_us=exposure_us, gain_db=gain_db)
             # The frame period may hang on the exposure.
             self._exposure = Exposure.of(self.camera.info, self.config, real_us)

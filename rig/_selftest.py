@@ -155,6 +155,7 @@ class _Camera:
         exposure_us = min(max(_FIRST_US, low_us), high_us)
         for _ in range(_PASSES):
             self.brightest = 0.0
+            taken_us = exposure_us
             taken = self.all(leds, exposure_us)
             if self.brightest > _MOST_FILL:
                 wanted_us = exposure_us / 4
@@ -166,7 +167,7 @@ class _Camera:
             if wanted_us == exposure_us:
                 break
             exposure_us = wanted_us
-        return exposure_us, taken
+        return taken_us, taken
 
     def all(self, leds: tuple[int, ...], exposure_us: float) -> Array:
         """Return ``(K, B)`` coarse images of the LEDs."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rig._camera import CameraFrame
 from rig._errors import CameraError
 from rig._exposure import CLOCK_JITTER_US, CLOCK_SHARE
+from rig._frame_time import time_ns
 from rig._shot import led_name
 
 
@@ -42,9 +43,9 @@ class Spacing:
         ------
         CameraError
             If the time from the frame before it, or from the first one, is not that between their
-            triggers.
+            triggers, or the camera tells no time.
         """
-        frame_us = frame.timestamp_ns / 1000
+        frame_us = time_ns(frame, self._camera) / 1000
         for frame_id, taken_us, pulsed_us in self._taken:
             apart_us, pulses_us = frame_us - taken_us, trigger_us - pulsed_us
             if abs(apart_us - pulses_us) > CLOCK_JITTER_US + CLOCK_SHARE * pulses_us:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from rig._errors import CameraError
+from rig._errors import FrameTimeoutError
 from rig._exposure import Exposure
 from rig._shooting import Bench
 
@@ -27,7 +27,13 @@ class Wires:
 
 
 def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
-    """Flash once with the camera armed on its line, and see what each notices of the other."""
+    """Flash once with the camera armed on its line, and see what each notices of the other.
+
+    Raises
+    ------
+    RigError
+        If the board fails, or the camera in another way than that no frame comes.
+    """
     exposure.check(bench.board.identity)
     time.sleep(max(0.0, bench.ready_s - time.monotonic()))
     frame_id = bench.camera.expect()
@@ -35,6 +41,6 @@ def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
     bench.triggered(exposure, time.monotonic())
     try:
         bench.camera.fetch(frame_id, bench.config.frame_timeout_s)
-    except CameraError:
+    except FrameTimeoutError:
         return Wires(False, report.active_us is not None)
     return Wires(True, report.active_us is not None)

@@ -25,6 +25,8 @@ Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=6
 Order = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=64))]
 Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=100))]
 Positive = Annotated[float, Parameter(validator=Number(gt=0, lte=1e6))]
+# What a camera can do is the camera's to say: this is a day.
+Microseconds = Annotated[float, Parameter(validator=Number(gt=0, lte=8.64e10))]
 Gamma = Annotated[float, Parameter(validator=Number(gte=0.1, lte=10))]
 Factor = Annotated[float, Parameter(validator=Number(gte=-1000, lte=1000))]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import os
+import signal
 import sys
 from importlib.resources import files
 from typing import Annotated, Any
@@ -12,9 +13,10 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from sgp import __version__
+from sgp._stderr import STDERR
 
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
-_TOP = ("demo", "run", "normals", "surface", "compare", "simulate")
+_TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
 _GROUPS = {
     "capture": (
         "Record sessions, check them and bring in others.",
@@ -27,15 +29,20 @@ _GROUPS = {
     "calibrate": ("Estimate where the lights are and how strong.", ("spheres", "intensities")),
     "detail": (
         "Split normal maps into shape and detail, and combine them.",
-        ("separate", "combine", "transfer"),
+        ("separate", "combine"),
     ),
+    "bench": ("Make the paper's tables anew, beside its own figures.", ("paper",)),
 }
 # Commands of a group that have a module of their own.
-_FURTHER = {
+_FURTHER: dict[str, dict[str, tuple[str, ...]]] = {
     "capture": {
         "capture_plan": ("plan", "check"),
         "capture_files": ("compact", "export", "import_"),
-    }
+    },
+    "detail": {
+        "detail_transfer": ("transfer",),
+        "detail_properties": ("properties",),
+    },
 }
 
 
@@ -116,6 +123,12 @@ def run(app: App, tokens: list[str]) -> int:
         return fail(f"{error} (see `{app.name[0]} --help`)", 2)
     except KeyboardInterrupt as error:
         return fail("; ".join(["stopped by Ctrl-C", *_notes(error)]), 130)
+    except SystemExit as error:
+        # What the rig makes of SIGTERM and SIGHUP once its lights are out.
+        if not isinstance(error.code, int) or error.code <= _SIGNALLED:
+            raise
+        name = signal.Signals(error.code - _SIGNALLED).name
+        return fail("; ".join([f"stopped by {name}", *_notes(error)]), error.code)
     except BrokenPipeError:
         # The reader of our output has gone; what it wanted it has.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -128,6 +141,10 @@ def run(app: App, tokens: list[str]) -> int:
         if code == FAULT:
             text = f"{type(error).__name__}: {text} (a fault of this program: see --debug)"
         return fail("; ".join([text, *_notes(error)]), code)
+
+
+# The exit code of a program that a signal has ended is so much more than the signal's number.
+_SIGNALLED = 128
 
 
 def _notes(error: BaseException) -> list[str]:
@@ -157,12 +174,12 @@ def _fail(text: str, code: int, *, as_json: bool, debug: bool) -> int:
     if debug:
         import traceback
 
-        traceback.print_exc()
+        traceback.print_exc(file=STDERR)
     if as_json:
         from sgp._result import dumps
 
         print(dumps({"ok": False, "error": line, "exit_code": code}))
-    print(f"error: {line}", file=sys.stderr)
+    print(f"error: {line}", file=STDERR)
     return code
 
 

@@ -51,6 +51,7 @@ class BoardFault(BaseModel):
         In the board: wrong-led (``value`` is lit, or loaded, instead), double-led (``value`` burns
         as well), goes-dark (``value`` ms after the command, in spite of what was declared), reset
         (in the middle of the command), reset-after (it has acted, and resets before it replies),
+        boot-loader (resets in place of the command, and starts after ``value`` ms without a word),
         die (in place of the command, for good), hang-up (the same, and back on the same path after
         ``value`` ms), lose-trigger, double-trigger (a second pulse ``value`` us after the first,
         0 for 300).
@@ -84,6 +85,7 @@ class BoardFault(BaseModel):
         "goes-dark",
         "reset",
         "reset-after",
+        "boot-loader",
         "die",
         "hang-up",
         "lose-trigger",
@@ -122,6 +124,8 @@ class FaultyBoard:
         # Faults of replies that are to come, and replies on their way with the time they arrive.
         self._reply_faults: list[tuple[Command, BoardFault]] = []
         self._due: list[tuple[int, bytes]] = []
+        # When the boot loader hands over to the firmware, None where the firmware runs.
+        self._starts_ns: int | None = None
 
     def set_faults(self, faults: Iterable[BoardFault]) -> None:
         """Let exactly these faults strike from now on."""
@@ -136,12 +140,16 @@ class FaultyBoard:
         PowerCutError
             If a fault says that the board vanishes.
         """
+        self._start(now_ns)
+        if self._starts_ns is not None:
+            return
         for line in self._wire.feed(data):
             command = _command(line)
             self._take(line, command, self._strike(command), now_ns)
 
     def advance(self, now_ns: int) -> bytes:
         """Do what is due by now, and return what arrives at the host."""
+        self._start(now_ns)
         self._reply(self.firmware.advance(now_ns), now_ns)
         arrived = sorted((item for item in self._due if item[0] <= now_ns), key=lambda i: i[0])
         self._due = [item for item in self._due if item[0] > now_ns]
@@ -149,7 +157,14 @@ class FaultyBoard:
 
     def next_ns(self, now_ns: int) -> int:
         """Return when `advance` is due again."""
-        return min([self.firmware.light.next_ns(now_ns), *(at for at, _ in self._due)])
+        starts = [] if self._starts_ns is None else [self._starts_ns]
+        due = [at for at, _ in self._due]
+        return min([self.firmware.light.next_ns(now_ns), *due, *starts])
+
+    def _start(self, now_ns: int) -> None:
+        if self._starts_ns is not None and now_ns >= self._starts_ns:
+            self.firmware.boot(self._starts_ns)
+            self._starts_ns = None
 
     def _take(
         self, line: bytes, command: Command | None, fault: BoardFault | None, now_ns: int
@@ -160,6 +175,11 @@ class FaultyBoard:
             self._outputs.put_out(now_ns)
             self._due.clear()
             raise PowerCutError(None if kind == "die" else now_ns + value * _MS)
+        if kind == "boot-loader":
+            self.firmware.boot(now_ns)
+            self._due.clear()
+            self._starts_ns = now_ns + value * _MS
+            return
         if kind == "reset":
             self.firmware.boot(now_ns)
             self._due = [(now_ns, _BANNER)]

@@ -23,7 +23,8 @@ from simulator.gentl import CompilerError, build
 CameraKind = Literal["auto", "gentl", "inside"]
 
 FRAME_RATE_HZ = 200.0
-NO_COMPILER = "virtual camera in Python, for want of a C compiler"
+_DEPTHS = (8, 10, 12, 16)
+IN_PYTHON = "virtual camera in Python"
 
 
 def simulated_rig(
@@ -78,14 +79,16 @@ def simulated_rig(
     seen = _mounted((wiring or Wiring()).planes(planes), config)
     height, width, *_ = config.mounting.upright_shape(size)
     stored_cfa = None if cfa is None else config.mounting.stored_cfa(cfa, size)
-    inside_only = not realtime or camera_faults is not None
+    odd_depth = noise.bit_depth not in _DEPTHS
+    inside_only = not realtime or camera_faults is not None or odd_depth
     if camera == "gentl" and inside_only:
         raise RigConfigError(
-            f"rig {config.name}: the camera gentl waits for exposures and has faults of its own: "
-            "take the camera inside, or leave realtime and camera_faults"
+            f"rig {config.name}: the camera gentl has {', '.join(map(str, _DEPTHS))} bits, waits "
+            "for exposures and has faults of its own: take the camera inside, or leave "
+            f"{'bit_depth' if odd_depth else 'realtime and camera_faults'} as it is"
         )
     wanted = "inside" if inside_only else camera
-    compiles = wanted == "inside" or camera == "gentl" or _can_build()
+    lacking = None if wanted == "inside" or camera == "gentl" else _why_not_built()
     with contextlib.ExitStack() as opened:
         virtual = opened.enter_context(VirtualBoard(config.leds))
         board = Board(virtual.port)
@@ -93,7 +96,7 @@ def simulated_rig(
         closing = contextlib.ExitStack()
         closing.callback(virtual.close)
         device: Camera
-        if wanted != "inside" and compiles:
+        if wanted != "inside" and lacking is None:
             made = GentlCamera(
                 seen,
                 size=(height, width),
@@ -111,7 +114,7 @@ def simulated_rig(
             )
             opened.callback(made.close)
             closing.callback(made.close)
-            device = open_genicam(made.cti)
+            device = open_genicam(made.cti, pixel_format=_format(stored_cfa, noise.bit_depth))
         else:
             inside = VirtualCamera(
                 seen,
@@ -128,20 +131,25 @@ def simulated_rig(
                 sensor_seed=sensor_seed,
                 faults=camera_faults,
             )
-            if not compiles:
-                inside.info = replace(inside.info, model=NO_COMPILER)
+            if lacking is not None:
+                inside.info = replace(inside.info, model=f"{IN_PYTHON} ({lacking})")
             device = inside
         rig = Rig(board, device, config, on_close=closing.close)
         opened.pop_all()
     return rig
 
 
-def _can_build() -> bool:
+def _format(cfa: str | None, depth: int) -> str:
+    return f"Mono{depth}" if cfa is None else f"Bayer{cfa[:2]}{depth}"
+
+
+def _why_not_built() -> str | None:
+    """Return why there is no GenTL producer, None where there is one."""
     try:
         build()
-    except CompilerError:
-        return False
-    return True
+    except CompilerError as error:
+        return str(error)
+    return None
 
 
 def _mounted(planes: Planes, config: RigConfig) -> Planes:

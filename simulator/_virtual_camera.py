@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 from acquisition import NoiseModel
-from rig import CameraError, CameraFrame, CameraInfo, Trigger
+from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
 from simulator._bench_state import BenchState
 from simulator._lamps import Lamps
 from simulator._virtual_sensor import Exposure, Planes, VirtualSensor
@@ -281,7 +281,7 @@ class VirtualCamera:
                 pause_s = _POLL_S if self._armed == "line" else left_s
             if left_s <= 0:
                 line = f", armed on {LINE}," if self._armed == "line" else ":"
-                raise CameraError(
+                raise FrameTimeoutError(
                     f"camera {self.info.serial}{line} frame {frame_id} did not come within "
                     f"{timeout_s:g} s of waiting; check trigger and cable"
                 )

@@ -11,25 +11,29 @@ import numpy as np
 
 from acquisition import write_tiff
 from rig import (
+    BoardError,
     BoardStatus,
     FoundCamera,
     FoundPort,
-    Rig,
     RigConfig,
     find_boards,
     find_cameras,
+    open_lights,
     open_rig,
     rig_names,
 )
 from rig import selftest as examine
 from sgp._console import progress
 from sgp._exit import UsageError
-from sgp._options import Positive, Whole
+from sgp._options import Microseconds, Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
 
 # The board's watchdog turns the light off after a second without a sign of life.
 _SIGN_EVERY_S = 0.25
+# The board's own hold ends so much later than the light is wanted; its clock may be 1 % too fast.
+_SPARE_HOLD_MS = 3000
+_CLOCK = 0.99
 _HOT_C = 70.0
 
 
@@ -118,17 +122,19 @@ def check(*, rig: str = "simulated") -> Result:
                 f"exposure {camera.exposure_min_us:g} to {camera.exposure_max_us:g} us{readout}"
                 f"{rate}",
                 f"trigger by {config.trigger}",
+                *[f"off     {', '.join(camera.turned_off)}: turned off in the camera"]
+                * bool(camera.turned_off),
             ],
             warnings=_doubts(status, config),
         )
 
 
 def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
-    """Light one LED for a while; Ctrl-C turns it off.
+    """Light one LED for a while; Ctrl-C turns it off. Of a bench only the board is needed.
 
     For example:
 
-        sgp rig light 7 --seconds 3
+        sgp rig light 7 --seconds 3 --rig bench.toml
 
     Parameters
     ----------
@@ -137,24 +143,36 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     rig
         Name of a rig, or a rig.toml.
     seconds
-        How long. The board itself turns the LED off then, or one second after this program died.
+        How long. The board itself turns the LED off 3 s later, or a second after this program
+        died.
     """
-    with open_rig(rig) as opened:
-        longest = opened.board.identity.max_hold_ms / 1000
-        if seconds > longest:
-            raise UsageError(f"--seconds {seconds:g}: this board lights for up to {longest:g} s")
-        _check_led(opened, led)
-        ends_s = time.monotonic() + seconds
-        opened.board.on(led, max(1, round(seconds * 1000)))
-        while (left_s := ends_s - time.monotonic()) > 0:
+    with open_lights(rig) as opened:
+        board = opened.board
+        longest = board.identity.max_hold_ms
+        if seconds * 1000 > longest:
+            raise UsageError(
+                f"--seconds {seconds:g}: this board lights for up to {longest / 1000:g} s"
+            )
+        _check_led(opened.config, led)
+        # Beyond the end: who is to turn it off then is this program.
+        hold_ms = min(longest, round(seconds * 1000 + _SPARE_HOLD_MS))
+        began_s = time.monotonic()
+        board.on(led, hold_ms)
+        while (left_s := began_s + seconds - time.monotonic()) > 0:
             time.sleep(min(left_s, _SIGN_EVERY_S))
-            opened.board.ping()
-        opened.off()
+            board.ping()
+        burned = board.off().led
+        held = (time.monotonic() - began_s) * 1000 < hold_ms * _CLOCK
+        if burned != led and held:
+            raise BoardError(
+                f"LED board on {board.port}: LED {led} was lit, but {_burning(burned)} when it was "
+                "to be turned off: check the board's supply, and that nothing else uses the port"
+            )
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off again"])
 
 
 def off(*, rig: str = "simulated") -> Result:
-    """Turn every LED off.
+    """Turn every LED off. Of a bench only the board is needed.
 
     For example:
 
@@ -165,8 +183,9 @@ def off(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or a rig.toml.
     """
-    with open_rig(rig) as opened:
-        opened.off()
+    with open_lights(rig):
+        # It is dark from the beginning, and made sure of at the end.
+        pass
     return Result(summary=["all LEDs are off"])
 
 
@@ -174,7 +193,7 @@ def snap(
     *,
     out: Path,
     led: Whole | None = None,
-    exposure_us: Positive = 20_000.0,
+    exposure_us: Microseconds = 20_000.0,
     rig: str = "simulated",
     force: bool = False,
 ) -> Result:
@@ -192,7 +211,7 @@ def snap(
     led
         LED number from 0; default: none.
     exposure_us
-        Exposure time.
+        Exposure time, within the camera's range.
     rig
         Name of a rig, or a rig.toml.
     force
@@ -201,7 +220,7 @@ def snap(
     check_file(out, ".tif", force=force)
     with open_rig(rig) as opened:
         if led is not None:
-            _check_led(opened, led)
+            _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
         white = 2**opened.camera.info.bit_depth - 1
     pixels = shot.frame.pixels
@@ -300,8 +319,11 @@ def _doubts(status: BoardStatus, config: RigConfig) -> list[str]:
     return doubts
 
 
-def _check_led(opened: Rig, led: int) -> None:
-    config = opened.config
+def _burning(led: int | None) -> str:
+    return "none burned any more" if led is None else f"LED {led} burned"
+
+
+def _check_led(config: RigConfig, led: int) -> None:
     if not 0 <= led < config.leds:
         raise UsageError(f"LED {led} does not exist: {config.name} has 0 to {config.leds - 1}")
     if led in config.dead_leds:

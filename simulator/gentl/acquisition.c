@@ -156,10 +156,11 @@ static int64_t watch_line(void)
         int64_t at = bench_pulse(next_pulse);
         if (at == BENCH_WITHDRAWN)
             continue;
-        at += shift;
         const int64_t now = now_ns();
-        if (at > now)
-            return at < now + POLL_NS ? at : now + POLL_NS;
+        /* Of BENCH_NOT_YET too, to which nothing can be added. */
+        if (at > now - shift)
+            return at - now < POLL_NS - shift ? at + shift : now + POLL_NS;
+        at += shift;
         if (at >= armed_ns)
             expose(at);
     }

@@ -79,7 +79,7 @@ void bench_close(void)
  * at once. */
 static struct bench copied(void)
 {
-    static uint64_t given_up_on;
+    static _Thread_local uint64_t given_up_on;
     struct bench copy;
     uint64_t before;
     for (int attempt = 0;; attempt++) {

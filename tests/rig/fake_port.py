@@ -52,17 +52,18 @@ def device(answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterato
 
 
 def saying(*words: str, **others: tuple[str, ...]) -> Callable[[bytes], bytes]:
-    """Answer ID with these words, other verbs with theirs; those not named are not answered."""
+    """Answer ID with these words, other verbs with theirs; of those not named only STATUS."""
 
     def answer(line: bytes) -> bytes:
         try:
             command = decode_command(line)
         except LineError:
             return b""
-        outcome = {"ID": words, **others}.get(command.verb)
+        outcome = {"ID": words, "STATUS": STATUS, **others}.get(command.verb)
         return b"" if outcome is None else encode_reply(Reply(command.seq, command.verb, outcome))
 
     return answer
 
 
 IDENTITY = ("dome", "2", "3.5", "24", "3000", "1000", "8")
+STATUS = ("5", "-", "0", "0", "-", "IDLE", "0")

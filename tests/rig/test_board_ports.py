@@ -29,6 +29,7 @@ TIMEOUT_S = 0.25
         pytest.param(saying(*IDENTITY[:6]), "makes no sense", id="no step count"),
         pytest.param(saying(*IDENTITY[:3], "x", *IDENTITY[4:]), "no sense", id="LED count x"),
         pytest.param(saying(*IDENTITY[:3], "-1", *IDENTITY[4:]), "no sense", id="LED count -1"),
+        pytest.param(saying(*IDENTITY, STATUS=("5", "-", "0")), "no sense", id="STATUS of 1"),
     ],
 )
 def test_what_is_not_our_board(answer, said):
@@ -89,7 +90,6 @@ def test_a_board_of_another_make_is_taken_as_it_says():
             "DID", ("1", "7", "0", "9", "-"), lambda b: b.did(0), "DID 1 LED 7", id="other did"
         ),
         pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "no sense", id="did cut"),
-        pytest.param("STATUS", ("5", "-", "0"), lambda b: b.status(), "no sense", id="version 1"),
     ],
 )
 def test_answers_that_no_sound_board_gives(verb, outcome, act, said):

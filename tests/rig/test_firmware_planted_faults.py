@@ -61,6 +61,12 @@ FAULTS = {
         "        light::heard();\n        if (line::take(",
         "damaged lines are no sign of life",
     ),
+    "an ended flash is forgotten": Fault(
+        COMMANDS,
+        "if (!asks && light::flash_ended())",
+        "if (verb == nullptr && light::flash_ended())",
+        "a flash that ends while the next command arrives is told, and as what it was",
+    ),
     "no CRC test": Fault(LINE, " && told == sum", "", DAMAGE),
     "damage not counted": Fault(LINE, "        damaged++;", "        damaged += 0;", DAMAGE),
     "overlong lines are read": Fault(

@@ -12,8 +12,10 @@ import weakref
 import numpy as np
 import pytest
 
+import rig._genicam_camera
 from acquisition import NoiseModel
 from rig import CameraError, find_cameras, open_genicam
+from rig._genicam_nodes import Nodes
 from tests.rig.camera_benches import (
     BLACK,
     EXPOSURE_US,
@@ -207,6 +209,24 @@ def test_an_unplugged_camera_is_told_and_opens_again_when_it_is_back(make, when)
 def test_automatics_that_are_on_are_turned_off(make, automatic):
     bench = make(automatics=[automatic])
     shoot(bench, armed(bench), 3)
+
+
+def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, monkeypatch):
+    bench = make(automatics=["white", "gain"])
+    has, set_up = Nodes.has, rig._genicam_camera.set_up
+    chosen = []
+
+    def once_chosen(nodes, *words):
+        chosen.append(nodes)
+        return set_up(nodes, *words)
+
+    def as_with_colour(nodes, names):
+        return (names != "BalanceWhiteAuto" or bool(chosen)) and has(nodes, names)
+
+    monkeypatch.setattr(rig._genicam_camera, "set_up", once_chosen)
+    monkeypatch.setattr(Nodes, "has", as_with_colour)
+    assert bench.open().info.turned_off == ("GainAuto", "BalanceWhiteAuto")
+    assert chosen[0].text("BalanceWhiteAuto") == "Off"
 
 
 @pytest.mark.parametrize(

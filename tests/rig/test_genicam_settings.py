@@ -193,12 +193,17 @@ AUTOMATICS = (
     switch("GammaEnable", on=True),
     switch("LUTEnable", on=True),
     amount("Gamma", 2.2, 0.1, 4),
+    switch("DefectCorrectStaticEnable", on=True),
+    choice("BslDefectPixelCorrectionMode", "On", "Off"),
 )
 
 
 def test_automatics_are_turned_off():
     nodes = Nodes(Memory(AUTOMATICS).node_map, "c7")
-    turn_off_automatics(nodes)
+    assert set(turn_off_automatics(nodes)) == {automatic.name for automatic in AUTOMATICS}
+    assert turn_off_automatics(nodes) == ()
+    assert not nodes.flag("DefectCorrectStaticEnable")
+    assert nodes.text("BslDefectPixelCorrectionMode") == "Off"
     for automatic in AUTOMATICS[:4]:
         assert nodes.text(automatic.name) == "Off"
     assert not nodes.flag("GammaEnable")
@@ -206,7 +211,9 @@ def test_automatics_are_turned_off():
     assert nodes.number("Gamma") == 1.0
 
 
-@pytest.mark.parametrize("automatic", AUTOMATICS[:6], ids=lambda node: node.name)
+@pytest.mark.parametrize(
+    "automatic", [*AUTOMATICS[:6], *AUTOMATICS[7:]], ids=lambda node: node.name
+)
 def test_an_automatic_that_will_not_go_off_is_told(automatic):
     nodes = Nodes(Memory(AUTOMATICS, stuck=frozenset({automatic.name})).node_map, "c7")
     with pytest.raises(CameraError, match=rf"c7, {automatic.name}: was set to .* but stays"):
@@ -240,7 +247,9 @@ def test_what_cannot_be_turned_off_is_told(node, message):
     ],
 )  # fmt: skip
 def test_what_is_off_is_left_alone(nodes):
-    turn_off_automatics(Nodes(Memory(nodes).node_map, "c7"))
+    memory = Memory(nodes)
+    turn_off_automatics(Nodes(memory.node_map, "c7"))
+    assert not {node.name for node in nodes if "RO" in node.xml} & set(memory.written)
 
 
 TRIGGER = (

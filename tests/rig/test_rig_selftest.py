@@ -4,11 +4,21 @@ Its limits were chosen on scenes of the seeds 0 and 3; those here are others.
 """
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from rig import CameraError, RigConfig, RigError, selftest
+import rig._selftest as selftest_module
+from rig import (
+    CameraError,
+    CameraFrame,
+    FrameTimeoutError,
+    RigConfig,
+    RigError,
+    Shot,
+    selftest,
+)
 from rig._led_findings import Evidence, findings
 from simulator import Lamps, dome_lights, render, rig_for, scene_named
 from simulator._wiring import Wiring
@@ -230,7 +240,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, 
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
         def nothing_comes(frame_id, timeout_s, waiting=None):
-            raise CameraError("frame 0 did not come")
+            raise FrameTimeoutError("frame 0 did not come")
 
         fetch, expect = rig.camera.fetch, rig.camera.expect
 
@@ -248,6 +258,34 @@ def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, 
     assert not result.wires.trigger
     assert kinds(result, fault=trigger == "board") == [("trigger",)]
     assert result.ok == (trigger == "software")
+
+
+def test_a_camera_that_fails_is_not_taken_for_a_missing_wire(monkeypatch):
+    config = RigConfig(name="x", driver="simulated", leds=12)
+    with rig_for(rendered("coin"), config, camera="inside") as rig:
+
+        def unplugged(frame_id, timeout_s, waiting=None):
+            raise CameraError("camera c7 does not answer any more")
+
+        monkeypatch.setattr(rig.camera, "fetch", unplugged)
+        with pytest.raises(CameraError, match="does not answer any more"):
+            rig.wires(0, 1000)
+
+
+def test_the_exposure_that_is_told_is_that_of_the_pass(monkeypatch):
+    config = RigConfig(name="x", driver="simulated", leds=12)
+    with rig_for(rendered("coin"), config, camera="inside") as rig:
+        asked = []
+
+        def saturated(led, exposure_us, **named):
+            asked.append(exposure_us)
+            return Shot(CameraFrame(np.full((8, 8), 4095), 0, 1, exposure_us, 0.0, None), led, None)
+
+        monkeypatch.setattr(rig, "shoot", saturated)
+        # However short the exposure: no pass suits.
+        rig.camera.info = replace(rig.camera.info, exposure_min_us=1e-6)
+        exposure_us, _ = selftest_module._Camera(rig, lambda count: None).metered((0, 1))
+    assert exposure_us == asked[-1]
 
 
 def test_an_output_that_was_promised_and_is_not_there():

@@ -59,6 +59,21 @@ def test_short_sequences(bench, leds):
     assert [led_seen(shot.frame) for shot in shots] == leds
 
 
+def test_two_frames_do_not_prove_each_other(bench):
+    """A lost first trigger and a stray pulse in step with the first gap look like a run of two."""
+    with bench.rig(**FAST) as rig:
+        list(rig.sequence([1, 2, 3], EXPOSURE_US))
+        first, second = (pulse.time_ns for pulse in bench.state.triggers()[-3:-1])
+        bench.virtual.set_faults(
+            BoardFault(kind="lose-trigger"),
+            BoardFault(kind="double-trigger", skip=1, value=(second - first) // 1000),
+        )
+        shots = []
+        with contextlib.suppress(RigError):
+            taken(rig, [5, 9], shots)
+    assert [led_seen(shot.frame) for shot in shots] == [5, 9][: len(shots)]
+
+
 def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
     leds = list(range(11))
     with bench.rig(**FAST) as rig:
@@ -245,7 +260,7 @@ def test_a_board_without_its_reports_is_told(bench, monkeypatch):
     with bench.rig(**FAST) as rig:
         monkeypatch.setattr(rig.board, "did", lambda index: None)
         with pytest.raises(BoardError, match="has not done step 0"):
-            list(rig.sequence([1, 2], EXPOSURE_US))
+            list(rig.sequence([1, 2, 3], EXPOSURE_US))
         assert burning(bench) is None
 
 
@@ -271,6 +286,6 @@ def test_a_wire_that_is_not_there_is_told(bench):
     with bench.rig(exposure_active=True, **FAST) as rig:
         bench.virtual.set_faults(BoardFault(kind="lose-trigger"))
         with pytest.raises(RigError, match="LED 3") as error:
-            list(rig.sequence([3, 4], EXPOSURE_US))
+            list(rig.sequence([3, 4, 5], EXPOSURE_US))
         assert "Line0" in str(error.value)
         assert "the board stopped by itself" in str(error.value)

@@ -170,7 +170,9 @@ def test_noise_on_the_trigger_line_costs_the_frame(bench, late_us):
 
 
 def frame_at(time_us, frame_id=0):
-    return CameraFrame(np.zeros((1, 1), np.uint16), frame_id, time_us * 1000, 1.0, 0.0, None)
+    return CameraFrame(
+        np.zeros((1, 1), np.uint16), frame_id, (1_000_000 + time_us) * 1000, 1.0, 0.0, None
+    )
 
 
 @pytest.mark.parametrize(
@@ -286,6 +288,52 @@ def test_what_cannot_be_shot_is_refused_in_the_dark(
             rig.shoot(led, exposure_us, gain_db)
         assert bench.state.changes == before
         assert "\n" not in str(error.value)
+
+
+def test_a_board_that_starts_anew_when_its_port_opens_has_not_restarted(bench):
+    # As boards of the Arduino kind do: the boot loader hears nothing, then the clock starts at 0.
+    bench.virtual.set_faults(BoardFault(kind="boot-loader", verb="ID", value=1500))
+    with bench.rig() as rig:
+        assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
+        # From then on it counts.
+        bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
+        time.sleep(0.6)
+        with pytest.raises(BoardError, match="restarted"):
+            rig.board.ping()
+
+
+def stamped(rig, monkeypatch, stamp_ns):
+    """Let the camera state another time with its frames."""
+    fetch = rig.camera.fetch
+
+    def fetched(*words, **named):
+        frame = fetch(*words, **named)
+        return replace(frame, timestamp_ns=stamp_ns(frame))
+
+    monkeypatch.setattr(rig.camera, "fetch", fetched)
+
+
+def test_a_camera_that_states_the_end_of_an_exposure_may_change_it(bench, monkeypatch):
+    with bench.rig(trigger="board") as rig:
+        stamped(
+            rig, monkeypatch, lambda frame: frame.timestamp_ns + round(frame.exposure_us * 1000)
+        )
+        for led, exposure_us in enumerate((1000.0, 1000.0, 41_000.0, 1000.0, 41_000.0)):
+            shot = rig.shoot(led, exposure_us)
+            assert (shot.led, shot.frame.exposure_us) == (led, exposure_us)
+
+
+def test_a_camera_that_tells_no_time_is_told_and_no_wire_blamed(bench, monkeypatch):
+    with bench.rig(trigger="board") as rig:
+        stamped(rig, monkeypatch, lambda _: 0)
+        for shots in (
+            lambda: rig.shoot(3, EXPOSURE_US),
+            lambda: list(rig.sequence([3, 4, 5], EXPOSURE_US)),
+        ):
+            with pytest.raises(CameraError, match='tells no time: use trigger = "software"'):
+                shots()
+            assert burning(bench) is None
+        rig.shoot(3, EXPOSURE_US, trigger="software")
 
 
 def test_opening_with_another_led_count_closes_everything(bench):

@@ -20,6 +20,7 @@ from acquisition import NoiseModel, read_image
 from rig import Board, Command, LineError, Reply, decode_command, encode_reply
 from simulator import VirtualBoard
 from simulator._bench_state import BenchState
+from simulator._board_faults import BoardFault
 from simulator._gentl_camera import GentlCamera
 
 SIZE = (24, 32)
@@ -203,6 +204,53 @@ def test_off_puts_out_what_another_program_left(bench, sgp):
     assert bench.dark()
 
 
+@pytest.fixture
+def without_camera(bench):
+    bench.options["cti"] = "/nowhere/maker.cti"
+    return bench
+
+
+def test_lights_need_no_camera(without_camera, sgp):
+    bench = without_camera
+    board = Board(bench.board.port)
+    board.on(3, 50_000)
+    board.close()
+    assert sgp("rig", "off", "--rig", bench.rig).code == 0
+    assert bench.dark()
+    answer = sgp("rig", "light", 5, "--seconds", 0.2, "--rig", bench.rig)
+    assert answer.code == 0, answer.err
+    assert (bench.state.periods()[-1].led, bench.dark()) == (5, True)
+    assert "maker.cti" in error_line(sgp("rig", "check", "--rig", bench.rig))
+
+
+def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
+    class Port:
+        device = bench.board.port
+
+    monkeypatch.setattr(rig._ports.list_ports, "comports", lambda: [Port])
+    assert sgp("rig", "light", 0, "--seconds", 0.2, "--rig", "bench").code == 0
+    assert bench.state.periods()[-1].led == 0
+    assert bench.dark()
+
+
+def test_an_led_that_goes_out_by_itself_is_told(without_camera, sgp):
+    bench = without_camera
+    bench.board.set_faults(BoardFault(kind="goes-dark", verb="ON", value=100))
+    line = error_line(sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig))
+    assert "LED 5 was lit, but none burned any more" in line
+
+
+def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
+    bench = Bench(tmp_path, leds=24)
+    try:
+        bench.options["cti"] = "/nowhere/maker.cti"
+        line = error_line(sgp("rig", "light", 5, "--rig", bench.rig))
+        assert "has 24 LEDs, rig bench 1 is said to have 36" in line
+        Board(bench.board.port).close()
+    finally:
+        bench.close()
+
+
 def test_light_burns_for_longer_than_the_watchdogs_patience(bench, sgp):
     answer = sgp("rig", "light", 5, "--seconds", 1.6, "--rig", bench.rig)
     assert answer.code == 0, answer.err
@@ -349,6 +397,12 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
             [*SNAP[:5], "0.5", *SNAP[6:]],
             "ExposureTime: 0.5 us is outside .* 10 to",
             id="exposure too short",
+        ),
+        pytest.param(
+            lambda bench: None,
+            [*SNAP[:5], "20000000", *SNAP[6:]],
+            "ExposureTime: 2e.07 us is outside .* to 1e.07 us",
+            id="exposure too long",
         ),
         pytest.param(no_cti, SNAP, "option 'cti'", id="no cti"),
         pytest.param(misspelt, SNAP, "unknown option 'prot'; known are", id="misspelt option"),

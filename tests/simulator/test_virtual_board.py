@@ -83,7 +83,7 @@ def desk(tmp_path):
 @pytest.mark.parametrize(
     ("words", "outcome"),
     [
-        pytest.param("ID", "sgp-virtual-board 2 2.0.0 36 60000 1000 48", id="identity"),
+        pytest.param("ID", "sgp-virtual-board 2 2.0.0 36 60000 900 48", id="identity"),
         pytest.param("ON 7 1000", "7 1000", id="on"),
         pytest.param("ON 35 60000", "35 60000", id="last LED, longest hold"),
         pytest.param("ON 007 1", "7 1", id="leading zeros, shortest hold"),
@@ -165,7 +165,7 @@ def test_a_light_is_dark_a_second_after_the_last_word_even_if_the_board_has_died
     desk.at_ms(400)
     desk.ask("STATUS")
     # The board is not awake again.
-    assert desk.lit() == [(7, 0, 1400)]
+    assert desk.lit() == [(7, 0, 1300)]
 
 
 def test_an_hour_of_pings_keeps_a_light_to_the_end_of_its_hold_and_no_longer(desk):
@@ -184,7 +184,7 @@ def test_the_watchdog_counts_each_time_it_acts(desk):
     for k in range(100):
         desk.at_ms(10_000 * k)
         desk.ask("ON", "7", "5000")
-        desk.at_ms(10_000 * k + 999)
+        desk.at_ms(10_000 * k + 899)
         assert desk.firmware.light.led(desk.now_ns) == 7
         desk.at_ms(10_000 * k + 1000)
         assert desk.firmware.light.led(desk.now_ns) is None

@@ -110,8 +110,13 @@ bool board_active() { return ACTIVE_PIN & _BV(ACTIVE_BIT); }
 uint16_t board_temperature_dk() {
 #if defined(__AVR_ATmega328P__)
     // The sensor in the processor gives 314 mV at 25 C and about 1 mV per kelvin, to 10 K; full scale is 1.1 V.
-    const uint32_t tenth_mv = ADC * 11000UL / 1024;
-    return static_cast<uint16_t>(2982 + tenth_mv - 3140);
+    // Before the first conversion the reading is 0.
+    const uint16_t reading = ADC;
+    if (reading == 0)
+        return 0;
+    const int16_t tenth_mv = static_cast<int16_t>(reading * 11000UL / 1024);
+    const int16_t dk = static_cast<int16_t>(2982 - 3140 + tenth_mv);
+    return dk > 0 ? static_cast<uint16_t>(dk) : 0;
 #else
     return 0;
 #endif

@@ -297,8 +297,12 @@ void handle() {
         error = ARGUMENTS;
     else if (verb->refused && busy())
         error = BUSY;
-    else
+    else {
+        // What a flash did stands where the next light writes: one that ended in mid-line is told before.
+        if (!asks && light::flash_ended())
+            report_flash();
         error = verb->act(args);
+    }
     if (error != NONE) {
         refuse(error, memory);
         return;

@@ -152,6 +152,12 @@ class BoardUnderTest:
             int(words[0]), words[1], int(words[2]), int(words[3]), words[5], int(words[6])
         )
 
+    def wait(self, ms: int) -> None:
+        """Wait until the board's own clock has gone on by so much, which it must be asked for."""
+        start_ms = self.status().uptime_ms
+        while self.status().uptime_ms - start_ms <= ms:
+            time.sleep(0.01)
+
     def lines(self, timeout_s: float) -> Iterator[str]:
         """Yield the lines that come within a time."""
         ends_s = time.monotonic() + timeout_s

@@ -1,0 +1,30 @@
+"""When a frame was exposed, by the camera's clock."""
+
+from __future__ import annotations
+
+from rig._camera import CameraFrame
+from rig._errors import CameraError
+
+
+def time_ns(frame: CameraFrame, camera: str) -> int:
+    """Return the time of a frame, which has to prove whose frame it is.
+
+    Parameters
+    ----------
+    frame
+        As the camera delivered it.
+    camera
+        The camera's name, for the message.
+
+    Raises
+    ------
+    CameraError
+        If the camera tells no time.
+    """
+    if frame.timestamp_ns == 0:
+        raise CameraError(
+            f"camera {camera}: frame {frame.frame_id} came without a time, and nothing else proves "
+            "which trigger of the board it belongs to; the camera tells no time: use trigger = "
+            '"software" in the rig file, and no sequences'
+        )
+    return frame.timestamp_ns
