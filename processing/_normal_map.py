@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -47,11 +48,10 @@ class NormalMap:
         normals = np.ascontiguousarray(self.normals, np.float32)
         mask = np.ascontiguousarray(self.mask)
         _check_shapes(normals, mask)
-        length2 = np.einsum("ijk,ijk->ij", normals, normals)
-        # NaN fails every comparison, so it is asked for what is right, not for what is wrong.
-        sound = np.where(mask, np.abs(length2 - 1.0) <= 2 * _UNIT_TOLERANCE, length2 == 0)
-        if not sound.all():
-            row, column = np.unravel_index(int(np.argmin(sound)), mask.shape)
+        unsound = _unsound(normals, mask)
+        if unsound.any():
+            row = int(np.argmax(unsound))
+            column = int(unsound[row]) - 1
             where = "inside" if mask[row, column] else "outside"
             raise DataError(
                 f"the vector {normals[row, column].tolist()} at row {row}, column {column} {where} "
@@ -111,3 +111,29 @@ def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic
             f"normals of shape {vectors.shape} need a bool mask of shape {vectors.shape[:2]}, "
             f"not {mask.dtype} of shape {mask.shape}"
         )
+
+
+@numba.njit(cache=True)
+def _misfits(row: Float, inside: Mask) -> int:
+    count = 0
+    for c in range(inside.size):
+        x, y, z = row[3 * c], row[3 * c + 1], row[3 * c + 2]
+        off = x * x + y * y + z * z - (np.float32(1) if inside[c] else np.float32(0))
+        bound = np.float32(2 * _UNIT_TOLERANCE) if inside[c] else np.float32(0)
+        # NaN fails every comparison, so it is asked for what is right, not for what is wrong.
+        count += 0 if abs(off) <= bound else 1
+    return count
+
+
+@numba.njit(parallel=True, cache=True)
+def _unsound(normals: Float, mask: Mask) -> npt.NDArray[np.int64]:
+    """Return of each row 1 + the column of the first vector that does not fit the mask, or 0."""
+    first = np.zeros(mask.shape[0], np.int64)
+    for r in numba.prange(mask.shape[0]):
+        row = normals[r].reshape(-1)
+        if _misfits(row, mask[r]):
+            c = 0
+            while not _misfits(row[3 * c : 3 * c + 3], mask[r, c : c + 1]):
+                c += 1
+            first[r] = c + 1
+    return first

@@ -34,20 +34,36 @@ class Placement:
 
     def place(self, detail: NormalMap, target: NormalMap) -> NormalMap:
         """Lay a source's detail over a target; known where the target and the detail are."""
-        x, y, width, height = self.source_window
-        rows, inside_rows = _indices(target.size[0], self.at[1], height, self.tiles[1])
-        columns, inside_columns = _indices(target.size[1], self.at[0], width, self.tiles[0])
-        pick = np.ix_(y + rows, x + columns)
-        mask = detail.mask[pick] & target.mask & np.outer(inside_rows, inside_columns)
-        normals = detail.normals[pick]
-        normals[~mask] = 0
+        normals, mask = _lay(
+            detail.normals, detail.mask, target.mask, self.source_window, self.at, self.tiles
+        )
         return NormalMap(normals, mask)
 
 
-def _indices(length: int, start: int, period: int, tiles: int) -> tuple[npt.NDArray[np.intp], Mask]:
-    """Return for each of `length` pixels its index in the window, and whether it is covered."""
-    offset = np.arange(length) - start
-    return offset % period, (offset >= 0) & (offset < period * tiles)
+@numba.njit(parallel=True, cache=True)
+def _lay(
+    normals: npt.NDArray[np.float32],
+    mask: Mask,
+    room: Mask,
+    window: tuple[int, int, int, int],
+    at: tuple[int, int],
+    tiles: tuple[int, int],
+) -> tuple[npt.NDArray[np.float32], Mask]:
+    rows, columns = room.shape
+    out = np.zeros((rows, columns, 3), np.float32)
+    known = np.zeros((rows, columns), np.bool_)
+    x, y, width, height = window
+    left, right = max(at[0], 0), min(at[0] + width * tiles[0], columns)
+    for r in numba.prange(max(at[1], 0), min(at[1] + height * tiles[1], rows)):
+        q = y + (r - at[1]) % height
+        d = x + (left - at[0]) % width
+        for c in range(left, right):
+            if room[r, c] and mask[q, d]:
+                known[r, c] = True
+                for k in range(3):
+                    out[r, c, k] = normals[q, d, k]
+            d = d + 1 if d + 1 < x + width else x
+    return out, known
 
 
 def fill(source_mask: Mask, target_mask: Mask) -> Placement:

@@ -13,47 +13,20 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from processing._separation_kernels import turn
+
 Normals = npt.NDArray[np.float32]
 
-# Squared sine under which two vectors count as opposite: the axis is 0/0 there.
-_OPPOSITE = 1e-30
 
-
-@numba.njit(cache=True)
-def _tilt(x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """Return a unit pole (x, y, z) and 1 / (1 + z); the last is -1 at the pole -z itself."""
-    length = math.sqrt(x * x + y * y + z * z)
-    x /= length
-    y /= length
-    z /= length
-    if z >= 0:
-        return x, y, z, 1 / (1 + z)
-    # 1 + z cancels near the lower pole; the same number without the cancellation.
-    sine2 = x * x + y * y
-    if sine2 < _OPPOSITE:
-        return 0.0, 0.0, -1.0, -1.0
-    return x, y, z, (1 - z) / sine2
-
-
-@numba.njit(parallel=True, cache=True)
-def _rotate(vectors: Normals, poles: Normals, sign: float) -> Normals:
-    height, width = vectors.shape[:2]
-    out = np.zeros((height, width, 3), np.float32)
-    for r in numba.prange(height):
-        for c in range(width):
-            sx, sy, sz = float(poles[r, c, 0]), float(poles[r, c, 1]), float(poles[r, c, 2])
-            if sx == 0 and sy == 0 and sz == 0:
-                continue
-            sx, sy, sz, k = _tilt(sx, sy, sz)
-            x, y, z = float(vectors[r, c, 0]), float(vectors[r, c, 1]), float(vectors[r, c, 2])
-            if k < 0:
-                out[r, c, 0], out[r, c, 1], out[r, c, 2] = x, -y, -z
-                continue
-            dot = sx * x + sy * y
-            slide = k * dot + sign * z
-            out[r, c, 0] = x - sx * slide
-            out[r, c, 1] = y - sy * slide
-            out[r, c, 2] = sign * dot + sz * z
+def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
+    flat = (vectors.shape[0], -1)
+    out = np.zeros(vectors.shape, np.float32)
+    turn(
+        np.ascontiguousarray(vectors, np.float32).reshape(flat),
+        np.ascontiguousarray(poles, np.float32).reshape(flat),
+        sign,
+        out.reshape(flat),
+    )
     return out
 
 
@@ -77,7 +50,7 @@ def rotate_to_z(vectors: Normals, poles: Normals) -> Normals:
     Normals
         ``(H, W, 3)`` float32, of the length of `vectors`.
     """
-    return np.asarray(_rotate(vectors, poles, 1.0))
+    return _turned(vectors, poles, 1.0)
 
 
 def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
@@ -98,7 +71,7 @@ def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
     Normals
         ``(H, W, 3)`` float32, of the length of `vectors`.
     """
-    return np.asarray(_rotate(vectors, poles, -1.0))
+    return _turned(vectors, poles, -1.0)
 
 
 @numba.njit(parallel=True, cache=True)

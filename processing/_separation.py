@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
-from processing._rotation import rotate_from_z, rotate_to_z
+from processing._rotation import rotate_from_z
 from processing._shape_filter import FilterKind, ShapeFilter
 
 
@@ -82,9 +82,7 @@ def separate(
 
 def separate_by(shape_filter: ShapeFilter, normal_map: NormalMap) -> Separation:
     """Separate a normal map into shape and detail by a filter that exists already."""
-    shape = shape_filter.shape(normal_map)
-    detail = rotate_to_z(normal_map.normals, shape.normals)
-    return Separation(shape, NormalMap(detail, normal_map.mask), shape_filter)
+    return Separation(*shape_filter.split(normal_map), shape_filter)
 
 
 def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
@@ -113,6 +111,5 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     mask = shape.mask & detail.mask
     if not mask.any():
         raise DataError("the masks of shape and detail do not overlap: nothing to combine")
-    normals = rotate_from_z(detail.normals, shape.normals)
-    normals[~mask] = 0
-    return NormalMap(normals, mask)
+    # Where one of them is 0 the result is.
+    return NormalMap(rotate_from_z(detail.normals, shape.normals), mask)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -58,26 +59,57 @@ class TransferFidelity:
         return float(np.mean(self.detail_error_deg[self.detail.mask], dtype=np.float64))
 
 
+def fidelity_of(
+    result: NormalMap,
+    target: NormalMap,
+    placed_detail: Callable[[ShapeFilter], NormalMap],
+    shape_filter: ShapeFilter,
+) -> TransferFidelity:
+    """Hold a result against its target's shape and the detail put onto it, by one filter."""
+    return TransferFidelity(
+        shape_filter.shape(target), placed_detail(shape_filter), separate_by(shape_filter, result)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class TransferResult:
-    """A transfer and what it cost.
+    """A transfer; what it cost is measured when it is asked for.
 
     Parameters
     ----------
     normal_map
         The target with the source's detail; known over the target's mask.
-    fidelity
-        Shape and detail errors by the filter that separated them.
-    fidelity_paper
-        The same by the paper's filter (a Gaussian of order 1).
+    source, target
+        What it was made of.
+    shape_filter
+        The filter that separated them.
+    amplitude
+        Factor on the slopes of the detail.
     placement
         Which part of the source went where.
     """
 
     normal_map: NormalMap
-    fidelity: TransferFidelity
-    fidelity_paper: TransferFidelity
+    source: NormalMap
+    target: NormalMap
+    shape_filter: ShapeFilter
+    amplitude: float
     placement: Placement
+
+    @cached_property
+    def fidelity(self) -> TransferFidelity:
+        """Shape and detail errors by the filter that separated them."""
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
+
+    @cached_property
+    def fidelity_paper(self) -> TransferFidelity:
+        """The same by the paper's filter (a Gaussian of order 1)."""
+        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
+
+    def _placed_detail(self, by: ShapeFilter) -> NormalMap:
+        detail = self.placement.place(separate_by(by, self.source).detail, self.target)
+        return scale_slopes(detail, self.amplitude)
 
 
 def transfer(
@@ -121,7 +153,7 @@ def transfer(
     Returns
     -------
     TransferResult
-        With its errors.
+        The map, and its errors on demand.
 
     Raises
     ------
@@ -129,21 +161,12 @@ def transfer(
         If the filter does not fit one of the maps, a number is out of range, or with `at` the masks
         do not overlap.
     """
-    if not np.isfinite(amplitude):
-        raise DataError(
-            f"a detail amplitude of {amplitude} is no number: use 1 for the detail as is"
-        )
     if refine < 0:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
     shape_filter = ShapeFilter(filter, order, w)
-    paper_filter = ShapeFilter("gaussian", 1, w)
     placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)
-
-    def placed_detail(by: ShapeFilter) -> NormalMap:
-        detail = placement.place(separate_by(by, source).detail, target)
-        return detail if amplitude == 1 else _scale_slopes(detail, amplitude)
-
-    detail = placed_detail(shape_filter)
+    detail = placement.place(separate_by(shape_filter, source).detail, target)
+    detail = scale_slopes(detail, amplitude)
     received = detail.mask
     shape = shape_filter.shape(target)
     ground = target if keep_target_detail else shape
@@ -155,19 +178,23 @@ def transfer(
         turned = rotate_between(normals, found.normals, shape.normals)
         normals = np.where(received[..., None], turned, normals)
     result = NormalMap(normals, target.mask)
-    return TransferResult(
-        normal_map=result,
-        fidelity=TransferFidelity(shape, detail, separate_by(shape_filter, result)),
-        fidelity_paper=TransferFidelity(
-            paper_filter.shape(target),
-            placed_detail(paper_filter),
-            separate_by(paper_filter, result),
-        ),
-        placement=placement,
-    )
+    return TransferResult(result, source, target, shape_filter, amplitude, placement)
 
 
-def _scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
+def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
+    """Return a detail with its slopes multiplied.
+
+    Raises
+    ------
+    DataError
+        If the amplitude is not finite.
+    """
+    if not np.isfinite(amplitude):
+        raise DataError(
+            f"a detail amplitude of {amplitude} is no number: use 1 for the detail as is"
+        )
+    if amplitude == 1:
+        return detail
     scaled = detail.normals * np.array([amplitude, amplitude, 1.0], np.float32)
     # A horizontal normal has nothing left at amplitude 0; no detail is z.
     scaled[detail.mask & ~scaled.any(axis=2)] = (0, 0, 1)

@@ -184,7 +184,7 @@ def test_refinement_nears_the_targets_shape() -> None:
     source, target = relief(7, (60, 60)), ball()
     none, one = (transfer(source, target, refine=k) for k in (0, 1))
     assert one.fidelity.shape_mae_deg < 0.7 * none.fidelity.shape_mae_deg
-    assert none.fidelity_paper.shape_mae_deg == none.fidelity_paper.shape_mae_deg > 0
+    assert one.fidelity_paper.shape_mae_deg < none.fidelity_paper.shape_mae_deg
 
 
 @pytest.mark.parametrize(
@@ -222,3 +222,20 @@ def test_transfer_onto_real_shapes(
     assert np.mean([r.fidelity.shape_mae_deg for r in once]) <= refined
     for result, target in zip(results, targets, strict=True):
         np.testing.assert_array_equal(result.normal_map.mask, target.mask)
+
+
+@needs_data
+@pytest.mark.parametrize("source", ["owl", "plant"])
+def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> None:
+    """The paper's way: a Gaussian of order 1; its row is mostly the targets' own detail."""
+    printed_deg = {"bear": 3.55, "buddha": 13.02, "cat": 4.13, "cow": 3.57, "goblet": 5.69}
+    given_map = read(source)
+    found_deg = [
+        transfer(
+            given_map, read(f"diligent/{name}"), keep_target_detail=True, order=1
+        ).fidelity.detail_mae_deg
+        for name in printed_deg
+    ]
+    printed = np.array(list(printed_deg.values()))
+    assert np.corrcoef(found_deg, printed)[0, 1] >= 0.95
+    assert np.sqrt(np.mean((found_deg - printed) ** 2)) <= 1.3

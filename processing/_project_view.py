@@ -1,0 +1,195 @@
+"""From where an object is seen: rotations, and the frame of pixels it is drawn into."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError
+
+Double = npt.NDArray[np.float64]
+View = Literal["front", "back", "left", "right", "top", "bottom"]
+
+# Where the viewer looks, with Y up: from the left means from -X.
+_LOOKS: dict[View, tuple[float, float, float]] = {
+    "front": (0, 0, -1),
+    "back": (0, 0, 1),
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+    "top": (0, -1, 0),
+    "bottom": (0, 1, 0),
+}
+# Files with Z up have their front toward -Y.
+_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+# Air around an object that is fitted into the frame.
+_MARGIN_PX = 2
+_DEFAULT_SIDE_PX = 1024
+_MAX_SIDE_PX = 65_536
+MAX_PROJECTED_PIXELS = 100_000_000
+
+
+def view_rotation(
+    view: View = "front",
+    *,
+    look: Sequence[float] | None = None,
+    up: Literal["y", "z"] = "y",
+    rotate_deg: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Double:
+    """Return the rotation from a file's axes to the house frame.
+
+    Parameters
+    ----------
+    view
+        The side that is seen.
+    look
+        Instead of `view`: the direction of sight ``(x, y, z)`` in the file's axes, any length.
+        The up axis points up in the image; for a look straight down or up it is as in the views
+        ``top`` and ``bottom``.
+    up
+        Which axis of the file points up; ``z`` as engineers have it, with the front toward -Y.
+    rotate_deg
+        Rotations of the object after that, about X (right), then Y (up), then Z (toward the
+        viewer).
+
+    Returns
+    -------
+    Double
+        ``(3, 3)``; ``points @ R.T`` turns points.
+
+    Raises
+    ------
+    DataError
+        If `look` has no direction, or a number is not finite.
+    """
+    to_y_up = np.eye(3) if up == "y" else _Z_UP
+    sight = np.array(_LOOKS[view], np.float64)
+    if look is not None:
+        sight = to_y_up @ np.asarray(look, np.float64)
+    length = float(np.linalg.norm(sight))
+    if not (math.isfinite(length) and length > 0 and np.isfinite(rotate_deg).all()):
+        raise DataError(f"no view along {look}, turned by {rotate_deg} degrees: give directions")
+    toward = -sight / length
+    level = math.hypot(toward[0], toward[2])
+    right = np.array([toward[2], 0.0, -toward[0]]) / level if level > 1e-9 else np.eye(3)[0]
+    turn: Double = np.stack([right, np.cross(toward, right), toward]) @ to_y_up
+    for axis, angle in enumerate(np.radians(rotate_deg)):
+        about = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        about[i, i] = about[j, j] = math.cos(angle)
+        about[i, j], about[j, i] = -math.sin(angle), math.sin(angle)
+        turn = about @ turn
+    return turn
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The pixels an object is drawn into.
+
+    Parameters
+    ----------
+    size
+        (height, width) in pixels.
+    mm_per_px
+        Distance of neighbouring pixels on the object; with a camera, at the working distance.
+    camera
+        A perspective camera with a working distance; None: orthographic, the origin in the middle.
+
+    Raises
+    ------
+    DataError
+        If the image gets more than 100 million pixels, or 65 536 on a side.
+    """
+
+    size: tuple[int, int]
+    mm_per_px: float
+    camera: CameraModel | None = None
+
+    def __post_init__(self) -> None:
+        height, width = self.size
+        if max(height, width) > _MAX_SIDE_PX or height * width > MAX_PROJECTED_PIXELS:
+            raise DataError(
+                f"an image of {width} x {height} pixels is too large, "
+                f"{MAX_PROJECTED_PIXELS // 10**6} million pixels are the most: choose a larger "
+                "pixel or a smaller image"
+            )
+
+    @property
+    def eye_mm(self) -> float:
+        """Height of the centre of projection; 0 where there is none."""
+        return 0.0 if self.camera is None else float(self.camera.centre_mm[2])
+
+    def pixels(self, points_mm: Double) -> tuple[Double, Double]:
+        """Return where points ``(N, 3)`` appear, ``(N, 2)``, and a nearness ``(N,)``.
+
+        The nearness grows toward the viewer and is linear over the image of a plane. With a camera
+        the points must lie before it.
+        """
+        if self.camera is None:
+            middle = np.array([(self.size[1] - 1) / 2, (self.size[0] - 1) / 2])
+            scale = np.array([1.0, -1.0]) / self.mm_per_px
+            return points_mm[:, :2] * scale + middle, points_mm[:, 2].copy()
+        nearness = 1.0 / (self.eye_mm - points_mm[:, 2])
+        if self.camera.distortion.any():
+            return self.camera.project(points_mm), nearness
+        origin, right, down = self._pinhole(self.camera)
+        to_pixels = np.linalg.inv(np.stack([right, down], axis=1))
+        x, y = (points_mm[:, axis] * nearness - origin[axis] for axis in (0, 1))
+        return np.stack([row[0] * x + row[1] * y for row in to_pixels], axis=1), nearness
+
+    def sights(self) -> tuple[Double, Double, Double]:
+        """Return the lines of sight: x of columns, y of rows, and slopes; see the kernels."""
+        height, width = self.size
+        if self.camera is None:
+            x = (np.arange(width, dtype=np.float64) - (width - 1) / 2) * self.mm_per_px
+            y = ((height - 1) / 2 - np.arange(height, dtype=np.float64)) * self.mm_per_px
+            return x, y, np.zeros((1, 1, 2))
+        if self.camera.distortion.any():
+            rays = np.ascontiguousarray(self.camera.pixel_rays()[..., :2])
+        else:
+            origin, right, down = self._pinhole(self.camera)
+            along = origin + np.arange(width)[:, None] * right
+            rays = along + (np.arange(height)[:, None] * down)[:, None]
+        return np.zeros(width), np.zeros(height), rays
+
+    @staticmethod
+    def _pinhole(camera: CameraModel) -> tuple[Double, Double, Double]:
+        """Return the slope of the first pixel's ray, and its steps to the right and down.
+
+        A pinhole is linear, and the general way takes ten times as long for millions of points.
+        """
+        origin, right, down = camera.rays([[0, 0], [1, 0], [0, 1]])[:, :2]
+        return origin, right - origin, down - origin
+
+
+def fit_frame(
+    low_mm: Double, high_mm: Double, size: tuple[int, int] | None, mm_per_px: float | None
+) -> Frame:
+    """Return the orthographic frame of an image size and a pixel size; what is not given is fitted.
+
+    ``low_mm`` and ``high_mm`` are the least and greatest x, y, z of the object.
+
+    Raises
+    ------
+    DataError
+        If the object has no extent across, or the image is too large.
+    """
+    half_x, half_y = (max(-low, high) for low, high in zip(low_mm[:2], high_mm[:2], strict=True))
+    if mm_per_px is None:
+        if not max(half_x, half_y) > 0:
+            raise DataError("seen from here the object is a point: give a pixel size")
+        height, width = size if size is not None else (_DEFAULT_SIDE_PX, _DEFAULT_SIDE_PX)
+        mm_per_px = max(
+            2 * half_x / max(width - 2 * _MARGIN_PX, 1),
+            2 * half_y / max(height - 2 * _MARGIN_PX, 1),
+        )
+    if size is None:
+        height_px, width_px = (
+            math.ceil(2 * half / mm_per_px - 1e-9) + 2 * _MARGIN_PX for half in (half_y, half_x)
+        )
+        size = height_px, width_px
+    return Frame(size, float(mm_per_px))

@@ -1,0 +1,292 @@
+"""Triangles to pixels, compiled: vertex normals, bands of rows, a z-buffer, shading.
+
+First every pixel learns which face it sees (`draw`, on corners snapped to a grid), then that face
+is met by the pixel's exact line of sight (`shade`). The results do not depend on the number of
+threads.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int32]
+Bands = npt.NDArray[np.int16]
+
+# Rows that one thread draws alone.
+BAND_ROWS = 32
+# Corners are rounded to 1 / 2^14 pixel: up to 4096 pixels from a pixel, products of two distances
+# then fit into 53 bits, and the side of an edge on which the pixel lies is exact.
+_SNAP = 16384.0
+# Parts in which the faces are counted; fixed, so that their order is.
+_PARTS = 64
+# Twice the area, relative to the square of the longest edge, under which a face has no direction.
+_THIN = 1e-12
+# Less than any cross product of snapped corners that is not 0.
+_NEXT_TO_ZERO = 1e-300
+
+
+@numba.njit(parallel=True, cache=True)
+def turned(points: Double, matrix: Double) -> Double:
+    """Return ``(N, 3)`` points times a 3 x 3 matrix: BLAS takes ten times as long."""
+    out = np.zeros(points.shape, np.float64)
+    for v in numba.prange(len(points)):
+        x, y, z = points[v, 0], points[v, 1], points[v, 2]
+        for axis in range(3):
+            out[v, axis] = matrix[axis, 0] * x + matrix[axis, 1] * y + matrix[axis, 2] * z
+    return out
+
+
+@numba.njit(cache=True)
+def bounds(points: Double) -> tuple[Double, Double]:
+    """Return the lowest and the highest x, y, z of ``(N, 3)`` points."""
+    low, high = points[0].copy(), points[0].copy()
+    for v in range(len(points)):
+        for axis in range(3):
+            low[axis] = min(low[axis], points[v, axis])
+            high[axis] = max(high[axis], points[v, axis])
+    return low, high
+
+
+@numba.njit(cache=True)
+def vertex_normals(vertices: Double, faces: Whole) -> tuple[Float, int]:
+    """Return unit normals ``(V, 3)``, faces weighted by area, and how many faces have no area.
+
+    A vertex whose faces cancel out, or that has none, gets 0.
+    """
+    total = np.zeros(vertices.shape, np.float64)
+    thin = 0
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        nx, ny, nz = _cross(vertices, a, b, c)
+        if nx * nx + ny * ny + nz * nz <= (_THIN * _longest2(vertices, a, b, c)) ** 2:
+            thin += 1
+            continue
+        for v in (a, b, c):
+            total[v, 0] += nx
+            total[v, 1] += ny
+            total[v, 2] += nz
+    normals = np.zeros(vertices.shape, np.float32)
+    for v in range(len(vertices)):
+        length = math.sqrt(total[v, 0] ** 2 + total[v, 1] ** 2 + total[v, 2] ** 2)
+        if length > 0:
+            for axis in range(3):
+                normals[v, axis] = total[v, axis] / length
+    return normals, thin
+
+
+@numba.njit(cache=True)
+def sound_faces(vertices: Double, faces: Whole) -> npt.NDArray[np.bool_]:
+    """Return which faces have an area."""
+    sound = np.zeros(len(faces), np.bool_)
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        nx, ny, nz = _cross(vertices, a, b, c)
+        longest2 = _longest2(vertices, a, b, c)
+        sound[f] = nx * nx + ny * ny + nz * nz > (_THIN * longest2) ** 2
+    return sound
+
+
+@numba.njit(cache=True)
+def _cross(vertices: Double, a: int, b: int, c: int) -> tuple[float, float, float]:
+    ux, uy, uz = (
+        vertices[b, 0] - vertices[a, 0],
+        vertices[b, 1] - vertices[a, 1],
+        vertices[b, 2] - vertices[a, 2],
+    )
+    vx, vy, vz = (
+        vertices[c, 0] - vertices[a, 0],
+        vertices[c, 1] - vertices[a, 1],
+        vertices[c, 2] - vertices[a, 2],
+    )
+    return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@numba.njit(cache=True)
+def _longest2(vertices: Double, a: int, b: int, c: int) -> float:
+    longest = 0.0
+    for p, q in ((a, b), (b, c), (c, a)):
+        length2 = 0.0
+        for axis in range(3):
+            length2 += (vertices[p, axis] - vertices[q, axis]) ** 2
+        longest = max(longest, length2)
+    return longest
+
+
+@numba.njit(parallel=True, cache=True)
+def snap(pixels: Double, nearness: Double) -> Float:
+    """Return ``(V, 3)``: x and y in pixels on the grid of the z-buffer, and the nearness."""
+    screen = np.zeros((len(pixels), 3), np.float32)
+    for v in numba.prange(len(pixels)):
+        screen[v, 0] = np.rint(pixels[v, 0] * _SNAP) / _SNAP
+        screen[v, 1] = np.rint(pixels[v, 1] * _SNAP) / _SNAP
+        screen[v, 2] = nearness[v]
+    return screen
+
+
+@numba.njit(parallel=True, cache=True)
+def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Bands, Bands]:
+    """Return the first and last band of rows each face may touch; (1, 0) where it touches none."""
+    first, last = np.ones(len(faces), np.int16), np.zeros(len(faces), np.int16)
+    for f in numba.prange(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        left = math.ceil(max(min(screen[a, 0], screen[b, 0], screen[c, 0]), 0.0))
+        right = math.floor(min(max(screen[a, 0], screen[b, 0], screen[c, 0]), columns - 1.0))
+        top = math.ceil(max(min(screen[a, 1], screen[b, 1], screen[c, 1]), 0.0))
+        bottom = math.floor(min(max(screen[a, 1], screen[b, 1], screen[c, 1]), rows - 1.0))
+        if left <= right and top <= bottom:
+            first[f], last[f] = top // BAND_ROWS, bottom // BAND_ROWS
+    return first, last
+
+
+@numba.njit(parallel=True, cache=True)
+def sort_into_bands(first: Bands, last: Bands, bands: int) -> tuple[Whole, npt.NDArray[np.int64]]:
+    """Return the numbers of what touches each band, in rising order, and where each band begins."""
+    counts = np.zeros((bands, _PARTS), np.int64)
+    size = -(-len(first) // _PARTS)
+    for part in numba.prange(_PARTS):
+        here = np.zeros(bands, np.int64)
+        for i in range(part * size, min((part + 1) * size, len(first))):
+            for band in range(first[i], last[i] + 1):
+                here[band] += 1
+        counts[:, part] = here
+    begin = np.zeros(bands + 1, np.int64)
+    place = np.zeros((_PARTS, bands), np.int64)
+    total = 0
+    for band in range(bands):
+        begin[band] = total
+        for part in range(_PARTS):
+            place[part, band] = total
+            total += counts[band, part]
+    begin[bands] = total
+    members = np.zeros(total, np.int32)
+    for part in numba.prange(_PARTS):
+        at = place[part].copy()
+        for i in range(part * size, min((part + 1) * size, len(first))):
+            for band in range(first[i], last[i] + 1):
+                members[at[band]] = i
+                at[band] += 1
+    return members, begin
+
+
+@numba.njit(cache=True)
+def _least(dx: float, dy: float) -> float:
+    """Return the least edge function that is inside: a pixel on a top or left edge is."""
+    return 0.0 if dy < 0 or (dy == 0 and dx > 0) else _NEXT_TO_ZERO
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def draw(
+    screen: Float,
+    faces: Whole,
+    members: Whole,
+    begin: npt.NDArray[np.int64],
+    nearest: Float,
+    seen: Whole,
+) -> None:
+    """Find the nearest face at each pixel's centre, the first of equals.
+
+    ``nearest`` starts at -inf and ``seen`` at -1; `members` and `begin` are of `sort_into_bands`.
+    """
+    rows, columns = nearest.shape
+    for band in numba.prange(len(begin) - 1):
+        for m in range(begin[band], begin[band + 1]):
+            f = members[m]
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            ax, ay = float(screen[a, 0]), float(screen[a, 1])
+            bx, by = float(screen[b, 0]), float(screen[b, 1])
+            cx, cy = float(screen[c, 0]), float(screen[c, 1])
+            area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+            if area == 0:
+                continue
+            if area < 0:
+                bx, by, cx, cy = cx, cy, bx, by
+                b, c = c, b
+            az, bz, cz = float(screen[a, 2]), float(screen[b, 2]), float(screen[c, 2])
+            least_a = _least(cx - bx, cy - by)
+            least_b = _least(ax - cx, ay - cy)
+            least_c = _least(bx - ax, by - ay)
+            left = math.ceil(max(min(ax, bx, cx), 0.0))
+            right = math.floor(min(max(ax, bx, cx), columns - 1.0))
+            top = math.ceil(max(min(ay, by, cy), band * BAND_ROWS))
+            bottom = math.floor(min(max(ay, by, cy), rows - 1, (band + 1) * BAND_ROWS - 1))
+            for r in range(top, bottom + 1):
+                a_y, b_y, c_y = ay - r, by - r, cy - r
+                for column in range(left, right + 1):
+                    a_x, b_x, c_x = ax - column, bx - column, cx - column
+                    # Swapping the ends of an edge gives exactly the opposite number.
+                    edge_a = b_x * c_y - b_y * c_x
+                    edge_b = c_x * a_y - c_y * a_x
+                    edge_c = a_x * b_y - a_y * b_x
+                    if edge_a >= least_a and edge_b >= least_b and edge_c >= least_c:
+                        total = edge_a + edge_b + edge_c
+                        near = np.float32((edge_a * az + edge_b * bz + edge_c * cz) / total)
+                        if near > nearest[r, column]:
+                            nearest[r, column] = near
+                            seen[r, column] = f
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def shade(
+    seen: Whole,
+    vertices: Double,
+    faces: Whole,
+    vertex_normal: Float,
+    smooth: bool,
+    x: Double,
+    y: Double,
+    rays: Double,
+    eye_z: float,
+    normals: Float,
+    height: Float,
+) -> Whole:
+    """Fill in normals and heights where a face is seen; returns per row how many show their back.
+
+    The line of sight of a pixel is ``(x[c] + s rays[r, c, 0], y[r] + s rays[r, c, 1], eye_z - s)``;
+    `rays` of shape ``(1, 1, 2)`` is that of all pixels.
+    """
+    rows, columns = seen.shape
+    back = np.zeros(rows, np.int32)
+    bent = rays.shape[0] > 1
+    for r in numba.prange(rows):
+        for column in range(columns):
+            f = seen[r, column]
+            if f < 0:
+                continue
+            ray_x = rays[r, column, 0] if bent else rays[0, 0, 0]
+            ray_y = rays[r, column, 1] if bent else rays[0, 0, 1]
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            # Sheared so that the line of sight is the z axis.
+            sa, sb, sc = eye_z - vertices[a, 2], eye_z - vertices[b, 2], eye_z - vertices[c, 2]
+            ax, ay = vertices[a, 0] - x[column] - sa * ray_x, vertices[a, 1] - y[r] - sa * ray_y
+            bx, by = vertices[b, 0] - x[column] - sb * ray_x, vertices[b, 1] - y[r] - sb * ray_y
+            cx, cy = vertices[c, 0] - x[column] - sc * ray_x, vertices[c, 1] - y[r] - sc * ray_y
+            wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+            side = 1.0 if wa + wb + wc > 0 else -1.0
+            back[r] += side < 0
+            # The snapped face may reach past the true one by a hair.
+            wa, wb, wc = max(side * wa, 0.0), max(side * wb, 0.0), max(side * wc, 0.0)
+            total = wa + wb + wc
+            if total == 0:
+                wa = wb = wc = 1.0
+                total = 3.0
+            wa, wb, wc = wa / total, wb / total, wc / total
+            height[r, column] = wa * vertices[a, 2] + wb * vertices[b, 2] + wc * vertices[c, 2]
+            nx = ny = nz = 0.0
+            if smooth:
+                nx = wa * vertex_normal[a, 0] + wb * vertex_normal[b, 0] + wc * vertex_normal[c, 0]
+                ny = wa * vertex_normal[a, 1] + wb * vertex_normal[b, 1] + wc * vertex_normal[c, 1]
+                nz = wa * vertex_normal[a, 2] + wb * vertex_normal[b, 2] + wc * vertex_normal[c, 2]
+            # Flat, or smooth normals that cancel out.
+            if nx * nx + ny * ny + nz * nz < 1e-12:
+                nx, ny, nz = _cross(vertices, a, b, c)
+            scale = side / math.sqrt(nx * nx + ny * ny + nz * nz)
+            normals[r, column, 0] = scale * nx
+            normals[r, column, 1] = scale * ny
+            normals[r, column, 2] = scale * nz
+    return back

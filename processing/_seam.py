@@ -1,0 +1,156 @@
+"""Detail set into detail without a seam: a membrane on the sphere takes up the difference."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+_CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+# Each pair of neighbouring pixels once: the left and the right of it, the upper and the lower.
+_NEIGHBOURS = (
+    ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+    ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+)
+
+
+def seam_of(region: Mask, target: Mask) -> Mask:
+    """Return the pixels of a region that have a neighbour in the target but not in the region."""
+    around = cv2.dilate((target & ~region).astype(np.uint8), _CROSS)
+    return region & (around > 0)
+
+
+def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: float) -> Float:
+    """Set one detail into another so that no step shows where they meet.
+
+    Poisson image editing (Perez et al., 2003) on the sphere: both details are unrolled about z
+    (the logarithm map), and the difference along the seam is carried into the region by a screened
+    membrane. Unit length is kept by rolling up again (the exponential map). A detail has no shape
+    left, so the difference swings about 0 along the seam and dies away inside.
+
+    Parameters
+    ----------
+    inner, outer
+        Detail maps of one size, both known over the region.
+    region
+        ``(H, W)`` bool, where `inner` goes.
+    reach_px
+        Distance from the seam at which 1/e of the difference is left.
+
+    Returns
+    -------
+    Float
+        ``(H, W, 3)`` float32: `inner` in the region, `outer` around it, and on the seam's own
+        pixels exactly `outer`.
+    """
+    seam = seam_of(region, outer.mask)
+    unrolled = _logarithm(inner.normals)
+    step = np.where(seam[..., None], _logarithm(outer.normals) - unrolled, 0)
+    bent = _exponential(unrolled + _membrane(step, seam, region, reach_px))
+    return np.where((region & ~seam)[..., None], bent, outer.normals)
+
+
+@dataclass(frozen=True)
+class SeamSteps:
+    """How far neighbouring normals turn, on average, where a part was set in.
+
+    Parameters
+    ----------
+    seam_deg
+        Across the seam: the larger of the steps into and out of the outermost pixels of the part.
+    interior_deg
+        Between neighbours inside the part, its outermost pixels left out.
+    """
+
+    seam_deg: float
+    interior_deg: float
+
+    @property
+    def ratio(self) -> float:
+        """The seam's step over the interior's; up to about 1 no seam shows. NaN if that is 0."""
+        return self.seam_deg / self.interior_deg if self.interior_deg else math.nan
+
+
+def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
+    """Measure how far neighbouring normals turn across a region's seam and inside it.
+
+    NaN where a region has no seam, or no pixel inside it.
+    """
+    seam = seam_of(region, result.mask)
+    inside = region & ~seam
+    pairs = {"out": (seam, result.mask & ~region), "in": (seam, inside), "inner": (inside, inside)}
+    steps: dict[str, list[Double]] = {name: [] for name in pairs}
+    for first, second in _NEIGHBOURS:
+        turn = angle_deg(result.normals[first], result.normals[second])
+        for name, (a, b) in pairs.items():
+            steps[name].append(turn[(a[first] & b[second]) | (b[first] & a[second])])
+    outwards, inwards, inner = (_mean(np.concatenate(steps[name])) for name in pairs)
+    return SeamSteps(float(np.fmax(outwards, inwards)), inner)
+
+
+def _mean(values: Double) -> float:
+    return float(values.mean()) if values.size else float("nan")
+
+
+def _logarithm(vectors: Float) -> Double:
+    """Return ``(H, W, 2)`` tangent vectors at z: their length is the angle to z in radians."""
+    x, y, z = (vectors[..., k].astype(np.float64) for k in range(3))
+    sine = np.hypot(x, y)
+    # The limit at z itself is 1; (0, 0, -1) lies in every direction, x is as good as any.
+    factor = np.divide(np.arctan2(sine, z), sine, out=np.ones_like(sine), where=sine > 0)
+    return np.stack([np.where((sine == 0) & (z < 0), np.pi, x * factor), y * factor], axis=2)
+
+
+def _exponential(tangents: Double) -> Float:
+    angle = np.hypot(tangents[..., 0], tangents[..., 1])
+    factor = np.sinc(angle / np.pi)
+    out = np.dstack([tangents * factor[..., None], np.cos(angle)])
+    return out.astype(np.float32)
+
+
+def _membrane(step: Double, seam: Mask, region: Mask, reach_px: float) -> Double:
+    """Solve (Laplacian - 1 / reach^2) u = 0 inside a region with u = step on its seam.
+
+    The region's rim that is no seam is free. Red-black over-relaxation with the best factor loses
+    an error by more than exp(-1.4 / reach) a sweep, so the number of sweeps is known beforehand.
+    """
+    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
+    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    u = np.pad(step[box], ((1, 1), (1, 1), (0, 0)))
+    linked, free = np.pad(region[box], 1), np.pad((region & ~seam)[box], 1)
+    screen = 1 / reach_px**2
+    factor = 2 / (1 + math.sqrt(1 - (4 / (4 + screen)) ** 2))
+    for _ in range(math.ceil(10 * reach_px)):
+        for colour in (0, 1):
+            _relax(u, linked, free, screen, factor, colour)
+    out = np.zeros_like(step)
+    out[box] = u[1:-1, 1:-1]
+    return out
+
+
+@numba.njit(parallel=True, cache=True)
+def _relax(u: Double, linked: Mask, free: Mask, screen: float, factor: float, colour: int) -> None:
+    rows, columns = free.shape
+    for r in numba.prange(1, rows - 1):
+        for c in range(1 + (r + colour) % 2, columns - 1, 2):
+            if not free[r, c]:
+                continue
+            weight, x, y = screen, 0.0, 0.0
+            for q, d in ((r - 1, c), (r + 1, c), (r, c - 1), (r, c + 1)):
+                if linked[q, d]:
+                    weight += 1.0
+                    x += u[q, d, 0]
+                    y += u[q, d, 1]
+            u[r, c, 0] += factor * (x / weight - u[r, c, 0])
+            u[r, c, 1] += factor * (y / weight - u[r, c, 1])

@@ -1,0 +1,270 @@
+"""The loops over pixels that separate normal maps into shape and detail, and turn vectors.
+
+Rows are flat: of a row of W vectors element 3 c + k is component k of pixel c, so that a shift by t
+pixels is one by 3 t elements and every loop runs over neighbours in memory. Images are taken in
+tiles small enough for the cache, a thread each; a tile's rows are smoothed across, then down, and
+what is made of the smoothed row is written at once.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+_ROWS, _COLUMNS = 128, 512
+# Squared sine under which two vectors count as opposite: the axis is 0/0 there.
+_OPPOSITE = 1e-30
+# Length of a mean of unit vectors under which it is rounding and has no direction.
+_CANCELLED = 1e-7
+# Multiply and add in one rounding; nothing that changes NaN, signs or order.
+_FAST = {"contract"}
+
+
+@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
+    """Turn a flat row by the rotations from its poles to z (sign 1) or back (sign -1).
+
+    The arithmetic is float64, so that the only error of a round trip is the rounding between.
+    """
+    for c in range(out.size // 3):
+        i = 3 * c
+        sx, sy, sz = np.float64(poles[i]), np.float64(poles[i + 1]), np.float64(poles[i + 2])
+        x, y, z = np.float64(vectors[i]), np.float64(vectors[i + 1]), np.float64(vectors[i + 2])
+        length2 = sx * sx + sy * sy + sz * sz
+        known = length2 > 0
+        scale = 1 / math.sqrt(length2) if known else 0.0
+        sx *= scale
+        sy *= scale
+        sz *= scale
+        # 1 / (1 + sz) cancels near the lower pole; there it is the same number another way.
+        sine2 = sx * sx + sy * sy
+        opposite = sz < 0 and sine2 < _OPPOSITE
+        above = 1.0 if sz >= 0 else 1 - sz
+        below = 1 + sz if sz >= 0 else (1.0 if opposite else sine2)
+        dot = sx * x + sy * y
+        slide = above / below * dot + sign * z
+        turned_x = x if opposite else x - sx * slide
+        turned_y = -y if opposite else y - sy * slide
+        turned_z = -z if opposite else sign * dot + sz * z
+        out[i] = np.float32(turned_x if known else 0.0)
+        out[i + 1] = np.float32(turned_y if known else 0.0)
+        out[i + 2] = np.float32(turned_z if known else 0.0)
+
+
+@numba.njit(parallel=True, cache=True)
+def turn(vectors: Float, poles: Float, sign: float, out: Float) -> None:
+    """Turn ``(H, 3 W)`` vectors row by row; see `_turn_row`."""
+    for r in numba.prange(out.shape[0]):
+        _turn_row(vectors[r], poles[r], sign, out[r])
+
+
+@numba.njit(cache=True)
+def _mirrored(i: int, length: int) -> int:
+    """Return an index beyond the frame mirrored about the outermost pixels."""
+    i = abs(i) % (2 * length - 2)
+    return i if i < length else 2 * length - 2 - i
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _scaled(a: Float, k: float, out: Float) -> None:
+    for i in range(out.size):
+        out[i] = k * a[i]
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _add_pair(a: Float, b: Float, k: float, out: Float) -> None:
+    for i in range(out.size):
+        out[i] += k * (a[i] + b[i])
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _add_four_pairs(
+    a: Float,
+    b: Float,
+    c: Float,
+    d: Float,
+    e: Float,
+    f: Float,
+    g: Float,
+    h: Float,
+    k: Float,
+    out: Float,
+) -> None:
+    # Four at a time, so that the sum is read and written less often.
+    k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
+    for i in range(out.size):
+        out[i] += k0 * (a[i] + b[i]) + k1 * (c[i] + d[i]) + k2 * (e[i] + f[i]) + k3 * (g[i] + h[i])
+
+
+@numba.njit(cache=True)
+def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) -> None:
+    """Smooth the values from `middle` on, whose neighbours to either side are `step` apart."""
+    n, radius = out.size, kernel.size - 1
+    _scaled(values[middle : middle + n], kernel[0], out)
+    for t in range(1, radius - 2, 4):
+        a, b = middle - t * step, middle + t * step
+        _add_four_pairs(
+            values[a : a + n],
+            values[b : b + n],
+            values[a - step : a - step + n],
+            values[b + step : b + step + n],
+            values[a - 2 * step : a - 2 * step + n],
+            values[b + 2 * step : b + 2 * step + n],
+            values[a - 3 * step : a - 3 * step + n],
+            values[b + 3 * step : b + 3 * step + n],
+            kernel[t:],
+            out,
+        )
+    for t in range(radius - radius % 4 + 1, radius + 1):
+        a, b = middle - t * step, middle + t * step
+        _add_pair(values[a : a + n], values[b : b + n], kernel[t], out)
+
+
+@numba.njit(cache=True)
+def _across(
+    image: Float, step: int, kernel: Float, top: int, bottom: int, left: int, right: int
+) -> Float:
+    """Smooth a tile's rows, and those above and below that its columns need, across."""
+    radius = kernel.size - 1
+    rows, width = image.shape[0], image.shape[1] // step
+    out = np.zeros((bottom - top + 2 * radius, (right - left) * step), np.float32)
+    padded = np.zeros((right - left + 2 * radius) * step, np.float32)
+    first, last = max(left - radius, 0), min(right + radius, width)
+    for j in range(out.shape[0]):
+        row = image[_mirrored(top - radius + j, rows)]
+        for c in range(left - radius, first):
+            for k in range(step):
+                padded[(c - left + radius) * step + k] = row[_mirrored(c, width) * step + k]
+        inside = padded[(first - left + radius) * step : (last - left + radius) * step]
+        inside[:] = row[first * step : last * step]
+        for c in range(last, right + radius):
+            for k in range(step):
+                padded[(c - left + radius) * step + k] = row[_mirrored(c, width) * step + k]
+        _convolve(padded, radius * step, step, kernel, out[j])
+    return out
+
+
+@numba.njit(cache=True)
+def _down(smooth: Float, r: int, kernel: Float, out: Float) -> None:
+    """Smooth row r of a tile down."""
+    middle = (r + kernel.size - 1) * out.size
+    _convolve(smooth.reshape(-1), middle, out.size, kernel, out)
+
+
+@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _direct_row(mean: Float, normals: Float, mask: Mask, out: Float) -> None:
+    """Bring means to unit length; where they cancelled the normal itself stands."""
+    for c in range(mask.size):
+        i = 3 * c
+        x, y, z = np.float64(mean[i]), np.float64(mean[i + 1]), np.float64(mean[i + 2])
+        length = math.sqrt(x * x + y * y + z * z)
+        directed = length > _CANCELLED
+        scale = 1 / length if directed else 0.0
+        x = x * scale if directed else np.float64(normals[i])
+        y = y * scale if directed else np.float64(normals[i + 1])
+        z = z * scale if directed else np.float64(normals[i + 2])
+        out[i] = np.float32(x if mask[c] else 0.0)
+        out[i + 1] = np.float32(y if mask[c] else 0.0)
+        out[i + 2] = np.float32(z if mask[c] else 0.0)
+
+
+@numba.njit(cache=True)
+def _tiles(mask: Mask) -> int:
+    tiles: int = -(-mask.shape[0] // _ROWS) * -(-mask.shape[1] // _COLUMNS)
+    return tiles
+
+
+@numba.njit(cache=True)
+def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
+    """Return first and last row and column of a tile; no rows where it lies outside the mask."""
+    over = -(-mask.shape[1] // _COLUMNS)
+    top, left = number // over * _ROWS, number % over * _COLUMNS
+    bottom, right = min(top + _ROWS, mask.shape[0]), min(left + _COLUMNS, mask.shape[1])
+    if not mask[top:bottom, left:right].any():
+        bottom = top
+    return top, bottom, left, right
+
+
+@numba.njit(parallel=True, cache=True)
+def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detail: Float) -> None:
+    """Write shape and detail by a filter that is applied once, in one pass.
+
+    Parameters
+    ----------
+    normals
+        ``(H, 3 W)``, 0 outside the mask: no weights are needed, as the mean's length falls out.
+    mask
+        ``(H, W)``.
+    kernel
+        ``(R + 1,)`` right half of the symmetric kernel, the middle first.
+    shape, detail
+        ``(H, 3 W)`` zeros, to be filled inside the mask.
+    """
+    for number in numba.prange(_tiles(mask)):
+        top, bottom, left, right = _tile(mask, number)
+        if bottom == top:
+            continue
+        smooth = _across(normals, 3, kernel, top, bottom, left, right)
+        mean = np.zeros((right - left) * 3, np.float32)
+        for r in range(top, bottom):
+            _down(smooth, r - top, kernel, mean)
+            row = normals[r, 3 * left : 3 * right]
+            pole = shape[r, 3 * left : 3 * right]
+            _direct_row(mean, row, mask[r, left:right], pole)
+            _turn_row(row, pole, 1.0, detail[r, 3 * left : 3 * right])
+
+
+@numba.njit(parallel=True, cache=True)
+def gains(mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
+    """Write what a smoothed ``(H, W)`` image is to be multiplied by: 1 / weight, 0 outside."""
+    for number in numba.prange(_tiles(mask)):
+        top, bottom, left, right = _tile(mask, number)
+        if bottom == top:
+            continue
+        smooth = _across(weights, 1, kernel, top, bottom, left, right)
+        weight = np.zeros(right - left, np.float32)
+        for r in range(top, bottom):
+            _down(smooth, r - top, kernel, weight)
+            for c in range(left, right):
+                out[r, c] = np.float32(1) / weight[c - left] if mask[r, c] else np.float32(0)
+
+
+@numba.njit(cache=True, fastmath=_FAST)
+def _rest_row(rest: Float, mean: Float, gain: Float, out: Float) -> None:
+    for c in range(gain.size):
+        i = 3 * c
+        out[i] = rest[i] - gain[c] * mean[i]
+        out[i + 1] = rest[i + 1] - gain[c] * mean[i + 1]
+        out[i + 2] = rest[i + 2] - gain[c] * mean[i + 2]
+
+
+@numba.njit(parallel=True, cache=True)
+def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> None:
+    """Write what smoothing leaves of a rest, itself of ``(H, 3 W)``; gains as by `gains`."""
+    for number in numba.prange(_tiles(mask)):
+        top, bottom, left, right = _tile(mask, number)
+        if bottom == top:
+            continue
+        smooth = _across(rest, 3, kernel, top, bottom, left, right)
+        mean = np.zeros((right - left) * 3, np.float32)
+        for r in range(top, bottom):
+            _down(smooth, r - top, kernel, mean)
+            part = slice(3 * left, 3 * right)
+            _rest_row(rest[r, part], mean, gain[r, left:right], out[r, part])
+
+
+@numba.njit(parallel=True, cache=True)
+def finish(normals: Float, mask: Mask, shape: Float, detail: Float) -> None:
+    """Write shape and detail where `detail` holds what the filter left of the normals."""
+    for r in numba.prange(mask.shape[0]):
+        smooth = np.zeros(normals.shape[1], np.float32)
+        for i in range(smooth.size):
+            smooth[i] = normals[r, i] - detail[r, i]
+        _direct_row(smooth, normals[r], mask[r], shape[r])
+        _turn_row(normals[r], shape[r], 1.0, detail[r])

@@ -1,0 +1,106 @@
+"""The normal maps that stand in for the paper's: given ones under SGP_DATA, and simulated ones."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from processing import NormalMap, project, read_geometry, read_normals
+from simulator import LizardScales, SphericalCap, Surface, Textile, WoodCarving
+
+DILIGENT = ("bear", "buddha", "cat", "cow", "goblet")
+
+_SIDE_PX = 512
+# Radius of the simulated reliefs in mm: the smaller, the more pixels to a yarn or a scale.
+_CLOTH_MM, _SKIN_MM, _WOOD_MM = 200.0, 200.0, 80.0
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Where normal maps come from.
+
+    Parameters
+    ----------
+    data
+        The folder of given data, or None: then everything is simulated.
+    """
+
+    data: Path | None
+
+    @classmethod
+    def found(cls) -> Sources:
+        """Look where the environment variable SGP_DATA says."""
+        named = os.environ.get("SGP_DATA")
+        return cls(Path(named) if named else None)
+
+    def textures(self) -> dict[str, NormalMap]:
+        """Return the surfaces whose detail is looked at, by name."""
+        given = {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
+        return given | {
+            "scales (simulated)": _relief(LizardScales(_SKIN_MM, outline="square")),
+            "cloth (simulated)": _relief(Textile(_CLOTH_MM, outline="square")),
+            "carving (simulated)": _relief(WoodCarving(_WOOD_MM, outline="square")),
+        }
+
+    def targets(self) -> dict[str, NormalMap]:
+        """Return the DiLiGenT targets by name; none without data."""
+        return (
+            {} if self.data is None else {name: self.given(f"diligent/{name}") for name in DILIGENT}
+        )
+
+    def resolution_pair(self, points: int) -> tuple[str, NormalMap, NormalMap]:
+        """Return names, a dense relief, and a target of about so many points.
+
+        The bunny with cracks where there are data; else a simulated cloth on a simulated bowl.
+        """
+        if self.data is None:
+            return (
+                "cloth onto a bowl, both simulated",
+                self.textures()["cloth (simulated)"],
+                bowl(points),
+            )
+        return "cracks onto bunny", self.cracks(), self._bunny(points)
+
+    def given(self, name: str) -> NormalMap:
+        """Read a normal map of the data.
+
+        Raises
+        ------
+        MissingPathError
+            If it is not there.
+        """
+        return read_normals((self.data or Path()) / "normals" / name).normal_map
+
+    def cracks(self) -> NormalMap:
+        """Read a relief that is dense and larger than any target, so that nothing is repeated."""
+        return read_normals((self.data or Path()) / "reliefs" / "160.jpg").normal_map
+
+    def _bunny(self, points: int) -> NormalMap:
+        mesh = read_geometry((self.data or Path()) / "meshes" / "stanford-bunny.obj")
+        span = float(np.ptp(mesh.vertices, axis=0)[:2].max())
+        step = span / 128
+        for _ in range(2):
+            drawn = project(mesh, mm_per_px=step).normal_map
+            step *= math.sqrt(np.count_nonzero(drawn.mask) / points)
+        return project(mesh, mm_per_px=step).normal_map
+
+
+def bowl(points: int) -> NormalMap:
+    """Return half a sphere, cut at 60 degrees, of about so many points."""
+    radius = math.sqrt(points / math.pi)
+    return _relief(SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1)
+
+
+def _relief(surface: Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None) -> NormalMap:
+    """Return the normals of a height field seen straight from above, from its exact gradients."""
+    reach = surface.radius_mm / math.sqrt(2) if reach_mm is None else reach_mm
+    along = (np.arange(side_px) + 0.5 - side_px / 2) * (2 * reach / side_px)
+    x, y = np.meshgrid(along, -along)
+    inside = surface.inside(x, y)
+    _, slope_x, slope_y = surface.evaluate(np.where(inside, x, 0), np.where(inside, y, 0))
+    vectors = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=2)
+    return NormalMap.from_vectors(vectors, inside)

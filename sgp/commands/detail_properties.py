@@ -1,0 +1,160 @@
+"""``sgp detail properties``: how separable, transferable and idempotent a map's detail is."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from acquisition import write_exr
+from processing import (
+    FilterKind,
+    NormalMap,
+    Separation,
+    cross_exchange,
+    idempotence,
+    integrate,
+    read_normals,
+    rotation_similarity,
+    separate,
+    ssim,
+    transfer_chain,
+)
+from sgp._options import Count, Order
+from sgp._output import claim_folder, writes_folder
+from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
+from sgp._result import Result
+
+
+@writes_folder("properties.json")
+def properties(
+    normals: Path,
+    *targets: Path,
+    out: Path,
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: Order = 8,
+    w: Count = 5,
+    green: Literal["up", "down"] = "up",
+    force: bool = False,
+) -> Result:
+    """Measure what the paper claims of a map's detail.
+
+    Of one map: separability, likeness of neighbouring rotations, idempotence. With targets also
+    the detail handed on from one to the next and back to the first, and exchanged with the first.
+
+    For example:
+
+        sgp detail properties leather.png bear cat --out properties
+
+    Parameters
+    ----------
+    normals
+        An image of normals, or a folder with normals.* and mask.png.
+    targets
+        Maps the detail is put onto, in this order.
+    out
+        Folder for separability.exr (degree), height.exr and detail_height.exr (px),
+        properties.png, exchange.png and properties.json.
+    filter
+        Low-pass filter that makes the shape.
+    order
+        Order of the Gaussian; 1 is the paper's.
+    w
+        Half width of the filter's window in pixels.
+    green
+        Which way the green channel of image files points.
+    force
+        Write into a folder that holds files already.
+    """
+    read = [read_normals(path, green=green) for path in (normals, *targets)]
+    normal_map, *others = (one.normal_map for one in read)
+    parts = separate(normal_map, filter=filter, order=order, w=w)
+    result = Result(
+        warnings=[line for one in read for line in one.warnings],
+        inputs=[file for one in read for file in one.files],
+    )
+    panels = _of_one(normal_map, parts, result)
+    surfaces = {
+        "height": integrate(normal_map).height,
+        "detail_height": integrate(parts.detail).height,
+    }
+    panels += [
+        shaded_panel("Surface", surfaces["height"]),
+        shaded_panel("Surface of the detail", surfaces["detail_height"]),
+    ]
+    exchange = _of_several(normal_map, others, targets, parts, result) if others else []
+    claim_folder(out, "properties.json")
+    for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
+        result.outputs[name] = out / f"{name}.exr"
+        write_exr(result.outputs[name], values)
+    result.outputs["picture"] = out / "properties.png"
+    write_overview(result.outputs["picture"], "Detail of one map", panels, columns=3)
+    if exchange:
+        result.outputs["exchange_picture"] = out / "exchange.png"
+        write_overview(result.outputs["exchange_picture"], "Details exchanged", exchange, columns=2)
+    return result
+
+
+def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Panel]:
+    """Measure a map on its own; adds figures and returns pictures."""
+    alike = rotation_similarity(parts.shape, parts.shape_filter.w)
+    orders = idempotence(parts)
+    result.metrics |= {
+        "separability_deg": parts.separability_deg,
+        "detail_to_map_ssim": ssim(parts.detail, normal_map),
+        "detail_to_map_ssim_paper": ssim(parts.detail, normal_map, protocol="paper"),
+        "rotation_similarity": asdict(alike),
+        "idempotence": {str(order): asdict(likeness) for order, likeness in orders.items()},
+    }
+    again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
+    result.summary += [
+        f"separability   {parts.separability_deg:.2f} deg (shape left in the detail; 0 is none)",
+        f"rotations      {alike.angle_deg:.2f} deg apart; norms 1, 2, inf: {alike.norm_1:.4f}, "
+        f"{alike.norm_2:.4f}, {alike.norm_inf:.4f}",
+        f"idempotence    SSIM in the paper's protocol by order {again}",
+    ]
+    title = f"Separability, mean {parts.separability_deg:.2f} deg"
+    return [
+        normals_panel("Map", normal_map),
+        normals_panel("Detail", parts.detail),
+        map_panel(title, parts.separability_map_deg, "deg", error=True),
+    ]
+
+
+def _of_several(
+    normal_map: NormalMap,
+    others: list[NormalMap],
+    targets: tuple[Path, ...],
+    parts: Separation,
+    result: Result,
+) -> list[Panel]:
+    """Measure a map's detail on other maps; adds figures and returns pictures."""
+    by = parts.shape_filter
+    chain = transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
+    result.summary.append(
+        f"chain          on {chain[0].pixels} pixels; detail error to the one before, to the first"
+    )
+    steps = []
+    for step in chain:
+        steps.append({**asdict(step), "target": str(targets[step.target])})
+        result.summary.append(
+            f"  {targets[step.target].name:12} {step.to_previous.mae_deg:.2f} deg, "
+            f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
+        )
+    both = cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
+    errors = [done.fidelity.detail_mae_deg for done in both]
+    result.summary.append(f"exchange       {errors[0]:.2f} deg there, {errors[1]:.2f} deg back")
+    result.metrics |= {
+        "chain": steps,
+        "exchange_detail_mae_deg": errors,
+        "exchange_shape_mae_deg": [done.fidelity.shape_mae_deg for done in both],
+    }
+    panels = []
+    for done, error in zip(both, errors, strict=True):
+        panels.append(normals_panel("Result", done.normal_map))
+        title = f"Detail error, mean {error:.2f} deg"
+        values = np.asarray(done.fidelity.detail_error_deg, np.float32)
+        panels.append(map_panel(title, values, "deg", error=True))
+    return panels

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+from processing._normal_map_files import read_normals
+from processing._separation import separate, separate_by
+from processing._shape_filter import FilterKind, ShapeFilter
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
+PAPER = ShapeFilter("gaussian", 1, 5)
+UP = (0.0, 0.0, 1.0)
+
+
+def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
+    """Balls with relief in front of a slanted relief: a map full of occlusions, and its depth.
+
+    What the filters' parameters were chosen on, so that real maps could judge them.
+    """
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:size, :size].astype(float)
+
+    def relief() -> tuple[Double, Double]:
+        steepness, wavelength = rng.uniform(0.1, 0.35), rng.uniform(1.2, 3)
+        dy, dx = np.gradient(cv2.GaussianBlur(rng.normal(size=(size, size)), (0, 0), wavelength))
+        gain = steepness / np.hypot(dx, dy).std()
+        return gain * dx, gain * dy
+
+    height = 0.15 * x + 0.1 * y
+    dx, dy = relief()
+    dx, dy = dx + 0.15, dy + 0.1
+    for _ in range(9):
+        cx, cy = rng.uniform(20, size - 20, 2)
+        radius, lift = rng.uniform(30, 70), rng.uniform(15, 60)
+        distance2 = (x - cx) ** 2 + (y - cy) ** 2
+        rise = np.sqrt(np.maximum(radius**2 - distance2, 1))
+        front = (distance2 < (0.97 * radius) ** 2) & (lift + rise > height)
+        relief_x, relief_y = relief()
+        dx = np.where(front, relief_x - (x - cx) / rise, dx)
+        dy = np.where(front, relief_y - (y - cy) / rise, dy)
+        height = np.where(front, lift + rise, height)
+    return NormalMap.from_vectors(np.stack([-dx, dy, np.ones_like(dx)], axis=2)), height
+
+
+def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float = 5.0) -> Mask:
+    """The pixels of a mask near a jump in depth between neighbours."""
+    inside = mask & np.isfinite(depth)
+    depth = np.where(inside, depth, 0)
+    jumps = np.zeros(mask.shape, bool)
+    across = inside[:, 1:] & inside[:, :-1] & (np.abs(np.diff(depth, axis=1)) > jump)
+    down = inside[1:] & inside[:-1] & (np.abs(np.diff(depth, axis=0)) > jump)
+    jumps[:, 1:] |= across
+    jumps[:, :-1] |= across
+    jumps[1:] |= down
+    jumps[:-1] |= down
+    far = cv2.distanceTransform((~jumps).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return mask & (np.asarray(far) <= reach_px)
+
+
+def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, float, float]:
+    """Mean angle left in the band, by the filter itself and the paper's, and the detail's away."""
+    parts = separate_by(by, normal_map)
+    own = parts.separability_map_deg[band].mean()
+    paper = angle_deg(PAPER.shape(parts.detail).normals[band], UP).mean()
+    away = angle_deg(parts.detail.normals[normal_map.mask & ~band], UP).mean()
+    return float(own), float(paper), float(away)
+
+
+def judged(maps: list[tuple[NormalMap, Mask]], kind: FilterKind) -> tuple[float, float, float]:
+    """Mean own separability in the bands; leak and kept detail as fractions of the Gaussian's."""
+    edge = np.array([figures(*case, ShapeFilter(kind)) for case in maps])
+    gauss = np.array([figures(*case, PAPER) for case in maps])
+    own, leak, kept = edge.mean(axis=0) / (1, *gauss.mean(axis=0)[1:])
+    return float(own), float(leak), float(kept)
+
+
+@pytest.mark.parametrize("kind", ["guided", "bilateral"])
+def test_less_is_left_at_occlusions_and_relief_stays(kind: FilterKind) -> None:
+    maps = [(made, occlusion_band(depth, made.mask)) for made, depth in map(caps, (0, 1))]
+    own, leak, kept = judged(maps, kind)
+    assert own <= 1.2
+    assert leak <= 0.5
+    assert kept >= 0.75
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("kind", "most_left_deg", "most_leak", "least_kept"),
+    [
+        pytest.param("guided", 1.2, 0.5, 0.75, id="guided"),
+        # Stricter at edges, at the price of strong relief.
+        pytest.param("bilateral", 1.2, 0.4, 0.6, id="bilateral"),
+    ],
+)
+def test_occlusions_of_real_objects(
+    kind: FilterKind, most_left_deg: float, most_leak: float, least_kept: float
+) -> None:
+    root = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
+    maps = []
+    for name in ("bear", "buddha", "cat", "cow", "goblet"):
+        normal_map = read_normals(root / name).normal_map
+        with np.load(root / name / "depth_gt.npz") as file:
+            depth = file[file.files[0]].astype(np.float64)
+        maps.append((normal_map, occlusion_band(depth, normal_map.mask)))
+    own, leak, kept = judged(maps, kind)
+    assert own <= most_left_deg
+    assert leak <= most_leak
+    assert kept >= least_kept
+
+
+@pytest.mark.parametrize("kind", ["guided", "bilateral"])
+def test_two_slopes_meet_without_a_seam(kind: FilterKind) -> None:
+    vectors = np.zeros((40, 60, 3))
+    vectors[:, :30], vectors[:, 30:] = (0.6, 0, 0.8), (-0.6, 0, 0.8)
+    roof = NormalMap.from_vectors(vectors)
+    seam = separate(roof, filter=kind).detail.normals[:, 28:32]
+    gauss = separate(roof, order=1).detail.normals[:, 28:32]
+    assert angle_deg(seam, UP).mean() < 0.4 * angle_deg(gauss, UP).mean()
+
+
+@pytest.mark.parametrize("kind", ["guided", "bilateral"])
+def test_the_background_does_not_pull_at_the_rim(kind: FilterKind) -> None:
+    mask = np.hypot(*np.mgrid[-20:21, -20:21]) < 15
+    plane = NormalMap.from_vectors(np.broadcast_to((0.48, -0.6, 0.64), (41, 41, 3)), mask)
+    parts = separate(plane, filter=kind)
+    assert angle_deg(parts.shape.normals, plane.normals)[mask].max() < 1e-3
+    assert not parts.shape.normals[~mask].any()
+    assert not parts.detail.normals[~mask].any()

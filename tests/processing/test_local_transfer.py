@@ -1,0 +1,285 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from acquisition import DataError
+from processing._local_transfer import transfer_local
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+from processing._normal_map_files import read_normals
+from processing._seam import _membrane, blend_detail, seam_of, seam_steps
+from processing._separation import separate
+from processing._similarity import Similarity
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+Mask = npt.NDArray[np.bool_]
+
+
+def relief(seed: int, size: tuple[int, int], slope: float = 3.0) -> NormalMap:
+    rng = np.random.default_rng(seed)
+    height = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.5)
+    dy, dx = np.gradient(height)
+    return NormalMap.from_vectors(np.stack([-slope * dx, slope * dy, np.ones(size)], axis=2))
+
+
+def ball(size: int = 120) -> NormalMap:
+    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
+    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.8)
+
+
+def ellipse(size: tuple[int, int], x: float, y: float, a: float, b: float) -> Mask:
+    rows, columns = np.mgrid[: size[0], : size[1]]
+    return np.asarray(((columns - x) / a) ** 2 + ((rows - y) / b) ** 2 <= 1)
+
+
+def test_a_quarter_turn_turns_pixels_and_normals() -> None:
+    given_map = relief(0, (31, 31))
+    place = Similarity((15, 15), (15, 15), rotate_deg=90)
+    placed = place.place(given_map, (31, 31))
+    assert placed is not None
+    x, y, z = np.moveaxis(np.rot90(given_map.normals), 2, 0)
+    expected = np.stack([-y, x, z], axis=2)
+    assert placed.mask.all()
+    off = angle_deg(placed.normals, expected)[placed.mask]
+    assert off.max() < 1e-4
+
+
+def test_a_mirror_exchanges_left_and_right_of_pixels_and_normals() -> None:
+    given_map = relief(1, (21, 31))
+    placed = Similarity((15, 10), (15, 10), mirror=True).place(given_map, (21, 31))
+    assert placed is not None
+    expected = given_map.normals[:, ::-1] * [-1, 1, 1]
+    assert angle_deg(placed.normals, expected)[placed.mask].max() < 1e-4
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(-360, 360),
+    st.floats(0.4, 3),
+    st.booleans(),
+    st.tuples(st.floats(40, 60), st.floats(40, 60)),
+)
+def test_a_placed_surface_is_the_surface_seen_there(
+    rotate_deg: float, scale: float, mirror: bool, at: tuple[float, float]
+) -> None:
+    """A smooth height field, placed and looked at again: its normals come from its own slopes."""
+
+    def normals(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> NormalMap:
+        # The gradient of 3 cos(x / 12) + 2 sin(y / 9), rows downwards turned to y upwards.
+        dx, dy = -np.sin(x / 12) / 4, 2 * np.cos(y / 9) / 9
+        return NormalMap.from_vectors(np.stack([-dx, dy, np.ones_like(x)], axis=2))
+
+    rows, columns = np.mgrid[:90, :100].astype(float)
+    placed = Similarity((50, 45), at, scale, rotate_deg, mirror).place(
+        normals(columns, rows), (100, 100)
+    )
+    assert placed is not None
+    angle = np.radians(rotate_deg)
+    rows, columns = np.mgrid[:100, :100].astype(float)
+    right, up = (columns - at[0]) / scale, -(rows - at[1]) / scale
+    x = np.cos(angle) * right + np.sin(angle) * up
+    y = -np.sin(angle) * right + np.cos(angle) * up
+    side = -1 if mirror else 1
+    seen = normals(50 + side * x, 45 - y).normals.astype(float)
+    nx, ny = side * seen[..., 0], seen[..., 1]
+    expected = np.stack(
+        [
+            np.cos(angle) * nx - np.sin(angle) * ny,
+            np.sin(angle) * nx + np.cos(angle) * ny,
+            seen[..., 2],
+        ],
+        axis=2,
+    )
+    off = angle_deg(placed.normals, expected)[placed.mask]
+    # The low pass before shrinking takes off a little, most at the rim where it sees one side.
+    assert np.mean(off) < (0.05 if scale >= 1 else 0.2)
+    assert off.max() < (0.1 if scale >= 1 else 2.5)
+
+
+@pytest.mark.parametrize("reach", [0.5, 3.0, 25.0])
+def test_the_membrane_solves_its_equation_and_holds_the_seam(reach: float) -> None:
+    rng = np.random.default_rng(0)
+    region = np.zeros((50, 60), bool)
+    region[5:45, 8:50] = rng.random((40, 42)) < 0.9
+    target = np.ones_like(region)
+    target[:, 40:] = False
+    target |= region
+    seam = seam_of(region, target)
+    step = np.where(seam[..., None], rng.normal(size=(50, 60, 2)), 0)
+    u = _membrane(step, seam, region, reach)
+    np.testing.assert_array_equal(u[seam], step[seam])
+    assert not u[~region].any()
+    for r, c in np.argwhere(region & ~seam):
+        near = [(r + 1, c), (r - 1, c), (r, c + 1), (r, c - 1)]
+        pull = sum(u[q] - u[r, c] for q in near if region[q])
+        np.testing.assert_allclose(pull, u[r, c] / reach**2, atol=1e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 30), st.floats(0, 1))
+def test_blending_keeps_unit_length_whatever_the_details(
+    seed: int, reach: float, full: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    inner, outer = (NormalMap.from_vectors(rng.normal(size=(9, 11, 3))) for _ in range(2))
+    inner.normals[4, 5] = (0, 0, -1)
+    region = rng.random((9, 11)) < full
+    if not region.any():
+        region[4, 5] = True
+    blended = blend_detail(inner, outer, region, reach)
+    np.testing.assert_allclose(np.linalg.norm(blended, axis=2), 1, atol=1e-6)
+    kept = ~region | seam_of(region, outer.mask)
+    np.testing.assert_array_equal(blended[kept], outer.normals[kept])
+
+
+def test_blending_a_detail_into_itself_changes_nothing_poles_included() -> None:
+    vectors = np.random.default_rng(0).normal(size=(12, 12, 3))
+    vectors[3:9, 3:6] = (0, 0, -1)
+    vectors[3:9, 6:9] = (0, 0, 1)
+    detail = NormalMap.from_vectors(vectors)
+    region = np.zeros((12, 12), bool)
+    region[2:10, 2:10] = True
+    blended = blend_detail(detail, detail, region, 4.0)
+    assert angle_deg(blended, detail.normals).max() < 1e-4
+
+
+def test_a_part_that_covers_the_target_has_no_seam() -> None:
+    target = ball(60)
+    result = transfer_local(relief(6, (100, 100)), target, at=(30, 30), w=4)
+    np.testing.assert_array_equal(result.region, target.mask)
+    assert np.isnan(result.seam.ratio)
+    assert np.isfinite(result.fidelity.detail_mae_deg)
+
+
+def test_a_flat_part_has_no_ratio() -> None:
+    flat = NormalMap.from_vectors(np.broadcast_to((0.0, 0.0, 1.0), (40, 40, 3)))
+    region = ellipse((40, 40), 20, 20, 9, 9)
+    assert np.isnan(seam_steps(flat, region).ratio)
+
+
+def test_the_seam_step_is_that_of_a_known_fold() -> None:
+    """Two planes 10 degrees apart meet along the seam; inside every pixel turns by 1 degree."""
+    turn = np.zeros((20, 40))
+    turn[:, 20:] = np.radians(10 + np.arange(20))
+    folded = NormalMap.from_vectors(np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=2))
+    region = np.zeros((20, 40), bool)
+    region[:, 20:] = True
+    steps = seam_steps(folded, region)
+    assert steps.seam_deg == pytest.approx(10, abs=1e-4)
+    # Sideways by 1 degree, downwards by none: 18 x 20 pairs of the first, 19 x 19 of the second.
+    assert steps.interior_deg == pytest.approx(360 / (360 + 361), abs=1e-4)
+
+
+def test_a_part_comes_whole_and_the_rest_stays() -> None:
+    source, target = relief(2, (90, 90)), ball()
+    mask = ellipse((90, 90), 45, 45, 36, 30)
+    result = transfer_local(source, target, source_mask=mask, at=(60, 62), w=5, reach_px=3.0)
+    expected = np.zeros(target.size, bool)
+    expected[17:107, 15:105] = mask
+    expected &= target.mask
+    np.testing.assert_array_equal(result.region, expected)
+    got = result.normal_map.normals
+    np.testing.assert_array_equal(got[~expected], target.normals[~expected])
+    np.testing.assert_array_equal(result.normal_map.mask, target.mask)
+    # Far from the seam the detail is the source's, on the shape of the target.
+    deep = cv2.erode(expected.astype(np.uint8), np.ones((35, 35), np.uint8)) > 0
+    assert deep.sum() > 50
+    shape = separate(target, w=5).shape.normals
+    detail = separate(source, w=5).detail.normals
+    there = np.argwhere(deep)
+    for r, c in there[::7]:
+        along = got[r, c] @ shape[r, c]
+        assert along == pytest.approx(detail[r - 17, c - 15, 2], abs=2e-3)
+
+
+def test_a_part_set_back_where_it_was_changes_nothing() -> None:
+    given_map = ball()
+    mask = ellipse(given_map.size, 60, 60, 30, 20)
+    result = transfer_local(given_map, given_map, source_mask=mask)
+    assert result.region.sum() == mask.sum()
+    off = angle_deg(result.normal_map.normals, given_map.normals)[given_map.mask]
+    assert off.max() < 1e-4
+    assert result.fidelity.detail_mae_deg < 1e-4
+
+
+def test_a_target_mask_bounds_the_part_and_says_where() -> None:
+    source, target = relief(3, (60, 60)), ball()
+    room = ellipse(target.size, 50, 70, 15, 12)
+    result = transfer_local(source, target, target_mask=room, w=4)
+    np.testing.assert_array_equal(result.region, room)
+    assert result.placement.at == (50, 70)
+
+
+def test_the_membrane_takes_the_step_away() -> None:
+    source, target = relief(4, (80, 80), slope=6.0), ball(160)
+    options = {"at": (80, 80), "source_mask": ellipse((80, 80), 40, 40, 30, 30)}
+    pasted = transfer_local(source, target, reach_px=1e-3, **options)  # type: ignore[arg-type]
+    set_in = transfer_local(source, target, **options)  # type: ignore[arg-type]
+    assert pasted.seam.seam_deg > 1.5 * set_in.seam.seam_deg
+    assert set_in.seam.ratio < 1
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        pytest.param({}, "has no place on a target", id="sizes without a place"),
+        pytest.param({"at": (500, 5)}, "does not overlap the target mask", id="beside"),
+        pytest.param({"at": (0, 0), "scale": 0.1}, "does not overlap", id="on the empty corner"),
+        pytest.param({"at": (60, 60), "scale": 0.0}, "scale of 0.0", id="no scale"),
+        pytest.param({"at": (60, 60), "rotate_deg": np.nan}, "turn of nan", id="no angle"),
+        pytest.param({"at": (np.inf, 60)}, "place of", id="infinitely far"),
+        pytest.param({"at": (60, 60), "amplitude": np.inf}, "amplitude of inf", id="amplitude"),
+        pytest.param({"at": (60, 60), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
+        pytest.param({"at": (60, 60), "w": 60}, "larger than the normal map", id="w too large"),
+        pytest.param({"source_mask": np.ones((3, 3), bool)}, "source mask of bool", id="mask size"),
+        pytest.param(
+            {"target_mask": np.zeros((120, 120), bool)}, "target's normals do not", id="empty"
+        ),
+    ],
+)
+def test_local_transfer_refuses(options: dict[str, object], text: str) -> None:
+    with pytest.raises(DataError, match=text):
+        transfer_local(relief(5, (40, 40)), ball(), **options)  # type: ignore[arg-type]
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("source", "target", "part", "options"),
+    [
+        pytest.param(
+            "cat",
+            "bear",
+            (390, 166, 45, 35),
+            {"at": (303, 188), "scale": 1.2, "rotate_deg": 6.0},
+            id="cat's face onto bear",
+        ),
+        pytest.param(
+            "buddha",
+            "bear",
+            (305, 118, 27, 34),
+            {"at": (303, 185), "scale": 1.5, "mirror": True},
+            id="buddha's face onto bear",
+        ),
+    ],
+)
+def test_real_faces_show_no_seam(
+    source: str, target: str, part: tuple[int, int, int, int], options: dict[str, object]
+) -> None:
+    folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
+    first, second = (read_normals(folder / name).normal_map for name in (source, target))
+    options = {"source_mask": ellipse(first.size, *part), **options}
+    result = transfer_local(first, second, **options)  # type: ignore[arg-type]
+    assert result.seam.ratio <= 1.2
+    pasted = transfer_local(first, second, reach_px=1e-2, **options)  # type: ignore[arg-type]
+    assert pasted.seam.seam_deg > 1.5 * result.seam.seam_deg
+    assert result.fidelity.detail_mae_deg < 5
+    assert result.region.sum() > 5000

@@ -1,0 +1,295 @@
+"""Meshes drawn as normal maps: closed forms, a ray caster, shared edges, odd meshes."""
+
+import os
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import Delaunay
+
+from acquisition import CameraModel, DataError
+from calibration import EstimateError
+from processing import Geometry, angle_deg, project, read_geometry, view_rotation
+from processing import _rasterize_kernels as kernels
+from simulator._bvh import TriangleTree
+
+CAMERA = CameraModel(np.array([[900.0, 2.5, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
+BENT = CameraModel(CAMERA.K, 300, 240, 500.0, np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))
+
+
+def _drawn(screen, faces, rows, columns):
+    """Return the face seen at each pixel."""
+    faces = np.asarray(faces, np.int32)
+    bands = kernels.face_bands(screen, faces, rows, columns)
+    members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
+    seen = np.full((rows, columns), -1, np.int32)
+    kernels.draw(screen, faces, members, begin, np.full(seen.shape, -np.inf, np.float32), seen)
+    return seen
+
+
+def _screen(pixels):
+    pixels = np.asarray(pixels, np.float64)
+    return kernels.snap(pixels, np.zeros(len(pixels)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(0, 80), st.integers(0, 160)), max_size=30),
+    st.sampled_from([2, 1, 4, 3.7]),
+)
+def test_shared_edges_leave_no_hole_and_hit_no_pixel_twice(inner, parts):
+    # On halves, whole and quarter pixels many edges and corners meet centres of pixels.
+    corners = [(0, 0), (80, 0), (0, 160), (80, 160)]
+    points = np.unique(np.array([*corners, *inner]), axis=0) / parts
+    faces = Delaunay(points).simplices
+    screen = _screen(points)
+    hits = sum((_drawn(screen, face[None], 90, 50) >= 0).astype(int) for face in faces)
+    expected = np.zeros((90, 50), int)
+    right, bottom = (int(np.ceil(np.float32(kernels.snap(
+        np.array([[80 / parts, 160 / parts]]), np.zeros(1))[0, k]))) for k in (0, 1))  # fmt: skip
+    expected[:bottom, :right] = 1
+    np.testing.assert_array_equal(hits, expected)
+    np.testing.assert_array_equal(_drawn(screen, faces, 90, 50) >= 0, expected > 0)
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["clockwise", "counter-clockwise"])
+def test_pixels_on_top_and_left_edges_belong_and_others_do_not(turned):
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    square = _screen([(2, 3), (7, 3), (7, 9), (2, 9)])
+    seen = _drawn(square, faces[:, ::-1] if turned else faces, 12, 12)
+    rows, columns = np.nonzero(seen >= 0)
+    assert (columns.min(), columns.max(), rows.min(), rows.max()) == (2, 6, 3, 8)
+    assert len(rows) == 5 * 6
+
+
+def test_a_face_far_larger_than_the_image_fills_it():
+    wide = _screen([(-3e5, -2e5), (4e5, -2e5), (0, 5e5)])
+    assert (_drawn(wide, [[0, 1, 2]], 70, 50) == 0).all()
+
+
+def _plane(slope_x, slope_y, half=60.0, lift=0.0):
+    x, y = np.array([-half, half, half, -half]), np.array([-half, -half, half, half])
+    vertices = np.stack([x, y, lift + slope_x * x + slope_y * y], axis=1)
+    return Geometry(vertices, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.5, -0.2), (-3.0, 2.0)])
+def test_a_tilted_plane_is_exact(slopes):
+    seen = project(_plane(*slopes), size=(41, 61), mm_per_px=0.7, centred=False)
+    x = (np.arange(61) - 30) * 0.7
+    y = (20 - np.arange(41)) * 0.7
+    np.testing.assert_allclose(
+        seen.height, slopes[0] * x + slopes[1] * y[:, None], atol=1e-5, rtol=1e-6
+    )
+    assert angle_deg(seen.normal_map.normals, [-slopes[0], -slopes[1], 1.0]).max() < 1e-5
+    assert seen.depth is None
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.4, -0.3)])
+def test_the_depth_of_a_plane_in_perspective(camera, slopes):
+    seen = project(_plane(*slopes, half=200.0, lift=7.0), camera=camera, centred=False)
+    rays = camera.pixel_rays()
+    # z = 7 + sx x + sy y along (0, 0, 500) + depth * ray
+    expected = (500.0 - 7.0) / (slopes[0] * rays[..., 0] + slopes[1] * rays[..., 1] + 1.0)
+    assert seen.normal_map.mask.all()
+    # The diagonal between the two faces is drawn straight where distortion bends it.
+    tolerance = 1e-6 if camera is CAMERA else 2e-4
+    np.testing.assert_allclose(seen.depth, expected, rtol=tolerance)
+    np.testing.assert_allclose(seen.height, 500.0 - expected, atol=500 * tolerance)
+    assert seen.mm_per_px == pytest.approx(500 / np.sqrt(900 * 880))
+
+
+def test_a_ball_in_closed_form():
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=10.0)
+    seen = project(Geometry(ball.vertices, ball.faces), size=(200, 200), mm_per_px=0.11)
+    x, y = np.meshgrid((np.arange(200) - 99.5) * 0.11, (99.5 - np.arange(200)) * 0.11)
+    z2 = 100 - x**2 - y**2
+    assert not seen.normal_map.mask[z2 < 0].any()
+    inner = z2 > 2
+    assert seen.normal_map.mask[inner].all()
+    z = np.sqrt(z2[inner])
+    np.testing.assert_allclose(seen.height[inner], z, atol=0.02)
+    truth = np.stack([x[inner], y[inner], z], axis=1)
+    assert angle_deg(seen.normal_map.normals[inner], truth).max() < 0.1
+
+
+def _mesh(name):
+    if name == "torus":
+        ring = trimesh.creation.torus(20.0, 8.0, major_sections=64, minor_sections=32)
+        return Geometry(ring.vertices, ring.faces)
+    if "SGP_DATA" not in os.environ:
+        pytest.skip("SGP_DATA is not set")
+    path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    return read_geometry(path)
+
+
+def _area_weighted(vertices, faces):
+    corners = vertices[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(total, faces[:, corner], cross)
+    return total / np.linalg.norm(total, axis=1, keepdims=True), cross
+
+
+@pytest.mark.parametrize("smooth", [True, False], ids=["smooth", "flat"])
+@pytest.mark.parametrize("camera", [None, CAMERA, BENT], ids=["orthographic", "pinhole", "bent"])
+@pytest.mark.parametrize("name", ["torus", "stanford-bunny", "decimated-max", "skull"])
+def test_agrees_with_a_ray_caster(name, camera, smooth):
+    mesh = _mesh(name)
+    # Turned a little, so that no symmetry puts edges on centres of pixels.
+    turn = view_rotation(rotate_deg=(20.0, -31.0, 7.0))
+    points = mesh.vertices @ turn.T
+    points -= (points.min(axis=0) + points.max(axis=0)) / 2
+    points *= 100 / np.ptp(points, axis=0).max()
+    faces = mesh.faces
+    if camera is None:
+        seen = project(Geometry(points, faces), size=(240, 300), mm_per_px=0.45, smooth=smooth)
+        x, y = np.meshgrid((np.arange(300) - 149.5) * 0.45, (119.5 - np.arange(240)) * 0.45)
+        origins = np.stack([x, y, np.full_like(x, 200.0)], axis=-1).reshape(-1, 3)
+        rays = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
+    else:
+        seen = project(Geometry(points, faces), camera=camera, smooth=smooth)
+        rays = camera.pixel_rays().reshape(-1, 3)
+        origins = np.broadcast_to(camera.centre_mm, rays.shape)
+    t, weights, face = TriangleTree.grow(points[faces]).closest(origins, rays)
+    mask = seen.normal_map.mask.ravel()
+    # Faces reach the pixel by the straight image of their edges, rays by the bent one.
+    allowed = 40 if camera is BENT else 3
+    assert np.count_nonzero(mask != (face >= 0)) <= allowed
+    both = np.flatnonzero(mask & (face >= 0))
+    assert len(both) > 10_000
+    vertex_normals, cross = _area_weighted(points, faces)
+    truth = cross[face[both]]
+    facing = np.sign((truth * -rays[both]).sum(axis=1))
+    if smooth:
+        truth = (vertex_normals[faces[face[both]]] * weights[both][..., None]).sum(axis=1)
+    error = angle_deg(seen.normal_map.normals.reshape(-1, 3)[both], truth * facing[:, None])
+    z = origins[both, 2] + t[both] * rays[both, 2]
+    off = np.abs(seen.height.ravel()[both] - z)
+    # On an edge, and where the mesh cuts itself, the neighbour may be as near.
+    clear = weights[both].min(axis=1) > (0.02 if camera is BENT else 1e-3)
+    share = 0.998 if camera is BENT else 0.9995
+    assert (error < 0.01).mean() > (share if smooth else share - 0.002)
+    assert (error[clear] < 0.01).mean() > 0.9998
+    assert (off[clear] < 1e-3).mean() > 0.9998
+
+
+def test_the_result_depends_neither_on_threads_nor_on_the_order_of_faces():
+    mesh = _mesh("torus")
+    first = project(mesh, view_rotation("left"), size=(150, 150))
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        alone = project(mesh, view_rotation("left"), size=(150, 150))
+    finally:
+        numba.set_num_threads(threads)
+    np.testing.assert_array_equal(first.normal_map.normals, alone.normal_map.normals)
+    turned = project(Geometry(mesh.vertices, mesh.faces[::-1]), view_rotation("left"),
+                     size=(150, 150))  # fmt: skip
+    np.testing.assert_allclose(first.height, turned.height, atol=1e-5)
+
+
+def test_faces_without_area_are_told_and_left_out():
+    plane = _plane(0.1, 0.2)
+    faces = np.concatenate([plane.faces, [[0, 0, 1], [2, 2, 2]]])
+    seen = project(Geometry(plane.vertices, faces))
+    assert "2 of 4 faces have no area" in seen.warnings[0]
+    np.testing.assert_array_equal(seen.height, project(plane).height)
+
+
+def test_a_mesh_of_nothing_but_degenerate_faces_is_refused():
+    with pytest.raises(EstimateError, match="no face can be drawn: 1 of 1 faces have no area"):
+        project(Geometry([[0, 0, 0], [1, 1, 0], [2, 2, 0]], [[0, 1, 2]]), mm_per_px=0.1)
+
+
+def test_the_back_of_a_face_is_seen_turned_round_and_told():
+    plane = _plane(0.1, 0.2)
+    seen = project(Geometry(plane.vertices, plane.faces[:, ::-1]))
+    np.testing.assert_allclose(seen.normal_map.normals, project(plane).normal_map.normals)
+    assert "100% of the pixels see the back" in seen.warnings[0]
+
+
+def test_three_faces_on_one_edge_are_fine():
+    vertices = [[0, -1, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1]]
+    seen = project(Geometry(vertices, [[0, 2, 1], [0, 1, 3], [0, 1, 4]]), size=(50, 50))
+    assert seen.normal_map.mask.sum() > 500
+
+
+def test_faces_behind_the_camera_are_told_and_left_out():
+    plane = _plane(0.0, 0.0)
+    vertices = np.concatenate([plane.vertices, [[0, 0, 600], [10, 0, 450], [0, 10, 450]]])
+    faces = np.concatenate([plane.faces, [[4, 5, 6]]])
+    seen = project(Geometry(vertices, faces), camera=CAMERA, centred=False)
+    assert "1 faces reach behind the camera" in seen.warnings[0]
+    assert np.nanmax(np.abs(seen.height)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "words"),
+    [
+        pytest.param({"unit_mm": 0.0}, DataError, "unit of 0.0 mm", id="unit"),
+        pytest.param({"mm_per_px": np.nan}, DataError, "pixel of nan mm", id="pixel"),
+        pytest.param({"mm_per_px": 1e-4}, DataError, "too large", id="huge"),
+        pytest.param({"size": (70_000, 1)}, DataError, "too large", id="long"),
+        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "leave one", id="two scales"),
+        pytest.param({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9", id="two sizes"),
+        pytest.param(
+            {"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working", id="no distance"
+        ),
+        pytest.param(
+            {"size": (1, 2), "mm_per_px": 300.0}, EstimateError, "120 x 120 mm", id="nothing seen"
+        ),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(options, kind, words):
+    with pytest.raises(kind, match=words):
+        project(_plane(0.0, 0.0), **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "right", "up", "toward"),
+    [
+        pytest.param({}, (1, 0, 0), (0, 1, 0), (0, 0, 1), id="front"),
+        pytest.param({"view": "back"}, (-1, 0, 0), (0, 1, 0), (0, 0, -1), id="back"),
+        pytest.param({"view": "left"}, (0, 0, 1), (0, 1, 0), (-1, 0, 0), id="left"),
+        pytest.param({"view": "right"}, (0, 0, -1), (0, 1, 0), (1, 0, 0), id="right"),
+        pytest.param({"view": "top"}, (1, 0, 0), (0, 0, -1), (0, 1, 0), id="top"),
+        pytest.param({"view": "bottom"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="bottom"),
+        pytest.param({"up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="z up, front"),
+        pytest.param({"up": "z", "view": "top"}, (1, 0, 0), (0, 1, 0), (0, 0, 1), id="z up, top"),
+        pytest.param({"look": (-5, 0, 0)}, (0, 0, -1), (0, 1, 0), (1, 0, 0), id="look"),
+        pytest.param(
+            {"look": (0, 3, 0), "up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="look, z up"
+        ),
+        pytest.param({"rotate_deg": (90, 0, 0)}, (1, 0, 0), (0, 0, -1), (0, 1, 0), id="turned"),
+        pytest.param(
+            {"rotate_deg": (90, 90, 0)}, (0, 1, 0), (0, 0, -1), (-1, 0, 0), id="x before y"
+        ),
+    ],
+)
+def test_views_show_what_they_say(options, right, up, toward):
+    turn = view_rotation(**options)
+    np.testing.assert_allclose(turn, np.array([right, up, toward], float), atol=1e-12)
+
+
+@given(st.lists(st.floats(-180, 180), min_size=3, max_size=3))
+def test_views_are_rotations(look):
+    if np.linalg.norm(look) < 1e-3:
+        return
+    turn = view_rotation(look=look, rotate_deg=look)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+    assert np.linalg.det(turn) > 0
+
+
+@pytest.mark.parametrize("look", [(0, 0, 0), (np.nan, 0, 1)])
+def test_a_look_without_direction_is_refused(look):
+    with pytest.raises(DataError, match="no view along"):
+        view_rotation(look=look)

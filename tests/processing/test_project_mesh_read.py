@@ -1,0 +1,223 @@
+"""Mesh and point cloud files: every format, seams, and files that are not whole."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from acquisition import DataError, MissingPathError
+from processing import Geometry, read_geometry
+
+BALL = trimesh.creation.icosphere(subdivisions=1)
+CUBE_OFF = """OFF
+8 6 12
+0 0 0
+1 0 0
+1 1 0
+0 1 0
+0 0 1
+1 0 1
+1 1 1
+0 1 1
+4 3 2 1 0
+4 4 5 6 7
+4 0 1 5 4
+4 1 2 6 5
+4 2 3 7 6
+4 3 0 4 7
+"""
+CLOUD = """ply
+format ascii 1.0
+element vertex {count}
+property float x
+property float y
+property float z
+{more}end_header
+{lines}
+"""
+NORMALS = "property float nx\nproperty float ny\nproperty float nz\n"
+
+
+def _area(geometry):
+    corners = geometry.vertices[geometry.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return np.linalg.norm(cross, axis=1).sum() / 2
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "stl", "glb", "off"])
+def test_every_format_gives_the_same_mesh(tmp_path, suffix):
+    path = tmp_path / f"ball.{suffix}"
+    BALL.export(path)
+    read = read_geometry(path)
+    # The loose faces of the STL are joined at their corners again.
+    assert read.vertices.shape == BALL.vertices.shape
+    assert read.faces.shape == BALL.faces.shape
+    assert read.faces.dtype == np.int32
+    assert _area(read) == pytest.approx(BALL.area, rel=1e-6)
+    # Outward still, so none has changed its winding.
+    corners = read.vertices[read.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert ((cross * corners.mean(axis=1)).sum(axis=1) > 0).all()
+
+
+def test_polygons_are_cut_into_triangles(tmp_path):
+    path = tmp_path / "cube.off"
+    path.write_text(CUBE_OFF, encoding="ascii")
+    read = read_geometry(path)
+    assert read.faces.shape == (12, 3)
+    assert _area(read) == pytest.approx(6.0)
+
+
+def test_vertices_split_along_a_seam_of_texture_are_joined(tmp_path):
+    path = tmp_path / "seam.obj"
+    path.write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 5 5 5\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\nf 2/1 4/2 3/1\n",
+        encoding="ascii",
+    )
+    read = read_geometry(path)
+    np.testing.assert_array_equal(read.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])
+    np.testing.assert_array_equal(read.faces, [[0, 1, 2], [1, 3, 2]])
+
+
+def test_a_scene_of_several_parts_is_one_mesh_in_its_place(tmp_path):
+    path = tmp_path / "two.glb"
+    scene = trimesh.Scene()
+    for shift in (0.0, 5.0):
+        scene.add_geometry(BALL.copy(), transform=trimesh.transformations.translation_matrix(
+            [shift, 0, 0]))  # fmt: skip
+    scene.export(path)
+    read = read_geometry(path)
+    assert len(read.faces) == 2 * len(BALL.faces)
+    assert read.vertices[:, 0].max() == pytest.approx(6.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "normals"),
+    [
+        pytest.param("a.xyz", "# three\n0 0 0\n1 0 0\n\n0 1 0\n", None, id="xyz"),
+        pytest.param("a.xyz", "0,0,0\n1,0,0\n0,1,0\n", None, id="commas"),
+        pytest.param("a.xyz", "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n", 1, id="xyz, normals"),
+        pytest.param(
+            "a.xyz", "0 0 0 9 9 200\n1 0 0 9 9 200\n0 1 0 9 9 200\n", None, id="xyz, colours"
+        ),
+        pytest.param(
+            "a.ply", CLOUD.format(count=3, more="", lines="0 0 0\n1 0 0\n0 1 0"), None, id="ply"
+        ),
+        pytest.param(
+            "a.ply",
+            CLOUD.format(count=3, more=NORMALS, lines="0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1"),
+            1,
+            id="ply, normals",
+        ),
+        pytest.param(
+            "a.ply",
+            CLOUD.format(
+                count=3,
+                more="element face 0\nproperty list uchar int vertex_indices\n",
+                lines="0 0 0\n1 0 0\n0 1 0",
+            ),
+            None,
+            id="ply of no faces",
+        ),
+    ],
+)
+def test_point_clouds_of_every_kind(tmp_path, name, text, normals):
+    path = tmp_path / name
+    path.write_text(text, encoding="ascii")
+    read = read_geometry(path)
+    assert read.faces is None
+    np.testing.assert_array_equal(read.vertices, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    assert (read.normals is None) == (normals is None)
+    if normals:
+        np.testing.assert_array_equal(read.normals, [[0, 0, 1]] * 3)
+
+
+def test_normals_in_a_binary_ply_of_points_are_read(tmp_path):
+    rows = np.zeros(4, [("p", "<f4", 3), ("n", "<f4", 3)])
+    rows["p"], rows["n"] = np.eye(4, 3), [0, 1, 0]
+    head = CLOUD.format(count=4, more=NORMALS, lines="").replace("ascii", "binary_little_endian")
+    path = tmp_path / "cloud.ply"
+    path.write_bytes(head[:-1].encode() + rows.tobytes())
+    read = read_geometry(path)
+    np.testing.assert_array_equal(read.vertices, np.eye(4, 3))
+    np.testing.assert_array_equal(read.normals, [[0, 1, 0]] * 4)
+
+
+def test_points_that_a_scanner_missed_are_told(tmp_path):
+    path = tmp_path / "scan.xyz"
+    path.write_text("0 0 0\nnan nan nan\n1 0 0\n0 1 inf\n", encoding="ascii")
+    read = read_geometry(path)
+    assert len(read.vertices) == 2
+    assert read.warnings == ("2 points that are not finite are left out",)
+
+
+def _cut(data):
+    return data[: len(data) * 2 // 3]
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "glb", "off"])
+def test_a_truncated_file_is_refused(tmp_path, suffix):
+    path = tmp_path / f"ball.{suffix}"
+    BALL.export(path)
+    path.write_bytes(_cut(path.read_bytes()))
+    with pytest.raises(DataError, match=rf"ball\.{suffix}: .*(truncated|is it whole)"):
+        read_geometry(path)
+
+
+def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
+    path = tmp_path / "cube.off"
+    path.write_text("\n".join(CUBE_OFF.splitlines()[:-2]), encoding="ascii")
+    with pytest.raises(DataError, match=r"cube\.off: truncated: its header promises 14 lines"):
+        read_geometry(path)
+    path = tmp_path / "ball.ply"
+    BALL.export(path, encoding="ascii")
+    path.write_text("\n".join(path.read_text().splitlines()[:-30]), encoding="ascii")
+    with pytest.raises(DataError, match="promises 122 lines of vertices and faces, it holds 92"):
+        read_geometry(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\n", "no faces", id="no faces"),
+        pytest.param("a.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 1 is", id="NaN"),
+        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "", id="missing vertex"),
+        pytest.param("a.obj", "", "", id="empty"),
+        pytest.param("a.ply", "hello", "is it whole", id="no ply"),
+        pytest.param("a.stl", "hello", "truncated", id="no stl"),
+        pytest.param("a.glb", "hello", "is it whole", id="no glb"),
+        pytest.param("a.fbx", "hello", "give one of .obj", id="unknown suffix"),
+        pytest.param("a.xyz", "", "no point", id="no point"),
+        pytest.param("a.xyz", "1 2\n3 4\n", "lines of 2 numbers", id="two columns"),
+        pytest.param("a.xyz", "1 2 3\n4 5\n", "not a table", id="ragged"),
+        pytest.param("a.xyz", "1 2 3\n4 five 6\n", "not a table", id="words"),
+        pytest.param("a.xyz", "nan 0 0\n", "no finite point", id="nothing but misses"),
+    ],
+)
+def test_bad_files_are_refused_by_name(tmp_path, name, text, words):
+    path = tmp_path / name
+    path.write_text(text, encoding="ascii")
+    with pytest.raises(DataError) as caught:
+        read_geometry(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert words in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(MissingPathError, match="there is no such mesh"):
+        read_geometry(tmp_path / "nowhere.obj")
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "words"),
+    [
+        pytest.param(np.zeros((0, 3)), None, "shape", id="no vertices"),
+        pytest.param(np.zeros((3, 2)), None, "shape", id="flat vertices"),
+        pytest.param(np.zeros((3, 3)), np.zeros((0, 3), int), "faces of shape", id="no faces"),
+        pytest.param(np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], "face 1 names", id="too high"),
+        pytest.param(np.zeros((3, 3)), [[0, -1, 2]], "face 0 names", id="negative"),
+    ],
+)
+def test_geometry_that_makes_no_sense_is_refused(vertices, faces, words):
+    with pytest.raises(DataError, match=words):
+        Geometry(vertices, faces)

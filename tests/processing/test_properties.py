@@ -1,0 +1,214 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from acquisition import DataError
+from processing._height_profile import height_profile
+from processing._integration import HeightMap, integrate
+from processing._metrics import ssim
+from processing._normal_map import NormalMap
+from processing._normal_map_files import read_normals
+from processing._properties import cross_exchange, idempotence, transfer_chain
+from processing._rotation_similarity import rotation_similarity
+from processing._separation import separate
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
+
+
+def relief(seed: int, size: tuple[int, int]) -> NormalMap:
+    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=size), (0, 0), 1.2)
+    dy, dx = np.gradient(height)
+    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
+
+
+def ball(size: int = 100) -> NormalMap:
+    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
+    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.8)
+
+
+def plane(normal: tuple[float, float, float], size: tuple[int, int] = (60, 60)) -> NormalMap:
+    return NormalMap.from_vectors(np.broadcast_to(normal, (*size, 3)))
+
+
+def to_z(normal: np.ndarray) -> np.ndarray:
+    """The shortest rotation of a unit vector to z, by its rotation vector."""
+    axis = np.cross(normal, (0, 0, 1))
+    sine = np.linalg.norm(axis)
+    angle = np.arctan2(sine, normal[2])
+    return Rotation.from_rotvec(axis / sine * angle if sine else 0 * axis).as_matrix()
+
+
+@pytest.mark.parametrize("z_sign", [1, -1], ids=["facing", "facing away"])
+def test_rotation_similarity_is_the_papers_formula(z_sign: int) -> None:
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(7, 8, 3))
+    vectors[..., 2] = z_sign * np.abs(vectors[..., 2])
+    given = NormalMap.from_vectors(vectors, rng.random((7, 8)) < 0.8)
+    w = 2
+    means = []
+    for r, c in np.argwhere(given.mask):
+        figures = []
+        for q in range(max(r - w, 0), min(r + w + 1, 7)):
+            for d in range(max(c - w, 0), min(c + w + 1, 8)):
+                if given.mask[q, d]:
+                    between = to_z(given.normals[r, c]) @ to_z(given.normals[q, d]).T
+                    turn = np.degrees(Rotation.from_matrix(between).magnitude())
+                    off = between - np.eye(3)
+                    norms = [np.linalg.norm(off, p) for p in (1, 2, np.inf)]
+                    figures.append([turn, *norms])
+        means.append(np.mean(figures, axis=0))
+    found = rotation_similarity(given, w)
+    np.testing.assert_allclose(
+        [found.angle_deg, found.norm_1, found.norm_2, found.norm_inf],
+        np.mean(means, axis=0),
+        rtol=1e-5,
+    )
+
+
+def test_rotations_of_a_plane_are_all_alike_the_lower_pole_included() -> None:
+    for normal in ((0.0, 0.6, 0.8), (0.0, 0.0, -1.0), (1e-20, 0.0, -1.0)):
+        found = rotation_similarity(plane(normal))
+        assert found.angle_deg < 1e-6
+        assert found.norm_2 < 1e-6
+
+
+def test_a_window_of_nothing_is_refused() -> None:
+    with pytest.raises(DataError, match="1 or more"):
+        rotation_similarity(plane((0, 0, 1)), 0)
+
+
+def test_the_detail_of_a_plane_is_idempotent_and_of_a_relief_nearly() -> None:
+    for likeness in idempotence(separate(plane((0.0, 0.6, 0.8)))).values():
+        assert likeness.mae_deg < 1e-3
+        assert likeness.ssim == pytest.approx(1)
+    orders = idempotence(separate(relief(0, (80, 80))), highest=4)
+    assert list(orders) == [2, 3, 4]
+    errors = [orders[k].mae_deg for k in (2, 3, 4)]
+    assert 0.1 < errors[0] < errors[1] < errors[2] < 10
+    assert orders[2].ssim > orders[3].ssim > orders[4].ssim
+
+
+def test_idempotence_starts_at_order_2() -> None:
+    with pytest.raises(DataError, match="order 2 or more"):
+        idempotence(separate(plane((0, 0, 1))), 1)
+
+
+def test_a_chain_over_planes_costs_what_taking_the_detail_again_costs() -> None:
+    """On a plane the detail is turned as one: each station is nearly one more order."""
+    source = relief(1, (70, 60))
+    planes = [plane((0.0, 0.6, 0.8), (60, 70)), plane((0.6, 0.0, 0.8), (90, 90))]
+    steps = transfer_chain(source, planes)
+    assert [step.target for step in steps] == [0, 1, 0]
+    assert {step.pixels for step in steps} == {60 * 60}
+    middle = NormalMap(source.normals[5:65], source.mask[5:65])
+    orders = idempotence(separate(middle))
+    for step, order in zip(steps, (2, 3, 4), strict=True):
+        assert step.to_original.mae_deg == pytest.approx(orders[order].mae_deg, abs=1e-2)
+    assert steps[0].to_previous == steps[0].to_original
+    assert steps[1].to_previous.mae_deg < steps[1].to_original.mae_deg
+
+
+def test_a_chain_needs_targets_and_room_for_the_filter() -> None:
+    with pytest.raises(DataError, match="at least one target"):
+        transfer_chain(ball(), [])
+    with pytest.raises(DataError, match="larger than the normal map of 8 x 8"):
+        transfer_chain(ball(), [plane((0, 0, 1), (8, 8))])
+
+
+def test_an_exchange_puts_each_detail_on_the_other_shape() -> None:
+    a, b = ball(), relief(2, (120, 120))
+    there, back = cross_exchange(a, b)
+    assert there.normal_map.size == b.size
+    assert back.normal_map.size == a.size
+    assert back.fidelity.detail_mae_deg > there.fidelity.detail_mae_deg > 0
+
+
+def surface(height: np.ndarray, parts: np.ndarray | None = None) -> HeightMap:
+    mask = np.isfinite(height)
+    if parts is None:
+        parts = np.where(mask, 0, -1)
+    return HeightMap(
+        height.astype(np.float32), None, mask, parts.astype(np.int32), "px", 1.0, None, 0, 0.0, ()
+    )
+
+
+def test_a_height_profile_runs_along_the_targets_sorted_heights() -> None:
+    rng = np.random.default_rng(3)
+    target = rng.normal(size=(30, 40))
+    target[0, :5] = np.nan
+    ripple = np.where(np.indices(target.shape).sum(axis=0) % 2, 1.0, -1.0)
+    profile = height_profile(surface(target), surface(target + ripple + 7))
+    assert (np.diff(profile.target) >= 0).all()
+    assert profile.rms == pytest.approx(1, abs=0.01)
+    assert len(profile.target) == 30 * 40 - 5
+    same = height_profile(surface(target), surface(target - 3))
+    np.testing.assert_allclose(same.result, same.target, atol=1e-5)
+
+
+def test_the_profile_is_smoothed_over_5_by_5_pixels_of_the_mask() -> None:
+    flat = np.zeros((21, 21))
+    spike = flat.copy()
+    spike[10, 10] = 25 * 441 / 440
+    spike[0, 0] = np.nan
+    profile = height_profile(surface(flat), surface(spike))
+    # The mean over the surface is taken away first; sorting is stable, so pixels keep their order.
+    mean = 25 * 441 / 440 / 440
+    smoothed = profile.smoothed + mean
+    assert np.count_nonzero(smoothed > 0.5) == 25
+    assert smoothed.max() == pytest.approx(441 / 440, rel=1e-4)
+
+
+def test_parts_that_hang_apart_are_levelled_each() -> None:
+    height = np.tile(np.arange(20.0), (10, 1))
+    parts = np.zeros((10, 20))
+    parts[:, 10:] = 1
+    moved = height + np.where(parts, 30.0, -4.0)
+    profile = height_profile(surface(height), surface(moved, parts))
+    assert profile.rms < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("result", "text"),
+    [
+        pytest.param(np.zeros((3, 4)), "different size", id="size"),
+        pytest.param(np.where(np.eye(5) > 0, 0.0, np.nan), "do not overlap", id="masks"),
+    ],
+)
+def test_profiles_refuse(result: np.ndarray, text: str) -> None:
+    target = np.where(np.eye(5) > 0, np.nan, 0.0)
+    with pytest.raises(DataError, match=text):
+        height_profile(surface(target), surface(result))
+
+
+def test_the_surface_of_a_detail_is_flat_beside_that_of_its_map() -> None:
+    given = ball()
+    detail = separate(given).detail
+    whole, flat = integrate(given).height, integrate(detail).height
+    assert np.ptp(flat[given.mask]) < 0.1 * np.ptp(whole[given.mask])
+    assert ssim(detail, given) < 0.9
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("source", "separability", "mae", "likeness"),
+    [pytest.param("owl", 0.75, 2.1, 0.996, id="owl"), pytest.param("plant", 2, 4.5, 0.99, id="p")],
+)
+def test_a_real_detail_survives_a_chain(
+    source: str, separability: float, mae: float, likeness: float
+) -> None:
+    folder = Path(os.environ["SGP_DATA"]) / "normals"
+    given = read_normals(folder / source).normal_map
+    targets = [read_normals(folder / "diligent" / name).normal_map for name in TARGETS]
+    assert separate(given).separability_deg < separability
+    steps = transfer_chain(given, targets)
+    assert max(step.to_original.mae_deg for step in steps) < mae
+    assert min(step.to_original.ssim_paper for step in steps) > likeness
+    assert max(step.shape_mae_deg for step in steps) < mae

@@ -1,0 +1,204 @@
+"""The paper's tables: what is in them, and that they say what is missing."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from processing import NormalMap, angle_deg, combine, separate
+from sgp import _paper_figures as paper
+from sgp import _paper_run
+from sgp._paper_measure import METHODS, measure
+from sgp._paper_sources import Sources, bowl
+from sgp._paper_tables import Table, markdown
+
+needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+
+
+def ripples(size: int = 70) -> NormalMap:
+    y, x = np.mgrid[:size, :size].astype(np.float64)
+    slopes = [0.4 * np.cos(x * 2 * np.pi / 7), 0.4 * np.sin(y * 2 * np.pi / 7), np.ones_like(x)]
+    return NormalMap.from_vectors(np.stack(slopes, axis=2))
+
+
+def check(made: dict, markdown_text: str) -> None:
+    for table in made.values():
+        assert table["title"] in markdown_text
+        assert table["note"] in markdown_text
+        for columns, rows in (("columns", "rows"), ("paper_columns", "paper_rows")):
+            assert table[rows]
+            for name, row in table[rows].items():
+                assert len(row) == len(table[columns]), (table["key"], name)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Only the lowest number of points, and not the largest textures."""
+    textures = Sources.textures
+    monkeypatch.setattr(_paper_run, "_QUICK_POINTS", 6000)
+    monkeypatch.setattr(
+        Sources,
+        "textures",
+        lambda self: {
+            name: normal_map
+            for name, normal_map in textures(self).items()
+            if name not in ("plant", "carving (simulated)")
+        },
+    )
+
+
+@pytest.mark.usefixtures("small")
+def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeypatch):
+    monkeypatch.delenv("SGP_DATA", raising=False)
+    answer = sgp("bench", "paper", "--out", tmp_path / "tables", "--quick", "--json")
+    assert answer.code == 0, answer.err
+    said = json.loads(answer.out)
+    assert any("SGP_DATA is not set" in line for line in said["warnings"])
+    assert any("--quick" in line for line in said["warnings"])
+    assert "cloth (simulated)" in answer.err
+    made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
+    text = (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8")
+    assert set(made) == {
+        "shape_similarity", "separability", "idempotence", "cross_exchange", "resolution",
+        "headline",
+    }  # fmt: skip
+    check(made, text)
+    assert "Left out: SGP_DATA is not set" in text
+    rows = made["resolution"]["rows"]
+    assert rows["detail error, deg, normals"][0] < rows["detail error, deg, DSPL"][0]
+    assert rows["time, s, normals"][0] < rows["time, s, LAPL"][0]
+    # Both cells of the headline are not there: it must not be made up.
+    assert made["headline"]["rows"]["normals"] == [None, None]
+    assert (tmp_path / "tables" / "resolution.png").stat().st_size > 10_000
+
+
+@needs_data
+@pytest.mark.timeout(900)
+@pytest.mark.usefixtures("small")
+@pytest.mark.slow
+def test_with_data_every_table_is_there(sgp, tmp_path):
+    answer = sgp("bench", "paper", "--out", tmp_path / "tables", "--quick")
+    assert answer.code == 0, answer.err
+    made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
+    check(made, (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8"))
+    assert made["diligent"]["columns"] == ["bear", "buddha", "cat", "cow", "goblet"]
+    variants = made["diligent_variants"]["rows"]
+    assert variants["owl, order 8 (default): detail error, deg"][-1] <= 1.7
+    assert variants["plant, order 8 (default): shape error, deg"][-1] <= 2.8
+    idempotence = made["idempotence"]["rows"]["order 2, filter of order 8"]
+    assert idempotence[made["idempotence"]["columns"].index("owl")] >= 0.9996
+    chain = made["chain"]["rows"]["detail to original, deg, order 8"]
+    assert chain[-1] >= chain[0]
+    local = made["local"]["rows"]
+    assert max(local["step across the seam over the interior's, normals"]) <= 1.2
+
+
+def test_another_number_of_runs_is_believed(monkeypatch, sgp, tmp_path):
+    asked = []
+
+    def note_runs(*, quick, runs, advance):
+        asked.append((quick, runs))
+        return _paper_run.Comparison()
+
+    monkeypatch.setattr(_paper_run, "run_all", note_runs)
+    for index, words in enumerate(([], ["--quick"], ["--runs", 3], ["--quick", "--runs", 4])):
+        answer = sgp("bench", "paper", "--out", tmp_path / str(index), *words)
+        assert answer.code == 0, answer.err
+    assert asked == [(False, 10), (True, 1), (False, 3), (True, 4)]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_measured_transfer_is_the_transfer(method):
+    source, target = ripples(), bowl(3000)
+    source = NormalMap(
+        source.normals[: target.size[0], : target.size[1]],
+        source.mask[: target.size[0], : target.size[1]],
+    )
+    measured = measure([method], source, target, runs=2)[method]
+    assert len(measured.cpu_s) == len(measured.wall_s) == 2
+    assert min(measured.cpu_s) >= 0
+    assert min(measured.wall_s) > 0
+    assert measured.peak_bytes is None or 0 < measured.peak_bytes < 1e9
+    assert (measured.normal_map.mask == target.mask).all()
+    order = 8 if "8" in method else 1
+    inside = NormalMap(np.where(target.mask[..., None], source.normals, 0), target.mask)
+    meant = combine(separate(target, order=order).shape, separate(inside, order=order).detail)
+    error = angle_deg(measured.normal_map.normals, meant.normals)[target.mask]
+    # The meshes lose what triangles as wide as a pixel cannot hold.
+    assert error.mean() < (12 if method in ("DSPL", "LAPL") else 1e-3)
+
+
+def test_a_pixel_that_stands_alone_stays_as_it_is():
+    source, whole = ripples(), ripples()
+    mask = whole.mask.copy()
+    mask[39:42, 49:52] = False
+    mask[40, 50] = True
+    target = NormalMap(np.where(mask[..., None], whole.normals, 0), mask)
+    for measured in measure(["DSPL", "LAPL"], source, target).values():
+        made = measured.normal_map.normals
+        np.testing.assert_array_equal(made[40, 50], target.normals[40, 50])
+        assert angle_deg(made[mask], target.normals[mask]).mean() < 12
+
+
+def test_a_bowl_has_the_points_that_were_asked_for():
+    for points in (5010, 49532):
+        made = bowl(points)
+        assert np.count_nonzero(made.mask) == pytest.approx(points, rel=0.02)
+        tilt = np.degrees(
+            np.arctan2(np.hypot(*made.normals[made.mask, :2].T), made.normals[made.mask, 2])
+        )
+        assert tilt.max() == pytest.approx(60, abs=1)
+
+
+@needs_data
+def test_the_bunny_has_the_points_that_were_asked_for():
+    name, source, target = Sources.found().resolution_pair(5010)
+    assert name == "cracks onto bunny"
+    assert np.count_nonzero(target.mask) == pytest.approx(5010, rel=0.02)
+    assert source.size == (1024, 1024)
+
+
+def test_the_papers_ratios_come_from_its_own_cells():
+    many, few = (paper.POINTS.index(count) for count in paper.HEADLINE_POINTS)
+    for quantity, printed in (
+        ("memory, MB", paper.HEADLINE_MEMORY),
+        ("time, s", paper.HEADLINE_TIME),
+    ):
+        cells = paper.RESOLUTION[quantity]
+        assert cells["normals"][many] / cells["LAPL"][few] == pytest.approx(printed, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "method", "mean"),
+    [
+        ("shape error, deg", "DSPL", 5.48),
+        ("shape error, deg", "LAPL", 3.56),
+        ("shape error, deg", "normals", 2.24),
+        ("detail error, deg", "DSPL", 21.15),
+        ("detail error, deg", "LAPL", 18.31),
+        ("detail error, deg", "normals", 6.07),
+        ("memory, MB", "DSPL", 306.73),
+        ("memory, MB", "LAPL", 11833.11),
+        ("memory, MB", "normals", 19.59),
+        ("time, s", "DSPL", 4.79),
+        ("time, s", "LAPL", 689.01),
+        ("time, s", "normals", 0.48),
+    ],
+)
+def test_the_papers_table_has_the_means_that_its_text_tells(quantity, method, mean):
+    row = paper.DILIGENT[quantity][method]
+    assert len(row) == len(paper.DILIGENT_TARGETS)
+    assert np.mean(row) == pytest.approx(mean, rel=2e-3, abs=0.006)
+
+
+def test_markdown_has_a_line_for_each_row_and_says_what_is_missing():
+    table = Table(
+        "key", "Title", ("a", "b"), {"row": [0.1239, None]}, ("c",), {"theirs": [1234.6]}, "Note."
+    )
+    text = markdown(table)
+    assert "| row | 0.1239 | n/a |" in text
+    assert "| theirs | 1235 |" in text
+    assert text.endswith("Note.")

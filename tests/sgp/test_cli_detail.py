@@ -1,0 +1,178 @@
+"""Transfers and properties from the command line: files, figures, and one line for bad input."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_png
+from processing import NormalMap, angle_deg, read_normals, write_normals
+
+SIZE = (60, 70)
+
+
+def relief(seed, size):
+    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=size), (0, 0), 1.5)
+    dy, dx = np.gradient(height)
+    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
+
+
+def ball():
+    y, x = np.mgrid[1 : -1 : SIZE[0] * 1j, -1 : 1 : SIZE[1] * 1j]
+    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
+    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.9)
+
+
+def disc(size, x, y, radius):
+    rows, columns = np.mgrid[: size[0], : size[1]]
+    return (((columns - x) ** 2 + (rows - y) ** 2 <= radius**2) * 255).astype(np.uint8)
+
+
+@pytest.fixture
+def maps(tmp_path):
+    """A folder with a source of 40 x 50, a target and a part of the source."""
+    for name, normal_map in (("source", relief(0, (40, 50))), ("target", ball())):
+        (tmp_path / name).mkdir()
+        write_normals(tmp_path / name, normal_map)
+    write_png(tmp_path / "part.png", disc((40, 50), 25, 20, 14))
+    return tmp_path
+
+
+def record(folder, name="normals.json"):
+    return json.loads((folder / name).read_text(encoding="utf-8"))
+
+
+def test_a_transfer_writes_maps_errors_and_where_the_source_went(sgp, maps):
+    out = maps / "out"
+    answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
+    assert answer.code == 0, answer.err
+    assert "50 x 40 pixels of the source from 0,0, laid 2 x 2 times" in answer.out
+    made = record(out)
+    for file in ("shape_error.exr", "detail_error.exr", "errors.png", "height_profile.png"):
+        assert (out / file).is_file()
+        assert file in made["outputs"].values()
+    assert made["metrics"]["tiles"] == [2, 2]
+    error = read_image(out / "shape_error.exr")
+    assert np.nanmean(error) == pytest.approx(made["metrics"]["shape_mae_deg"], rel=1e-3)
+    assert made["metrics"]["height_rms_px"] < made["metrics"]["height_range_px"]
+
+
+def test_a_part_is_set_in_and_the_rest_stays(sgp, maps):
+    out = maps / "out"
+    answer = sgp(
+        *("detail", "transfer", maps / "source", maps / "target", "--out", out),
+        *("--source-mask", maps / "part.png", "--at", "35,30", "--rotate-deg", "30", "--mirror"),
+    )
+    assert answer.code == 0, answer.err
+    made = record(out)
+    assert made["parameters"]["rotate_deg"] == 30
+    assert made["metrics"]["seam_ratio"] > 0
+    assert any(name.endswith("part.png") for name in made["inputs"])
+    outside = disc(SIZE, 35, 30, 15.5) == 0
+    found, given = read_normals(out).normal_map, read_normals(maps / "target").normal_map
+    changed = angle_deg(found.normals, given.normals) > 0.01
+    assert not changed[outside].any()
+    assert changed.sum() > 0.8 * np.pi * 14**2
+
+
+def test_the_scale_makes_the_part_larger(sgp, maps):
+    sizes = []
+    for scale in ("1", "1.5"):
+        answer = sgp(
+            *("detail", "transfer", maps / "source", maps / "target", "--out", maps / scale),
+            *("--source-mask", maps / "part.png", "--at", "35,30", "--scale", scale, "--json"),
+        )
+        assert answer.code == 0, answer.err
+        sizes.append(json.loads(answer.out)["metrics"]["pixels"])
+    assert sizes[1] / sizes[0] == pytest.approx(1.5**2, rel=0.05)
+
+
+def test_properties_of_one_map_and_with_targets(sgp, maps):
+    out = maps / "one"
+    answer = sgp("detail", "properties", maps / "source", "--out", out)
+    assert answer.code == 0, answer.err
+    metrics = record(out, "properties.json")["metrics"]
+    assert set(metrics["idempotence"]) == {"2", "3", "4"}
+    assert metrics["rotation_similarity"]["norm_2"] > 0
+    error = read_image(out / "separability.exr")
+    assert np.nanmean(error) == pytest.approx(metrics["separability_deg"], rel=1e-3)
+    heights = [np.ptp(read_image(out / f"{name}.exr")) for name in ("height", "detail_height")]
+    assert heights[0] > heights[1] > 0
+    assert (out / "properties.png").is_file()
+    assert "chain" not in metrics
+
+    out = maps / "several"
+    targets = (maps / "target", maps / "source")
+    answer = sgp("detail", "properties", maps / "source", *targets, "--out", out)
+    assert answer.code == 0, answer.err
+    metrics = record(out, "properties.json")["metrics"]
+    assert [step["target"] for step in metrics["chain"]] == [
+        str(path) for path in (*targets, targets[0])
+    ]
+    assert len(metrics["exchange_detail_mae_deg"]) == 2
+    assert (out / "exchange.png").is_file()
+
+
+def not_unit(maps):
+    write_png(maps / "source" / "normals.png", np.full((40, 50, 3), 150, np.uint8))
+    (maps / "source" / "normals.exr").unlink()
+
+
+def other_mask(maps):
+    write_png(maps / "part.png", disc((30, 30), 15, 15, 9))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words", "code", "text"),
+    [
+        pytest.param(None, ["--at", "900,0"], 4, "does not reach the mask", id="beside"),
+        pytest.param(None, ["--at", "1.5,0"], 2, "--at must be whole pixels", id="half a pixel"),
+        pytest.param(None, ["--at", "inf,0"], 2, "--at must be whole pixels", id="endless"),
+        pytest.param(None, ["--at", "1e300,0"], 4, "does not reach the mask", id="far away"),
+        pytest.param(None, ["--at", "nan,0", "--mirror"], 4, "a place of", id="no number"),
+        pytest.param(None, ["--w", "30"], 4, "larger than the normal map", id="w"),
+        pytest.param(None, ["--scale", "1.1"], 4, "has no place on a target", id="no place"),
+        pytest.param(None, ["--scale", "0"], 2, "--scale", id="no scale"),
+        pytest.param(
+            None, ["--scale", "1e-9", "--at", "9,9"], 4, "a scale of 1e-09", id="tiny scale"
+        ),
+        pytest.param(None, ["--mirror", "--refine", "1"], 2, "--refine", id="refined part"),
+        pytest.param(
+            None, ["--mirror", "--at", "-90,0"], 4, "does not overlap", id="masks do not overlap"
+        ),
+        pytest.param(
+            other_mask, ["--source-mask", "part.png", "--at", "9,9"], 4, "part.png", id="mask size"
+        ),
+        pytest.param(None, ["--source-mask", "none.png"], 2, "none.png", id="no mask"),
+        pytest.param(not_unit, [], 4, "is not a normal map", id="not unit"),
+    ],
+)
+def test_bad_transfers_get_one_line(sgp, maps, monkeypatch, spoil, words, code, text):
+    monkeypatch.chdir(maps)
+    if spoil is not None:
+        spoil(maps)
+    answer = sgp("detail", "transfer", "source", "target", "--out", "out", *words)
+    assert answer.code == code, answer.err
+    assert text in answer.err
+    assert answer.err.startswith("error: ")
+    assert answer.err.count("\n") == 1
+    assert not (maps / "out").exists()
+
+
+def test_maps_of_different_size_do_not_combine(sgp, maps):
+    answer = sgp("detail", "combine", maps / "target", maps / "source", "--out", maps / "out")
+    assert answer.code == 4
+    assert "must be of one size" in answer.err
+    assert answer.err.count("\n") == 1
+
+
+def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
+    pixels = cv2.imread(str(maps / "source" / "normals.png"), cv2.IMREAD_UNCHANGED)
+    alpha = np.full((40, 50, 1), 65535, np.uint16)
+    assert cv2.imwrite(str(maps / "alpha.png"), np.concatenate([pixels, alpha], axis=2))
+    found = read_normals(maps / "alpha.png").normal_map
+    given = read_normals(maps / "source").normal_map
+    assert angle_deg(found.normals, given.normals).max() < 0.01
+    answer = sgp("detail", "transfer", maps / "alpha.png", maps / "target", "--out", maps / "out")
+    assert answer.code == 0, answer.err
