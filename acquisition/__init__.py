@@ -20,7 +20,7 @@ from acquisition._metering import meter
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan, PlannedShot, read_plan
 from acquisition._plan_estimate import PlanEstimate, estimate_plan
-from acquisition._preflight import Preflight, preflight
+from acquisition._preflight import Preflight, preflight, preflight_resume
 from acquisition._raw import RawFrame, read_raw
 from acquisition._rehearsal import rehearse
 from acquisition._session import Session
@@ -71,6 +71,7 @@ __all__ = [
     "lights_in_order",
     "meter",
     "preflight",
+    "preflight_resume",
     "prepare_export",
     "read_camera",
     "read_image",

@@ -11,7 +11,7 @@ import numpy as np
 
 from acquisition._errors import DataError, StorageError
 from acquisition._plan import CapturePlan
-from acquisition._quality import measure_quality
+from acquisition._quality import FrameQuality, measure_quality
 from acquisition._recording import ROOM, THREADS, Hooks, Recording, StoppedError, Stored
 from acquisition._session_writer import SessionWriter
 from acquisition._stop_request import StopRequest
@@ -30,7 +30,7 @@ def carry_out(
     plan: CapturePlan,
     hooks: Hooks,
     events: Sequence[tuple[str, Mapping[str, Any]]],
-    dark_dn: Mapping[float, Mapping[str, int]],
+    dark: Mapping[float, FrameQuality],
     stall_s: float,
 ) -> None:
     """Take what a session is missing and complete it, or leave it dark and resumable.
@@ -47,8 +47,8 @@ def carry_out(
         Who is told.
     events
         Written first.
-    dark_dn
-        Percentiles of frames that were taken with all LEDs off before, by their exposure.
+    dark
+        Frames that were taken with all LEDs off before, by their exposure.
     stall_s
         How long the disk may take no frame at all.
 
@@ -64,15 +64,15 @@ def carry_out(
             writer.folder, room=ROOM, threads=THREADS, stall_s=stall_s
         )
         try:
-            recording = Recording(rig, writer, plan, queue, hooks, dark_dn)
+            recording = Recording(rig, writer, plan, queue, hooks, dark)
             for name, details in events:
                 recording.event(name, **details)
             recording.run(stop)
         except BaseException as error:
             # Dark first, then the disk, then words.
-            dark = _go_dark(rig, error)
+            confirmed = _go_dark(rig, error)
             if _settle(queue, error):
-                _note_end(writer, error, leds_confirmed_off=dark)
+                _note_end(writer, error, leds_confirmed_off=confirmed)
             raise
         queue.end(_PATIENCE_S)
     writer.complete()

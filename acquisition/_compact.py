@@ -18,9 +18,9 @@ from acquisition._images import read_image
 from acquisition._journal import EventLine, Journal
 from acquisition._journal_file import Clock, JournalFile
 from acquisition._session import (
+    ASIDE,
     COMPACTED,
     COMPLETE,
-    DERIVED,
     FRAMES,
     JOURNAL,
     Session,
@@ -36,14 +36,11 @@ from acquisition._storage import (
     make_folder,
     part_path,
     publish,
+    read_file,
     sha256_of,
     sync_folder,
     write_durably,
 )
-
-# COMPLETE as it was before a compaction that has not ended: it tells a complete session whose
-# compaction was cut off from a recording that never came to its end.
-_ASIDE = f"{DERIVED}/{COMPLETE}"
 
 
 @dataclass(frozen=True)
@@ -230,13 +227,13 @@ class _Compactor:
         """Take COMPLETE away, which a longer journal would contradict, and open the journal."""
         if self._journal is not None:
             return self._journal
-        mark, aside = self._folder / COMPLETE, self._folder / _ASIDE
+        mark, aside = self._folder / COMPLETE, self._folder / ASIDE
         if mark.exists():
             if leaves(aside.parent, self._folder):
                 raise DataError(f"{aside.parent}: is a link that leaves the session")
             make_folder(aside.parent)
             with disk(mark, "set aside"):
-                write_durably(aside, mark.read_bytes())
+                write_durably(aside, read_file(mark))
                 mark.unlink()
                 sync_folder(self._folder)
         details = {"software_version": software_version(), "unrecorded": []}
@@ -254,8 +251,8 @@ class _Compactor:
             mark = completion_mark(journal.read_back())
             self._sweep()
             write_durably(self._folder / COMPLETE, mark)
-        with disk(self._folder / _ASIDE, "remove"):
-            (self._folder / _ASIDE).unlink(missing_ok=True)
+        with disk(self._folder / ASIDE, "remove"):
+            (self._folder / ASIDE).unlink(missing_ok=True)
 
     def _sweep(self) -> None:
         """Remove compressed files whose event was never written: they belong to no line."""
@@ -267,7 +264,7 @@ class _Compactor:
 def _check_file(frame: SessionFrame) -> None:
     """Raise DataError unless a frame's file is, byte for byte, the one recorded."""
     try:
-        data = frame.path.read_bytes()
+        data = read_file(frame.path)
     except OSError as error:
         raise DataError(
             f"{frame.path}: cannot be read: {error.strerror}; restore or retake it"
@@ -284,11 +281,11 @@ def _was_complete(folder: Path, journal: Journal) -> bool:
     It had if the mark that was set aside fits a beginning of the journal after which nothing but
     compactions were written.
     """
-    aside = folder / _ASIDE
+    aside = folder / ASIDE
     if not aside.is_file() or leaves(aside, folder):
         return False
     with disk(aside, "read"):
-        mark = aside.read_bytes()
+        mark = read_file(aside)
     digest = hashlib.sha256()
     for number, piece in enumerate(journal.text.splitlines(keepends=True), 1):
         digest.update(piece)

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from acquisition._camera_model import CameraModel
 from acquisition._carry_out import STALL_S, carry_out
 from acquisition._errors import DataError
+from acquisition._journal import LEFT_OUT
 from acquisition._lights import Lights
 from acquisition._manifest import Manifest
 from acquisition._noise_model import NoiseModel
-from acquisition._plan import CapturePlan
+from acquisition._plan import CapturePlan, PlannedShot
+from acquisition._quality import FrameQuality
 from acquisition._recording import Hooks, OnEvent, OnFrame
 from acquisition._rig_fits import check_calibrations, check_exposures, check_lights
 from acquisition._same_rig import check_same
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
 from rig import CameraInfo, Mounting, Rig
+
+# Options of a rig file that say which board and camera are meant, by ports and files that may
+# change; what was found there is in the record.
+_WHERE: Final = ("board", "camera", "cti", "model", "port")
 
 
 def record(
@@ -98,6 +104,8 @@ def record(
     check_calibrations(rig, camera_model, sensor)
     if lights is not None:
         check_lights(lights, plan)
+    for exposure_us in plan.distinct_exposures_us:
+        rig.prepare(exposure_us, plan.gain_db)
     manifest = _manifest(
         rig,
         folder,
@@ -112,7 +120,7 @@ def record(
         lights=lights,
     )
     if left_out:
-        events = [*events, ("left_out", {"leds": list(left_out), "reason": "listed as dead"})]
+        events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
     hooks = Hooks(on_frame, on_event, on_stop, before_flats)
     with SessionWriter.create(folder, manifest) as writer:
         carry_out(rig, writer, plan, hooks, events, {}, stall_s)
@@ -132,6 +140,9 @@ def resume(
     stall_s: float = STALL_S,
 ) -> Session:
     """Take the shots that a session is missing, and no others.
+
+    Shots of LEDs that the rig file lists as dead by now are left out, which is an event; the
+    session becomes complete without them.
 
     Parameters
     ----------
@@ -155,27 +166,33 @@ def resume(
         If there is no such folder.
     DataError
         If it is no session, is damaged or complete, was imported, or was begun with another rig,
-        camera or plan; the message says what differs.
+        camera or plan; the message says what differs. If every LED of its plan is dead.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
     """
     folder = Path(folder)
-    begun, recorded = check_resume(rig, folder, plan)
+    begun, recorded, _ = check_resume(rig, folder, plan)
     hooks = Hooks(on_frame, on_event, on_stop, before_flats)
     with SessionWriter.reopen(folder) as writer:
-        carry_out(rig, writer, recorded, hooks, events, _dark_dn(begun), stall_s)
+        died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
+        if died:
+            details = {"leds": died, "reason": "listed as dead"}
+            writer.write_event(LEFT_OUT, **details)
+            if on_event is not None:
+                on_event(LEFT_OUT, details)
+        carry_out(rig, writer, recorded, hooks, events, _dark(begun), stall_s)
     return Session.open(folder)
 
 
 def check_resume(
     rig: Rig, folder: str | Path, plan: CapturePlan | None = None
-) -> tuple[Session, CapturePlan]:
+) -> tuple[Session, CapturePlan, tuple[PlannedShot, ...]]:
     """Check that a session can be gone on with on this rig, and change nothing.
 
     Returns
     -------
-    Session, CapturePlan
-        The session and its plan.
+    Session, CapturePlan, PlannedShots
+        The session, its plan, and the shots to take: those that are missing and whose LED works.
 
     Raises
     ------
@@ -191,20 +208,24 @@ def check_resume(
         raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
     manifest.check_current(folder)
     if plan is not None:
-        plan, _ = plan.without(rig.config.dead_leds)
+        plan, _ = plan.without(manifest.rig.dead_leds)
     check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
-    return begun, recorded
+    dead = rig.config.dead_leds
+    recorded.without(dead)
+    return begun, recorded, tuple(shot for shot in begun.missing if shot.lit_led not in dead)
 
 
-def _dark_dn(session: Session) -> dict[float, Mapping[str, int]]:
-    """Return the percentiles of the frames with all LEDs off, by the exposure that was planned."""
+def _dark(session: Session) -> dict[float, FrameQuality]:
+    """Return the figures of the frames with all LEDs off, by the exposure that was planned."""
     plan = session.manifest.plan
     planned = {} if plan is None else {shot.key: shot.exposure_us for shot in plan.shots()}
     unlit = [frame.line for frame in session.frames if frame.role in ("dark", "ambient")]
     # Ambient frames last, as they count before dark ones.
     unlit.sort(key=lambda line: line.role == "ambient")
     return {
-        exposure_us: line.percentiles_dn
+        exposure_us: FrameQuality(
+            line.clipped_fraction, line.percentiles_dn, line.sharpness, line.mean_dn
+        )
         for line in unlit
         if (exposure_us := planned.get(line.key)) is not None
     }
@@ -238,6 +259,12 @@ def _rig_record(rig: Rig) -> dict[str, Any]:
         "mounting": None if config.mounting == Mounting() else config.mounting,
         "dead_leds": config.dead_leds,
         "trigger": config.trigger,
+        "options": {
+            name: value
+            for name, value in config.options.items()
+            if value is not None and name not in _WHERE
+        }
+        or None,
     }
 
 

@@ -120,6 +120,8 @@ def _opened(path: Path) -> Iterator[tuple[oiio.ImageInput, list[int], type[np.ge
         raise MissingPathError(f"{path}: no such file")
     if path.is_dir():
         raise DataError(f"{path}: a folder, not an image file")
+    if not path.is_file():  # a pipe or a device, which may never end
+        raise DataError(f"{path}: not a regular file: put the image itself there")
     if is_raw(path):
         raise DataError(f"{path}: camera RAW has no picture of its own: read it as RAW")
     hints = oiio.ImageSpec()

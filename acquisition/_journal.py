@@ -20,6 +20,7 @@ from acquisition._storage import sha256_of
 from rig import first_complaint
 
 GENESIS = "0" * 64
+LEFT_OUT = "left_out"
 
 _SEAL = re.compile(rb'(.*),"line_sha256":"([0-9a-f]{64})"\}', re.DOTALL)
 
@@ -62,7 +63,9 @@ class FrameLine(_Line):
     """A frame that is safe on disk. A frame without a whole line does not exist.
 
     ``exposure_us`` is what the camera reported, ``origin`` the file an imported frame came from.
-    A frame with status ``rejected`` is kept and does not count.
+    A frame with status ``rejected`` is kept and does not count. ``mean_dn`` is the mean grey value;
+    ``above_dark``, of a lit frame, how far it is above the frame of its exposure with all LEDs off,
+    as a fraction of the range from black to white. None where not known.
     """
 
     kind: Literal["frame"] = "frame"
@@ -83,6 +86,8 @@ class FrameLine(_Line):
     clipped_fraction: _Fraction
     percentiles_dn: dict[str, int]
     sharpness: float
+    mean_dn: float | None = None
+    above_dark: float | None = None
     status: Literal["ok", "rejected"]
     origin: str | None
 
@@ -98,6 +103,14 @@ class EventLine(_Line):
     kind: Literal["event"] = "event"
     event: Annotated[str, Field(pattern=r"^[a-z][a-z_]*$")]
     details: dict[str, JsonValue]
+
+    @property
+    def left_out(self) -> frozenset[int]:
+        """LEDs whose shots are not demanded from this line on; of a ``left_out`` event only."""
+        leds = self.details.get("leds") if self.event == LEFT_OUT else None
+        if not isinstance(leds, list):
+            return frozenset()
+        return frozenset(led for led in leds if type(led) is int)
 
 
 Line = StartLine | FrameLine | EventLine

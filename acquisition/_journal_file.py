@@ -20,7 +20,7 @@ from acquisition._journal import (
     encode_line,
     parse_journal,
 )
-from acquisition._storage import append_durably, disk, write_durably
+from acquisition._storage import append_durably, disk, read_file, write_durably
 from rig import first_complaint
 
 Clock = Callable[[], datetime]
@@ -102,7 +102,7 @@ class JournalFile:
         """Return the file's bytes, checked to be what was written."""
         self.check_open()
         with disk(self.path, "read"):
-            data = self.path.read_bytes()
+            data = read_file(self.path)
         found = parse_journal(data)
         if found.text != data or found.last_sha256 != self._previous:
             raise StorageError(f"{self.path}: was changed by another program; verify the session")

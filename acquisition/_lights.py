@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
 Array = npt.NDArray[np.float64]
 
 _SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
+_OF_LED = re.compile(r"l([0-9]{1,9})(?:_e[0-9]+)?(?:_r[0-9]+)?(?:\.z[0-9]*)?")
 # Where a point coincides with a light, so that no direction leads to it.
 _TOUCHING_MM = 1e-9
 
@@ -22,6 +24,12 @@ _TOUCHING_MM = 1e-9
 def led_id(led: int) -> str:
     """Return the name of the light that an LED makes: ``L07`` for LED 7."""
     return f"L{led:02d}"
+
+
+def led_of(name: str) -> int | None:
+    """Return the LED that a name of a light or frame tells, 5 for ``L05_E0_R1.tif``, or None."""
+    found = _OF_LED.fullmatch(light_id(name))
+    return None if found is None else int(found[1])
 
 
 def light_id(name: str) -> str:
@@ -189,7 +197,10 @@ class Lights:
         return vectors
 
     def match(self, names: Sequence[str]) -> tuple[list[int], bool]:
-        """Find each frame's light by its id, or by order where no names match.
+        """Find each frame's light by its id, or by its LED, or by order where no names match.
+
+        Names that differ and tell an LED, as ``L05`` and ``L05_E0.tif`` do, are those of one light.
+        Where lights and frames are both called after LEDs, the order never decides.
 
         Parameters
         ----------
@@ -208,25 +219,44 @@ class Lights:
         DataError
             If names match only in part, or not at all and the counts differ.
         """
-        known = {light_id(name): i for i, name in enumerate(self.ids)}
-        wanted = [light_id(name) for name in names]
-        found = [known[name] for name in wanted if name in known]
-        if len(known) == len(self) and len(found) == len(wanted) == len(set(found)):
-            return found, True
-        if len(wanted) != len(self):
+        exact = _found(light_id, self.ids, names)
+        by_led = _found(_led_or_id, self.ids, names)
+        for found in (exact, by_led):
+            if len(found) == len(names) == len(set(found.values())):
+                return [found[name] for name in names], True
+        if len(names) != len(self):
             raise DataError(
-                f"{len(wanted)} images for {len(self)} lights: "
+                f"{len(names)} images for {len(self)} lights: "
                 "every image needs its light (by file name, or by order when the counts agree)"
             )
-        if found:
-            missing = next((name for name in names if light_id(name) not in known), None)
+        # What lights without names are called by default tells no more than their order.
+        named = self.ids != tuple(map(led_id, range(len(self))))
+        leds = all(led_of(name) is not None for name in (*self.ids, *names))
+        if exact or (named and (by_led or leds)):
+            missing = next((name for name in names if name not in by_led), None)
             if missing is None:
                 raise DataError("two images or two lights share a name: rename them")
             raise DataError(
-                f"{len(found)} of {len(wanted)} image names are in the lights, {missing} is not: "
+                f"{len(by_led)} of {len(names)} image names are in the lights, {missing} is not: "
                 "rename the images or the lights"
             )
         return list(range(len(self))), False
+
+
+def _led_or_id(name: str) -> str:
+    """Reduce a name to its LED, where it tells one, or as `light_id`."""
+    led = led_of(name)
+    return light_id(name) if led is None else led_id(led).casefold()
+
+
+def _found(
+    reduced: Callable[[str], str], ids: Sequence[str], names: Sequence[str]
+) -> dict[str, int]:
+    """Return the index of the one id that each name is reduced to, for names that have one."""
+    known = [reduced(light) for light in ids]
+    often = Counter(known)
+    place = {key: i for i, key in enumerate(known) if often[key] == 1}
+    return {name: place[key] for name in names if (key := reduced(name)) in place}
 
 
 def _known(value: Array | None) -> Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError
@@ -30,7 +30,7 @@ _ADDED: Final = {
         "retakes",
         "sequence",
     ),
-    "rig": ("dead_leds", "mounting", "trigger"),
+    "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
 
 _Size = Annotated[int, Field(ge=1)]
@@ -53,7 +53,8 @@ class RigRecord(_Table):
     """The rig: name and driver of the rig file, and how its board identified itself.
 
     ``mounting`` is how the camera was mounted, where its frames do not stand upright; ``dead_leds``
-    are those that the rig file lists, ``trigger`` is who starts an exposure.
+    are those that the rig file lists, ``trigger`` is who starts an exposure. ``options`` are those
+    of the rig file that say how, not where, the driver finds and sets camera and board.
     """
 
     name: str
@@ -65,6 +66,7 @@ class RigRecord(_Table):
     mounting: Mounting | None = None
     dead_leds: tuple[_Index, ...] = ()
     trigger: Literal["software", "board"] = "software"
+    options: dict[str, JsonValue] | None = None
 
 
 class CameraRecord(_Table):

@@ -45,7 +45,10 @@ def estimate_plan(
     """
     shots = plan.shots()
     exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6
-    frame_bytes = 2 * width * height * channels
-    return PlanEstimate(
-        len(shots), exposure_s, exposure_s + len(shots) * frame_s, len(shots) * frame_bytes
-    )
+    size = len(shots) * frame_bytes(width, height, channels)
+    return PlanEstimate(len(shots), exposure_s, exposure_s + len(shots) * frame_s, size)
+
+
+def frame_bytes(width: int, height: int, channels: int = 1) -> int:
+    """Bytes of a frame of 16-bit samples, uncompressed."""
+    return 2 * width * height * channels

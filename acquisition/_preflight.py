@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,12 +21,13 @@ from acquisition._check_images import (
 )
 from acquisition._check_rig import check_board, check_brightness, check_camera, check_leds
 from acquisition._plan import CapturePlan
-from acquisition._plan_estimate import estimate_plan
-from rig import CameraFrame, CameraInfo, Rig, RigError
+from acquisition._plan_estimate import frame_bytes
+from rig import CameraFrame, Rig, RigError
 
 _STEADY_SHOTS = 5
 
 OnCheck = Callable[[Check, int, int], None]
+_Step = tuple[str, Callable[[], Check]]
 
 
 @dataclass(frozen=True)
@@ -91,10 +92,8 @@ def preflight(
         A rig that fails is a failed check, not an error; what needs it is then ``not done``.
     """
     picture = _Picture(rig, plan, white_level_dn)
-    steps: list[tuple[str, Callable[[], Check]]] = [
-        ("board", lambda: check_board(rig, plan)),
-        ("camera", lambda: check_camera(rig, plan)),
-        ("brightness", lambda: check_brightness(rig, plan)),
+    steps = [
+        *_rig_steps(rig, plan),
         ("response", lambda: check_response(picture.trials)),
         ("exposure", picture.exposure),
         ("focus", lambda: check_focus(picture.trials)),
@@ -103,6 +102,52 @@ def preflight(
     ]
     if self_test:
         steps.append(("LEDs", lambda: check_leds(rig, plan)))
+    return _carried_out(steps, check_disk(Path(folder), _bytes(rig, len(plan.shots()))), on_check)
+
+
+def preflight_resume(
+    rig: Rig,
+    plan: CapturePlan,
+    folder: str | Path,
+    shots: int,
+    *,
+    on_check: OnCheck | None = None,
+) -> Preflight:
+    """Check disk, board and camera before a session is gone on with.
+
+    Shorter than `preflight`: the picture was checked when it began. Two frames are taken, in the
+    dark, and the brightness of the plan's LEDs is set to full scale.
+
+    Parameters
+    ----------
+    rig, on_check
+        As for `preflight`.
+    plan
+        Of the session, without LEDs that are listed as dead by now.
+    folder
+        The session.
+    shots
+        How many are to be taken.
+
+    Returns
+    -------
+    Preflight
+        As `preflight`.
+    """
+    on_disk = check_disk(Path(folder), _bytes(rig, shots))
+    return _carried_out(_rig_steps(rig, plan), on_disk, on_check)
+
+
+def _rig_steps(rig: Rig, plan: CapturePlan) -> list[_Step]:
+    return [
+        ("board", lambda: check_board(rig, plan)),
+        ("camera", lambda: check_camera(rig, plan)),
+        ("brightness", lambda: check_brightness(rig, plan)),
+    ]
+
+
+def _carried_out(steps: Sequence[_Step], first: Check, on_check: OnCheck | None) -> Preflight:
+    """Take the steps after the first check; what needs a rig that failed is not done."""
     done: list[Check] = []
 
     def tell(check: Check) -> None:
@@ -110,7 +155,7 @@ def preflight(
         if on_check is not None:
             on_check(check, len(done), len(steps) + 1)
 
-    tell(check_disk(Path(folder), _estimate_bytes(rig.camera.info, plan)))
+    tell(first)
     broken = ""
     for name, step in steps:
         if broken:
@@ -128,8 +173,9 @@ def preflight(
     return Preflight(tuple(done))
 
 
-def _estimate_bytes(info: CameraInfo, plan: CapturePlan) -> int:
-    return estimate_plan(plan, width=info.width, height=info.height).bytes
+def _bytes(rig: Rig, shots: int) -> int:
+    info = rig.camera.info
+    return shots * frame_bytes(info.width, info.height)
 
 
 class _Picture:

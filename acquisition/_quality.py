@@ -28,11 +28,14 @@ class FrameQuality:
         grey value above black (Brenner et al. 1976). Samples two apart have the same colour under
         a Bayer filter. Comparable between frames of one scene and exposure only; 0 for a frame
         that is black.
+    mean_dn
+        Mean grey value; None for a frame of a session that does not tell it.
     """
 
     clipped_fraction: float
     percentiles_dn: dict[str, int]
     sharpness: float
+    mean_dn: float | None
 
 
 def measure_quality(
@@ -52,7 +55,7 @@ def measure_quality(
     Returns
     -------
     FrameQuality
-        Exact counts; the sharpness to six significant digits.
+        Exact counts; the sharpness to six significant digits, the mean to four decimals.
     """
     step = 1 if pixels.ndim == 2 else pixels.shape[2]
     rows = np.ascontiguousarray(pixels).reshape(len(pixels), -1)
@@ -65,12 +68,24 @@ def measure_quality(
         percentiles[name] = int(np.searchsorted(ranks, -(-per_mille * total // 1000)))
     percentiles["100"] = int(occupied[-1])
     clipped = counts[int(np.ceil(max(white_level_dn, 0))) :].sum()
-    mean = float(counts @ np.arange(65536)) / total - black_level_dn
+    mean_dn = float(counts @ np.arange(65536)) / total
+    mean = mean_dn - black_level_dn
     height, width = rows.shape
     pairs = height * max(0, width - 2 * step) + max(0, height - 2) * width
     energy = int(squares) / pairs if pairs else 0.0
     sharpness = energy / mean**2 if mean > 0 else 0.0
-    return FrameQuality(float(clipped / total), percentiles, float(f"{sharpness:.6g}"))
+    sharpness = float(f"{sharpness:.6g}")
+    return FrameQuality(float(clipped / total), percentiles, sharpness, round(mean_dn, 4))
+
+
+def above_dark(lit: FrameQuality, dark: FrameQuality | None, range_dn: float) -> float | None:
+    """Return how far the mean of a frame is above that of a dark one, relative to the range.
+
+    None where one of the means is not known. Rounded to a millionth.
+    """
+    if dark is None or lit.mean_dn is None or dark.mean_dn is None:
+        return None
+    return round((lit.mean_dn - dark.mean_dn) / range_dn, 6)
 
 
 # Without the GIL, because the thread that holds the light must not wait for this; and on one core,

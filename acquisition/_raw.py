@@ -68,6 +68,8 @@ def read_raw(path: str | Path) -> RawFrame:
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file")
+    if not path.is_file():  # a pipe or a device, which may never end
+        raise DataError(f"{path}: not a regular file: put the image itself there")
     try:
         with rawpy.imread(str(path)) as raw:
             if raw.raw_type != rawpy.RawType.Flat or raw.raw_pattern is None:

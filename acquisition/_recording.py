@@ -14,7 +14,7 @@ from typing import Any, Final, cast
 from acquisition._errors import DataError
 from acquisition._journal import Echo, FrameLine
 from acquisition._plan import CapturePlan, PlannedShot, ShotKey
-from acquisition._quality import FrameQuality
+from acquisition._quality import FrameQuality, above_dark
 from acquisition._rejection import rejection
 from acquisition._session_writer import SessionWriter
 from acquisition._stop_request import StopRequest
@@ -47,7 +47,8 @@ class Hooks:
     on_stop
         Ctrl-C was pressed once. Called in a signal handler.
     before_flats
-        The white card must lie under the camera when this returns. Called once.
+        The white card must lie under the camera when this returns, unless Ctrl-C was pressed
+        meanwhile. Called once.
     """
 
     on_frame: OnFrame | None = None
@@ -80,8 +81,8 @@ class Recording:
         For what is to be written.
     hooks
         Who is told.
-    dark_dn
-        Percentiles of frames that were taken with all LEDs off before, by their exposure.
+    dark
+        Frames that were taken with all LEDs off before, by their exposure.
     """
 
     def __init__(
@@ -91,16 +92,16 @@ class Recording:
         plan: CapturePlan,
         queue: WriteQueue[Stored | None],
         hooks: Hooks,
-        dark_dn: Mapping[float, Mapping[str, int]],
+        dark: Mapping[float, FrameQuality],
     ) -> None:
         self._rig = rig
         self._writer = writer
         self._plan = plan
         self._queue = queue
         self._hooks = hooks
-        self._dark_dn = dict(dark_dn)
+        self._dark = dict(dark)
         self._todo = deque(writer.missing)
-        self._total = len(plan.shots())
+        self._total = writer.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
         self._sequenced = plan.sequence and rig.config.trigger == "board"
@@ -137,7 +138,7 @@ class Recording:
                 continue
             if stored.rejected is not None:
                 self._failed(stored.shot, stored.rejected)
-                self._todo.append(stored.shot)
+                self._take_again(stored.shot)
                 continue
             self._done += 1
             if self._hooks.on_frame is not None:
@@ -149,12 +150,23 @@ class Recording:
         if self._hooks.on_event is not None:
             self._hooks.on_event(name, details)
 
+    def _take_again(self, shot: PlannedShot) -> None:
+        """Put a shot behind the others of its kind: all but flats come before the white card."""
+        flats = sum(left.role == "flat" for left in self._todo)
+        self._todo.insert(len(self._todo) - (0 if shot.role == "flat" else flats), shot)
+
     def _take(self, stop: StopRequest) -> None:
         first = self._todo[0]
         if first.role == "flat" and not self._card_is_there:
             self._rig.off()
+            if not self._queue.settled:
+                # A shot that is rejected yet is taken before the card hides the object.
+                self._queue.drain()
+                return
             if self._hooks.before_flats is not None:
                 self._hooks.before_flats()
+            if stop.asked:
+                return
             self._card_is_there = True
         if self._sequenced:
             self._take_many(stop)
@@ -201,9 +213,9 @@ class Recording:
             # At once, as later frames are judged by it. Ambient light is part of what they have
             # without their LED, so an ambient frame replaces a dark one.
             quality = self._writer.measure(planned, shot.frame.pixels)
-            self._dark_dn[_exposure_us(planned)] = quality.percentiles_dn
-        dark_dn = self._dark_dn.get(_exposure_us(planned))
-        self._queue.put(partial(self._store, planned, shot, quality, dark_dn))
+            self._dark[_exposure_us(planned)] = quality
+        dark = self._dark.get(_exposure_us(planned))
+        self._queue.put(partial(self._store, planned, shot, quality, dark))
 
     def _pause(self) -> None:
         self._rig.off()
@@ -227,16 +239,17 @@ class Recording:
         planned: PlannedShot,
         shot: Shot,
         quality: FrameQuality | None,
-        dark_dn: Mapping[str, int] | None,
+        dark: FrameQuality | None,
         turn: Turn,
     ) -> Stored:
         frame, camera = shot.frame, self._writer.manifest.camera
         quality = quality or self._writer.measure(planned, frame.pixels)
+        range_dn = camera.white_dn - camera.black_level_dn
         rejected = rejection(
             planned,
             quality,
-            dark_dn=dark_dn,
-            range_dn=camera.white_dn - camera.black_level_dn,
+            dark=dark,
+            range_dn=range_dn,
             max_clipped_fraction=self._plan.max_clipped_fraction,
         )
         line = self._writer.write_frame(
@@ -250,6 +263,7 @@ class Recording:
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",
             quality=quality,
+            above_dark=None if planned.lit_led is None else above_dark(quality, dark, range_dn),
             before_line=turn,
         )
         return Stored(planned, line, rejected)

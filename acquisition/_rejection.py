@@ -24,7 +24,7 @@ def rejection(
     shot: PlannedShot,
     quality: FrameQuality,
     *,
-    dark_dn: Mapping[str, int] | None,
+    dark: FrameQuality | None,
     range_dn: float,
     max_clipped_fraction: float,
 ) -> RigError | DataError | None:
@@ -36,9 +36,9 @@ def rejection(
         What was planned.
     quality
         Of the frame.
-    dark_dn
-        Percentiles of a frame of the same exposure with all LEDs off; None where there is none, and
-        then nothing is said about light.
+    dark
+        Of a frame of the same exposure with all LEDs off; None where there is none, and then
+        nothing is said about light.
     range_dn
         White level less black level.
     max_clipped_fraction
@@ -56,7 +56,9 @@ def rejection(
             f"the plan allows {max_clipped_fraction:.3%}; expose shorter, or allow more as "
             "max_clipped_fraction"
         )
-    if shot.lit_led is None or dark_dn is None or is_lit(quality.percentiles_dn, dark_dn, range_dn):
+    if shot.lit_led is None or dark is None:
+        return None
+    if is_lit(quality.percentiles_dn, dark.percentiles_dn, range_dn):
         return None
     return RigError(
         f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "

@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from acquisition._errors import DataError
-from acquisition._manifest import Manifest
+from acquisition._manifest import Manifest, RigRecord
 from acquisition._plan import CapturePlan
 
 
@@ -16,6 +16,8 @@ def check_same(
     folder: Path, begun: Manifest, now: Manifest, plan: CapturePlan | None = None
 ) -> None:
     """Refuse to mix what two rigs, two cameras or two plans gave.
+
+    LEDs may have died since: more of them may be listed as dead, but none less.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def check_same(
         If anything differs; the message says what, and how.
     """
     differences = [
-        *_differences("rig", begun.rig, now.rig),
+        *_differences("rig", begun.rig, _with_dead_of(begun.rig, now.rig)),
         *_differences("camera", begun.camera, now.camera),
         *(() if plan is None else _differences("plan", begun.plan, plan)),
     ]
@@ -46,6 +48,12 @@ def check_same(
         )
 
 
+def _with_dead_of(begun: RigRecord | None, now: RigRecord | None) -> RigRecord | None:
+    if begun is None or now is None or not set(begun.dead_leds) <= set(now.dead_leds):
+        return now
+    return now.model_copy(update={"dead_leds": begun.dead_leds})
+
+
 def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
     return dict.fromkeys(kind for kind, _ in differences)
 
@@ -55,10 +63,12 @@ def _differences(
 ) -> Iterator[tuple[str, str]]:
     before = {} if begun is None else begun.model_dump()
     after = {} if now is None else now.model_dump()
-    for name in dict.fromkeys((*before, *after)):
-        one, other = before.get(name), after.get(name)
-        if one != other:
-            yield kind, f"{kind} {name} was {_text(one)} and is {_text(other)}"
+    options = before.pop("options", None) or {}, after.pop("options", None) or {}
+    for what, one, other in ((kind, before, after), (f"{kind} option", *options)):
+        for name in dict.fromkeys((*one, *other)):
+            if one.get(name) != other.get(name):
+                said = f"was {_text(one.get(name))} and is {_text(other.get(name))}"
+                yield kind, f"{what} {name} {said}"
 
 
 def _text(value: object) -> str:

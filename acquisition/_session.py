@@ -16,7 +16,7 @@ from acquisition._manifest import Manifest, parse_manifest
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import PlannedShot
 from acquisition._session_frame import SessionFrame
-from acquisition._storage import is_part, sha256_of
+from acquisition._storage import is_part, read_file, sha256_of
 
 MANIFEST = "session.toml"
 JOURNAL = "journal.jsonl"
@@ -28,6 +28,9 @@ MASK = f"{DERIVED}/mask.png"
 TRUE_MASK = f"{DERIVED}/truth/mask.png"
 TRUE_NORMALS = f"{DERIVED}/truth/normals.exr"
 COMPACTED = "compacted"
+# COMPLETE as it was before a compaction that has not ended: it tells a complete session whose
+# compaction was cut off from a recording that never came to its end.
+ASIDE = f"{DERIVED}/{COMPLETE}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +52,9 @@ class Session:
     complete
         True where the recording was brought to its end.
     missing
-        Planned shots without a frame that counts.
+        Planned shots without a frame that counts, but for those left out.
+    left_out
+        Planned shots without a frame that counts whose LED died: they are not demanded.
     warnings
         What was tolerated, one line each.
     """
@@ -61,6 +66,7 @@ class Session:
     events: tuple[EventLine, ...]
     complete: bool
     missing: tuple[PlannedShot, ...]
+    left_out: tuple[PlannedShot, ...]
     warnings: tuple[str, ...]
 
     @classmethod
@@ -153,7 +159,7 @@ def _examine(folder: Path) -> Examination:
     data = _bytes(folder / JOURNAL)
     journal = parse_journal(data or b"")
     _check_journal(folder, journal, toml_sha256, problems, warnings)
-    complete = _completion(folder, data, journal, problems)
+    complete = _completion(folder, data, journal, problems, warnings)
     if manifest is None:
         return Examination(None, journal, toml_sha256, tuple(problems))
     recorded = _recorded(folder, manifest, journal, problems)
@@ -166,7 +172,12 @@ def _examine(folder: Path) -> Examination:
             for frame in recorded
             if frame.line.key not in keys
         ]
-    missing = tuple(shot for shot in planned if shot.key not in counted)
+    events = tuple(line for line in journal.lines if isinstance(line, EventLine))
+    # Version 1 knows no such event.
+    tells = events if manifest.format_version > 1 else ()
+    dead = frozenset[int]().union(*(line.left_out for line in tells))
+    absent = [shot for shot in planned if shot.key not in counted]
+    missing = tuple(shot for shot in absent if shot.lit_led not in dead)
     if complete and missing and journal.damage is None:
         problems.append(
             f"{folder / COMPLETE}: is there although {len(missing)} planned frames are not, "
@@ -177,9 +188,10 @@ def _examine(folder: Path) -> Examination:
         manifest=manifest,
         recorded=recorded,
         frames=tuple(counted.values()),
-        events=tuple(line for line in journal.lines if isinstance(line, EventLine)),
+        events=events,
         complete=complete,
         missing=missing,
+        left_out=tuple(shot for shot in absent if shot.lit_led in dead),
         warnings=tuple(warnings),
     )
     return Examination(session, journal, toml_sha256, tuple(problems))
@@ -188,7 +200,7 @@ def _examine(folder: Path) -> Examination:
 def _bytes(path: Path) -> bytes | None:
     """Return a file's bytes, None where there is none."""
     try:
-        return path.read_bytes()
+        return read_file(path)
     except FileNotFoundError:
         return None
 
@@ -233,10 +245,14 @@ def _check_journal(
             warnings.append(f"{path}: the recording ended before its first line")
 
 
-def _completion(folder: Path, data: bytes | None, journal: Journal, problems: list[str]) -> bool:
+def _completion(
+    folder: Path, data: bytes | None, journal: Journal, problems: list[str], warnings: list[str]
+) -> bool:
     path = folder / COMPLETE
     mark = _bytes(path)
     if mark is None:
+        if (folder / ASIDE).is_file():
+            warnings.append(f"{folder}: a compaction was cut off: run `capture compact` on it")
         return False
     if mark != completion_mark(data or b""):
         problems.append(

@@ -73,6 +73,7 @@ class SessionWriter:
         shots = () if manifest.plan is None else manifest.plan.shots()
         self._planned = {shot.key for shot in shots}
         self._missing: dict[ShotKey, PlannedShot] = {shot.key: shot for shot in shots}
+        self._demanded = len(self._missing)
         self._names: set[str] = set()
 
     @classmethod
@@ -158,14 +159,21 @@ class SessionWriter:
             raise
         writer = cls(folder, session.manifest, journal, lock)
         writer._missing = {shot.key: shot for shot in session.missing}
+        writer._demanded -= len(session.left_out)
         writer._names = {Path(frame.line.file).name for frame in session.recorded}
         return writer
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
-        """Planned shots that are not recorded yet, in plan order."""
+        """Planned shots that are demanded and not recorded yet, in plan order."""
         with self._state:
             return tuple(self._missing.values())
+
+    @property
+    def demanded(self) -> int:
+        """How many shots there must be in the end: all of the plan, less those left out."""
+        with self._state:
+            return self._demanded
 
     def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
         """Measure a frame, and check that it is one of this session.
@@ -207,6 +215,7 @@ class SessionWriter:
         status: Literal["ok", "rejected"] = "ok",
         origin: str | None = None,
         quality: FrameQuality | None = None,
+        above_dark: float | None = None,
         before_line: Callable[[], None] = lambda: None,
     ) -> FrameLine:
         """Store a frame and its line; on return both are safe on disk.
@@ -231,6 +240,8 @@ class SessionWriter:
             Name of the file an imported frame came from.
         quality
             What `measure` gave for these pixels; it is called otherwise.
+        above_dark
+            How far a lit frame is above the dark one, where that is known; see `FrameLine`.
         before_line
             Called when the file is there and the line is not: who writes several frames at once
             can put their lines in order.
@@ -257,6 +268,8 @@ class SessionWriter:
             "clipped_fraction": quality.clipped_fraction,
             "percentiles_dn": quality.percentiles_dn,
             "sharpness": quality.sharpness,
+            "mean_dn": quality.mean_dn,
+            "above_dark": above_dark,
             "status": status,
             "origin": origin,
         }
@@ -268,6 +281,8 @@ class SessionWriter:
 
     def write_event(self, event: str, **details: Any) -> EventLine:
         """Store an event, a name of lower-case words with ``_``, with details JSON can hold.
+
+        After ``left_out`` the shots of its ``leds`` that are missing are not demanded any more.
 
         Raises
         ------
@@ -355,6 +370,11 @@ class SessionWriter:
         if isinstance(line, FrameLine) and line.status == "ok":
             with self._state:
                 self._missing.pop(line.key, None)
+        elif isinstance(line, EventLine) and (dead := line.left_out):
+            with self._state:
+                for shot in [s for s in self._missing.values() if s.lit_led in dead]:
+                    del self._missing[shot.key]
+                    self._demanded -= 1
         return line
 
     @contextmanager

@@ -61,6 +61,12 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
             f"{folder}: {len(session.missing)} planned frames are missing, first "
             f"{session.missing[0].file}"
         )
+    if session.left_out:
+        leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+        warnings.append(
+            f"{folder}: {len(session.left_out)} planned frames were left out, as LED "
+            f"{', '.join(leds)} died"
+        )
     height, width, *_ = mounting.upright_shape((device.height, device.width))
     size = (height, width)
     if mask_path is None:

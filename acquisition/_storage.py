@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -80,6 +81,19 @@ def write_durably(path: Path, data: bytes) -> None:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
+
+
+def read_file(path: Path) -> bytes:
+    """Return the bytes of a regular file, links followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read; also where reading might never end, as of pipes and devices.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return path.read_bytes()
 
 
 def append_durably(descriptor: int, path: Path, data: bytes) -> None:

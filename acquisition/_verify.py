@@ -9,7 +9,7 @@ from acquisition._errors import DataError
 from acquisition._journal import FrameLine
 from acquisition._session import FRAMES, examine
 from acquisition._session_frame import SessionFrame
-from acquisition._storage import is_part, sha256_of
+from acquisition._storage import is_part, read_file, sha256_of
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Verification:
         Event lines.
     missing
         Files of planned shots that are not recorded.
+    left_out
+        Files of planned shots that are not recorded and not demanded, as their LED died.
     bytes
         Size of all frame files read.
     """
@@ -43,6 +45,7 @@ class Verification:
     frames: int
     events: int
     missing: tuple[str, ...]
+    left_out: tuple[str, ...]
     bytes: int
 
     @property
@@ -78,7 +81,7 @@ def verify_session(folder: str | Path) -> Verification:
     problems = list(found.problems)
     session = found.session
     if session is None:
-        return Verification(folder, False, tuple(problems), (), 0, 0, (), 0)
+        return Verification(folder, False, tuple(problems), (), 0, 0, (), (), 0)
     warnings = list(session.warnings)
     size = 0
     for frame in session.recorded:
@@ -97,6 +100,7 @@ def verify_session(folder: str | Path) -> Verification:
         frames=sum(isinstance(line, FrameLine) for line in found.journal.lines),
         events=len(session.events),
         missing=tuple(shot.file for shot in session.missing),
+        left_out=tuple(shot.file for shot in session.left_out),
         bytes=size,
     )
 
@@ -104,7 +108,7 @@ def verify_session(folder: str | Path) -> Verification:
 def _check_frame(frame: SessionFrame) -> tuple[str | None, int]:
     """Return what is wrong with a frame's file, and how many bytes were read."""
     try:
-        data = frame.path.read_bytes()
+        data = read_file(frame.path)
     except OSError as error:
         return f"{frame.path}: cannot be read: {error.strerror}; restore or retake it", 0
     if len(data) != frame.bytes:

@@ -26,9 +26,10 @@ class WriteQueue(Generic[Result]):
     A job is called with a function that returns when it is its turn: every job before it is done.
     So what follows that call is done in order. Each job calls it once.
 
-    Nothing is ever dropped: who finds the queue full waits. The first job that fails ends the work;
-    its error comes out wherever the owner asks next. The threads do not keep the program alive, so
-    that a disk that never answers cannot either.
+    Nothing is ever dropped: the owner looks whether it is full, and waits for room, before each
+    `put`. A job that fails ends the work: no later one gets its turn, those before it are done as
+    if nothing had happened. Its error comes out wherever the owner asks next. The threads do not
+    keep the program alive, so that a disk that never answers cannot either.
 
     Parameters
     ----------
@@ -52,6 +53,9 @@ class WriteQueue(Generic[Result]):
         self._finished = 0
         self._ended = False
         self._results: deque[Result] = deque()
+        # Jobs done well are the first ones without a gap, as each waits for those before it.
+        self._well = 0
+        self._failed: float = math.inf
         self._error: BaseException | None = None
         self._moved_s = 0.0
         self._threads = [
@@ -73,15 +77,20 @@ class WriteQueue(Generic[Result]):
             return not (self._waits or self._results or self._error)
 
     def put(self, job: Callable[[Turn], Result]) -> None:
-        """Add a job; wait for room before. Does not wait itself."""
+        """Add a job at once, even to a full queue: the caller has waited for room before.
+
+        After a failure it is forgotten, as it would never get its turn.
+        """
         with self._changed:
-            self._waiting.append(job)
-            self._changed.notify_all()
+            if not self._ended:
+                self._waiting.append(job)
+                self._changed.notify_all()
 
     def results(self) -> list[Result]:
         """Return what jobs gave since this was asked last.
 
-        Once all is told, the error of a job that failed is raised.
+        Where there is nothing to tell, the error of a job that failed is raised; jobs before it may
+        still be under way, for which `drain` waits.
         """
         with self._changed:
             found = list(self._results)
@@ -98,10 +107,10 @@ class WriteQueue(Generic[Result]):
         StorageError
             If nothing is done for too long.
         """
-        self._wait(lambda: self._waits <= self._room // 2)
+        self._wait(lambda: self._waits <= self._room // 2 or self._error is not None)
 
     def drain(self, patience_s: float = math.inf) -> None:
-        """Wait until every job is done, one has failed, or for so long.
+        """Wait until every job is done, or for so long; after a failure, those under way.
 
         Raises as `wait_for_room`.
         """
@@ -132,7 +141,7 @@ class WriteQueue(Generic[Result]):
     def _wait(self, until: Callable[[], bool]) -> None:
         began_s = time.monotonic()
         with self._changed:
-            while not until() and self._error is None:
+            while not until():
                 stands_s = time.monotonic() - max(began_s, self._moved_s)
                 if stands_s > self._stall_s:
                     raise StorageError(
@@ -147,9 +156,9 @@ class WriteQueue(Generic[Result]):
             try:
                 result = job(partial(self._wait_for_turn, number))
             except BaseException as error:  # noqa: BLE001 - raised again where it is asked for
-                self._done([], error)
+                self._fail(number, error)
             else:
-                self._done([result])
+                self._succeed(result)
                 del result
             # A frame must go with its job, not with the next one.
             del job, taken
@@ -165,18 +174,26 @@ class WriteQueue(Generic[Result]):
 
     def _wait_for_turn(self, number: int) -> None:
         with self._changed:
-            while self._finished < number and self._error is None:
+            while self._well < number < self._failed:
                 self._changed.wait()
-            if self._error is not None:
+            if number > self._failed:
                 raise StorageError(f"{self._folder}: what came before could not be written")
 
-    def _done(self, results: list[Result], error: BaseException | None = None) -> None:
+    def _succeed(self, result: Result) -> None:
         with self._changed:
-            self._finished += 1
-            self._moved_s = time.monotonic()
-            self._results.extend(results)
-            if error is not None:
-                self._error = self._error or error
-                self._ended = True
-                self._waiting.clear()
-            self._changed.notify_all()
+            self._results.append(result)
+            self._well += 1
+            self._end_one()
+
+    def _fail(self, number: int, error: BaseException) -> None:
+        with self._changed:
+            if number < self._failed:
+                self._failed, self._error = number, error
+            self._ended = True
+            self._waiting.clear()
+            self._end_one()
+
+    def _end_one(self) -> None:
+        self._finished += 1
+        self._moved_s = time.monotonic()
+        self._changed.notify_all()

@@ -3,8 +3,8 @@
 python benchmarks/capture_faults.py [--only NAME]
 
 Each fault strikes `capture run` in a process of its own, on the simulated rig; then `capture
-resume` finishes the session without it. Printed are the exit code, the line the operator gets, and
-how long before that line the last LED went out, from the bench state.
+resume` finishes the session without it. Printed are the exit code, the error line the operator
+gets, and how long before that line the last LED went out, from the bench state.
 
 The full disk and the read-only one are file systems of their own, mounted in a user namespace that
 this program enters first; where the system does not allow one, that is said and counts as failed.
@@ -157,14 +157,15 @@ def strike(name, root):
 def run(fault, command, folder, stop_at=None):
     """Run a command in a process that a fault strikes.
 
-    Returns its exit code, its last line, how long before its first one the last light went out
-    (None where none was lit), and what is wrong with its words.
+    Returns its exit code, its error line, how long before that the last light went out (None where
+    none was lit), and what is wrong with its words. Notes that come earlier count for nothing: work
+    goes on after them.
     """
     words = [sys.executable, __file__, "--child", fault, command, str(folder)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     watch = threading.Timer(TIMEOUT_S, process.kill)
     watch.start()
-    lines, state, path, told_ns, frames = [], None, None, 0, 0
+    lines, told_ns, state, path, frames = [], [], None, None, 0
     with process:
         for line in process.stderr:
             if line.startswith(BENCH):
@@ -175,7 +176,7 @@ def run(fault, command, folder, stop_at=None):
                 if frames == stop_at:
                     process.send_signal(signal.SIGINT)
             else:
-                told_ns = told_ns or time.monotonic_ns()
+                told_ns.append(time.monotonic_ns())
                 lines.append(line.rstrip())
     watch.cancel()
     code = process.returncode
@@ -186,8 +187,8 @@ def run(fault, command, folder, stop_at=None):
     dark_s = None
     if state is not None:
         last_ns = last_light_ns(state, path)
-        if told_ns and last_ns:
-            dark_s = (told_ns - last_ns) / 1e9
+        if errors and last_ns:
+            dark_s = (told_ns[lines.index(errors[-1])] - last_ns) / 1e9
         state.close()
     return code, (errors or lines or [""])[-1], dark_s, unclear
 
@@ -217,8 +218,7 @@ def child(fault, command, folder):
     capture.open_rig = opened
     capture.CaptureTalk = Talk
     capture.chosen_plan = lambda *_: (plan, ())
-    more = ["--skip-check"] if command == "run" else []
-    sys.exit(front_door(_group("capture"), [command, folder, *more]))
+    sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
 
 
 def stall():

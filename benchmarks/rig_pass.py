@@ -4,6 +4,9 @@ python benchmarks/rig_pass.py [--lights 36] [--size 2448x2048] [--rate 20] [--ex
 
 The virtual camera delivers frames composed beforehand, at most --rate a second. Its own time is one
 frame period for each light. CPU seconds are of this process, the camera's threads among them.
+
+Exit code 1 where the board's sequence takes more than 1.15 times that, or single shots triggered by
+software more than 1.5 times.
 """
 
 import argparse
@@ -18,6 +21,8 @@ from simulator._gentl_camera import GentlCamera
 from simulator._virtual_board import VirtualBoard
 
 PASSES = 3
+# Of the camera's own time.
+MOST = {"software": 1.5, "sequence": 1.15}
 
 
 def frames(width, height):
@@ -62,6 +67,7 @@ def main():
             frame_rate_hz=options.rate,
         ) as camera,
     ):
+        slow = []
         for mode in ("software", "board", "sequence"):
             config = RigConfig(
                 name="pass",
@@ -88,7 +94,12 @@ def main():
                 f"  {mode:<10} {wall:6.2f} s = {wall / own_s:.3f} of the camera's time "
                 f"({min(walls):.2f} to {max(walls):.2f}), {statistics.median(busy):.2f} CPU s"
             )
+            if mode in MOST and wall > MOST[mode] * own_s:
+                slow.append(mode)
+    for mode in slow:
+        print(f"  ! {mode} takes more than {MOST[mode]:g} of the camera's time")
+    return 1 if slow else 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

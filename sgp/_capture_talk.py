@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import select
 import sys
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -13,8 +14,11 @@ from typing import Any, Self
 from acquisition import DataError, FrameLine, MissingPathError, Session
 from sgp._console import note, progress
 from sgp._exit import UsageError
+from sgp._stderr import STDERR
 
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
+# How often a prompt looks whether Ctrl-C was pressed meanwhile.
+_LOOK_S = 0.2
 _CARD = "flat frames are next: put the white card under the camera"
 
 
@@ -32,6 +36,7 @@ class CaptureTalk:
     def __init__(self, out: Path, *, card_is_there: bool = False) -> None:
         self._out = out
         self._card_is_there = card_is_there
+        self._stopping = False
         self._stack = ExitStack()
         self._advance: Callable[[int, int], None] = lambda done, total: None
 
@@ -67,16 +72,24 @@ class CaptureTalk:
 
     def on_stop(self) -> None:
         """Say that Ctrl-C was understood; inside a signal handler, so without the console."""
-        if sys.stderr is not None:
-            os.write(sys.stderr.fileno(), _STOPPING)
+        self._stopping = True
+        with suppress(OSError, ValueError):
+            os.write(STDERR.fileno(), _STOPPING)
 
     def before_flats(self) -> None:
-        """Have the white card put under the camera."""
+        """Have the white card put under the camera; Ctrl-C ends the waiting."""
         if sys.stdin is not None and sys.stdin.isatty():
             note(f"{_CARD}, then press Enter")
-            sys.stdin.readline()
+            self._wait_for_enter()
         elif not self._card_is_there:
             raise UsageError(f"{_CARD}, then go on with `capture resume {self._out}`")
+
+    def _wait_for_enter(self) -> None:
+        # There the console cannot be waited for with a time limit.
+        while sys.platform != "win32" and not select.select([sys.stdin], [], [], _LOOK_S)[0]:
+            if self._stopping:
+                return
+        sys.stdin.readline()
 
     def _tell_what_is_left(self, error: BaseException) -> None:
         """Say what a capture that stopped has left; why it stopped is said by the error itself."""

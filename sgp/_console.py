@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,9 +9,11 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from sgp._stderr import STDERR
+
 Advance = Callable[[int, int], None]
 
-_stderr = Console(stderr=True, highlight=False)
+_stderr = Console(file=STDERR, highlight=False)
 
 # Between two lines of progress where there is no terminal for a bar.
 _LINE_EVERY_S = 10.0
@@ -26,7 +27,7 @@ def note(text: str) -> None:
 @contextmanager
 def progress(what: str) -> Iterator[Advance]:
     """Show a bar on a terminal, a line now and then elsewhere; yields ``advance(done, total)``."""
-    if sys.stderr is None or not sys.stderr.isatty():
+    if not STDERR.isatty():
         yield _Lines(what)
         return
     columns = (
@@ -49,7 +50,7 @@ class _Lines:
 
     def __call__(self, done: int, total: int) -> None:
         now_s = time.monotonic()
-        if sys.stderr is None or now_s - self._told_s < _LINE_EVERY_S or not 0 < done < total:
+        if now_s - self._told_s < _LINE_EVERY_S or not 0 < done < total:
             return
         left_s = (now_s - self._began_s) * (total - done) / done
         note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")

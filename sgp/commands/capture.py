@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
 
 from acquisition import (
-    CapturePlan,
     DataError,
-    MeteringGoal,
-    PlannedShot,
     Session,
     check_resume,
     preflight,
+    preflight_resume,
     read_camera,
     read_lights,
     read_plan,
     record,
-    rehearse,
     verify_session,
 )
-from acquisition import meter as meter_plan
 from acquisition import resume as resume_recording
-from rig import Rig, RigError, open_rig
+from rig import Rig, open_rig
+from sgp._capture_steps import MeterOptions, Told, accept, metered
+from sgp._capture_steps import dry_run as rehearsed
 from sgp._capture_talk import CaptureTalk
-from sgp._console import note, progress
+from sgp._console import note
 from sgp._output import check_file, check_folder
 from sgp._result import Result
 from sgp._session_sheet import write_session_sheet
 from sgp._session_summary import describe
 from sgp.commands.capture_plan import chosen_plan
 
-Metering = Literal["each", "one"]
+_UNMETERED = MeterOptions()
 
 
 def run(
@@ -40,7 +36,7 @@ def run(
     *,
     rig: str = "simulated",
     plan: Path | None = None,
-    meter: Metering | None = None,
+    metering: MeterOptions = _UNMETERED,
     object_name: str = "",
     operator: str = "",
     place: str = "",
@@ -69,8 +65,8 @@ def run(
         Name of a rig, or a rig.toml.
     plan
         Plan file; default: every working LED once at 20 ms, and a dark frame.
-    meter
-        Choose the exposures on the spot instead: each LED its own, or one for all.
+    metering
+        How exposures are chosen on the spot.
     object_name
         What is recorded.
     operator
@@ -91,21 +87,22 @@ def run(
         Take every shot with all LEDs off and record nothing.
     """
     check_folder(out)
+    goal = metering.goal()
     stored_lights = None if lights is None else read_lights(lights)
     with open_rig(rig) as opened:
         model = None if camera is None else read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
-            return _rehearse(opened, chosen, chosen.shots())
-        events: list[tuple[str, dict[str, Any]]] = []
-        warnings: list[str] = []
+            return rehearsed(opened, chosen, chosen.shots())
+        told = Told()
         if left_out:
-            events.append(("left_out", {"leds": list(left_out), "reason": "listed as dead"}))
-            warnings.append(f"LED {', '.join(map(str, left_out))}: listed as dead, left out")
-        if meter is not None:
-            chosen = _metered(opened, chosen, meter, events, warnings)
+            told.events.append(("left_out", {"leds": list(left_out), "reason": "listed as dead"}))
+            told.warnings.append(f"LED {', '.join(map(str, left_out))}: listed as dead, left out")
+        if goal is not None:
+            chosen = metered(opened, chosen, goal, told)
         if not skip_check:
-            _check(opened, chosen, out, events, warnings)
+            note("checking disk, rig and picture (--skip-check leaves this out)")
+            accept(preflight(opened, chosen, out), told)
         with CaptureTalk(out) as talk:
             session = record(
                 opened,
@@ -118,21 +115,28 @@ def run(
                 rights=rights,
                 camera_model=model,
                 lights=stored_lights,
-                events=events,
+                events=told.events,
                 on_frame=talk.on_frame,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
                 before_flats=talk.before_flats,
             )
-    return describe(session, warnings)
+    return describe(session, told.warnings)
 
 
 def resume(
-    session: Path, *, rig: str = "simulated", plan: Path | None = None, dry_run: bool = False
+    session: Path,
+    *,
+    rig: str = "simulated",
+    plan: Path | None = None,
+    skip_check: bool = False,
+    dry_run: bool = False,
 ) -> Result:
     """Take the shots that a session is missing.
 
     The rig must be the one that the session was begun with: same board, same camera, same plan.
+    LEDs that died since are listed in dead_leds of the rig file: the session becomes complete
+    without what they are missing.
 
     For example:
 
@@ -146,27 +150,35 @@ def resume(
         Name of a rig, or a rig.toml.
     plan
         Plan file; if given, a session of another plan is refused.
+    skip_check
+        Leave out the checks of disk and rig that come first.
     dry_run
         Check that it can be done, take the missing shots with all LEDs off and record nothing.
     """
     asked = None if plan is None else read_plan(plan)
-    missing = Session.open(session).missing
-    only_flats = bool(missing) and all(shot.role == "flat" for shot in missing)
+    Session.open(session)  # what is none is told before the rig is opened
     with open_rig(rig) as opened:
+        _, recorded, missing = check_resume(opened, session, asked)
         if dry_run:
-            found, recorded = check_resume(opened, session, asked)
-            return _rehearse(opened, recorded, found.missing)
+            return rehearsed(opened, recorded, missing)
+        told = Told()
+        if not skip_check:
+            alive, _ = recorded.without(opened.config.dead_leds)
+            accept(preflight_resume(opened, alive, session, len(missing)), told)
+        only_flats = bool(missing) and all(shot.role == "flat" for shot in missing)
         with CaptureTalk(session, card_is_there=only_flats) as talk:
             finished = resume_recording(
                 opened,
                 session,
                 plan=asked,
+                events=told.events,
                 on_frame=talk.on_frame,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
                 before_flats=talk.before_flats,
             )
-    return describe(finished, [f"{len(missing)} shots were missing and have been taken"])
+    taken = [f"{len(missing)} shots were missing and have been taken"]
+    return describe(finished, [*taken, *_left_out(finished), *told.warnings])
 
 
 def verify(session: Path) -> Result:
@@ -191,6 +203,7 @@ def verify(session: Path) -> Result:
             "bytes": found.bytes,
             "problems": list(found.problems),
             "missing": list(found.missing),
+            "left_out": list(found.left_out),
         },
         warnings=list(found.warnings),
         summary=list(found.problems),
@@ -208,6 +221,11 @@ def verify(session: Path) -> Result:
         result.summary.append(
             f"{session}: whole and complete, {found.frames} frames, {found.bytes / 1e6:.1f} MB"
         )
+        if found.left_out:
+            result.summary.append(
+                f"{len(found.left_out)} planned frames were left out as their LED died, first "
+                f"{found.left_out[0]}"
+            )
     return result
 
 
@@ -230,7 +248,7 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
     opened = Session.open(session)
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
     lost = f"{len(gone)} frame files are not there, first {gone[0]}: see verify" if gone else ""
-    result = describe(opened, [lost] if lost else [])
+    result = describe(opened, [*([lost] if lost else []), *_left_out(opened)])
     if sheet is not None:
         check_file(sheet, ".png", force=force)
         if not opened.frames:
@@ -246,56 +264,9 @@ def _upright_size(rig: Rig) -> tuple[int, int]:
     return height, width
 
 
-def _metered(
-    rig: Rig,
-    plan: CapturePlan,
-    how: Metering,
-    events: list[tuple[str, dict[str, Any]]],
-    warnings: list[str],
-) -> CapturePlan:
-    with progress("metering") as advance:
-        found = meter_plan(
-            rig,
-            plan,
-            MeteringGoal(each=how == "each"),
-            on_light=lambda light, done, total: advance(done, total),
-        )
-    events.append(("metered", found.details()))
-    if found.dead_leds:
-        reason = "gave no light when metered"
-        events.append(("left_out", {"leds": list(found.dead_leds), "reason": reason}))
-    warnings += found.warnings
-    return found.plan
-
-
-def _check(
-    rig: Rig,
-    plan: CapturePlan,
-    out: Path,
-    events: list[tuple[str, dict[str, Any]]],
-    warnings: list[str],
-) -> None:
-    """Do the pre-flight; refuse to go on where it fails."""
-    note("checking disk, rig and picture (--skip-check leaves this out)")
-    found = preflight(rig, plan, out)
-    if not found.ok:
-        complaints = "; ".join(f"{check.name}: {check.text}" for check in found.failed)
-        raise RigError(f"the check before recording failed: {complaints}")
-    events.append(("checked", found.details()))
-    warnings += [
-        f"{check.name}: {check.text}" for check in found.checks if check.state == "warning"
-    ]
-
-
-def _rehearse(rig: Rig, plan: CapturePlan, shots: Sequence[PlannedShot]) -> Result:
-    with progress("dry run") as advance:
-        seconds = rehearse(rig, plan, advance, shots=shots)
-    count, info = len(shots), rig.camera.info
-    size = count * info.width * info.height * 2
-    return Result(
-        metrics={"shots": count, "seconds": seconds, "bytes": size, "recorded": False},
-        summary=[
-            f"dry run: {count} shots in {seconds:.1f} s with all LEDs off, nothing was recorded; "
-            f"they would take {size / 1e6:.0f} MB"
-        ],
-    )
+def _left_out(session: Session) -> list[str]:
+    """Tell of shots that are not demanded, as their LED died while recording."""
+    leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+    if not leds:
+        return []
+    return [f"LED {', '.join(leds)}: died, {len(session.left_out)} shots were left out"]

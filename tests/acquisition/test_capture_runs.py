@@ -38,9 +38,50 @@ def test_flips_are_named() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
-@pytest.mark.parametrize("fault", ["writer stalled", "board reset", "clock jump"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "writer stalled",
+        "camera unplugged",
+        "board reset",
+        "board reset, retakes",
+        "clock jump",
+    ],
+)
 def test_faults_end_dark_and_resumable(fault: str) -> None:
     assert f"{fault}: exit code" in run("capture_faults.py", "--only", fault)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        pytest.param(("soak.py", "--flashes", "0", "--cycles", "5"), 0, "5 times opened", id="few"),
+        pytest.param(
+            ("soak.py", "--flashes", "0", "--cycles", "5", "--growth-mib", "-9999"),
+            1,
+            "MiB more than after a tenth",
+            id="too much memory",
+        ),
+        pytest.param(
+            ("rig_pass.py", "--lights", "4", "--size", "64x48", "--rate", "2000"),
+            1,
+            "software takes more than 1.5 of the camera's time",
+            id="too slow",
+        ),
+    ],
+)
+def test_a_run_that_misses_its_limit_fails(words: tuple[str, ...], code: int, said: str) -> None:
+    ended = subprocess.run(
+        [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+    assert ended.returncode == code, ended.stdout + ended.stderr
+    assert said in ended.stdout
+    assert "Traceback" not in ended.stderr
 
 
 def _may_mount() -> bool:
@@ -56,3 +97,33 @@ def _may_mount() -> bool:
 @pytest.mark.parametrize("fault", ["disk full", "disk read-only"])
 def test_a_disk_that_fails_ends_dark_and_resumable(fault: str) -> None:
     assert f"{fault}: exit code 3" in run("capture_faults.py", "--only", fault)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
+def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A note may be told while work goes on; what counts is that all is dark at the error."""
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    import capture_faults
+
+    state = tmp_path / "bench.state"
+    talk = tmp_path / "talk.py"
+    talk.write_text(
+        "import sys, time\n"
+        f"print({f'{capture_faults.BENCH}{state}'!r}, file=sys.stderr)\n"
+        "print('the disk is slower than the camera', file=sys.stderr, flush=True)\n"
+        "time.sleep(0.3)\n"
+        f"open({str(state)!r}, 'w').write(str(time.monotonic_ns()))\n"
+        "print('error: the camera is gone', file=sys.stderr)\n"
+        "sys.exit(3)\n",
+        encoding="utf-8",
+    )
+
+    class State:
+        def close(self) -> None: ...
+
+    monkeypatch.setattr(capture_faults, "__file__", str(talk))
+    monkeypatch.setattr(capture_faults, "open_state", lambda path: State())
+    monkeypatch.setattr(capture_faults, "last_light_ns", lambda *_: int(state.read_text()))
+    code, line, dark_s, unclear = capture_faults.run("none", "run", tmp_path)
+    assert (code, line, unclear) == (3, "error: the camera is gone", [])
+    assert dark_s > 0

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import _compact
@@ -407,6 +407,18 @@ def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
     assert not (folder / "derived" / "COMPLETE").exists()
 
 
+def test_a_compaction_that_was_cut_off_is_told(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s")
+    (folder / "derived").mkdir(exist_ok=True)
+    (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
+    told = [f"{folder}: a compaction was cut off: run `capture compact` on it"]
+    assert list(verify_session(folder).warnings) == told
+    assert list(Session.open(folder).warnings) == told
+    compact_session(folder)
+    assert verify_session(folder).warnings == ()
+    assert whole(folder)
+
+
 def test_a_mark_set_aside_that_does_not_fit_makes_nothing_complete(tmp_path: Path) -> None:
     folder = write(tmp_path / "s", plan=None, complete=False)
     (folder / "derived").mkdir()
@@ -433,6 +445,7 @@ def test_a_mark_after_which_more_was_recorded_makes_nothing_complete(
     assert not whole(folder)
 
 
+@settings(deadline=None)
 @given(
     st.tuples(st.integers(1, 150), st.integers(1, 40), st.sampled_from([1, 3])),
     st.sampled_from([1, 255, 4095, 65535]),

@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -227,6 +228,37 @@ def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
     arguments: dict[str, Any] = {"plan": PLAN, **TOLD, **changed}
     with pytest.raises(DataError, match=said):
         record(rig, arguments.pop("plan"), tmp_path / "s", **arguments)
+    assert not (tmp_path / "s").exists()
+    assert bench.frames == 0
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        pytest.param({"gain_db": 500.0}, "Gain: 500 dB", id="gain"),
+        pytest.param({"exposures_us": (5.0,)}, "exposes for 10 to", id="camera's exposures"),
+        pytest.param({"exposures_us": (9.99e5, 50.0)}, "LED board on fake", id="board's hold"),
+    ],
+)
+def test_what_the_rig_cannot_do_is_refused_before_a_folder_is_made(
+    rig: RealRig,
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changed: dict[str, Any],
+    said: str,
+) -> None:
+    configure = bench.configure
+
+    def limited(*, exposure_us: float, gain_db: float = 0.0) -> float:
+        if gain_db > 24:
+            raise CameraError(f"camera Eye 42, Gain: {gain_db:g} dB is not 0 to 24")
+        return configure(exposure_us=exposure_us, gain_db=gain_db)
+
+    monkeypatch.setattr(bench, "configure", limited)
+    monkeypatch.setattr(bench, "identity", replace(bench.identity, max_hold_ms=900))
+    with pytest.raises(RigError, match=said):
+        record(rig, PLAN.changed(**changed), tmp_path / "s", **TOLD)
     assert not (tmp_path / "s").exists()
     assert bench.frames == 0
 
@@ -520,6 +552,48 @@ def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> 
     assert bench.shots[10:] == [3, 0, 3, 0]
     assert [frame.role for frame in session.frames][10:] == ["flat"] * 4
     assert verify_session(tmp_path / "s").ok
+
+
+@pytest.mark.parametrize("led", [1, 3, 0])
+def test_what_is_taken_again_comes_before_the_white_card(
+    rig: RealRig, bench: Bench, tmp_path: Path, led: int
+) -> None:
+    """Of an LED that is dark once, first, last or amid the lights; and of one among the flats."""
+    card: list[int] = []
+    bench.dead = {led}
+
+    def mend(number: int) -> None:
+        before = bench.shots[card[0] :] if card else bench.shots
+        bench.dead = {led} if before.count(led) == 1 and bench.burning == led else set()
+
+    bench.on_trigger = mend
+    plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
+    session = record(
+        *(rig, plan, tmp_path / "s"), **TOLD, before_flats=lambda: card.append(bench.frames)
+    )
+    assert session.complete
+    assert card == [5]
+    assert bench.shots == [None, 3, 0, 1, led, 3, 0, 1, led]
+    roles = [frame.role for frame in session.recorded]
+    assert roles == ["dark"] + ["light"] * 4 + ["flat"] * 4
+
+
+def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    with pytest.raises(KeyboardInterrupt, match="after a shot"):
+        record(
+            rig,
+            PLAN.changed(flats=2),
+            tmp_path / "s",
+            **TOLD,
+            before_flats=lambda: os.kill(os.getpid(), signal.SIGINT),
+        )
+    assert bench.frames == 10
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == 10
+    assert [shot.role for shot in session.missing] == ["flat"] * 4
+    assert [line.event for line in events_of(session)] == ["interrupted"]
 
 
 def test_a_plan_for_a_sequence_on_a_rig_without_is_told(

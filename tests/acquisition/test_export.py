@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
@@ -341,6 +341,7 @@ def test_a_png_says_who_made_what_and_that_it_is_linear(tmp_path: Path) -> None:
     assert tree.findtext(".//{http://ns.adobe.com/exif/1.0/}ExposureTime") == "1000000/1000000000"
 
 
+@settings(deadline=None)
 @given(st.text(), st.text(), st.none() | st.floats(0.001, 1e9))
 def test_any_text_fits_into_a_caption(
     tmp_path_factory: pytest.TempPathFactory, title: str, notes: str, exposure_us: float | None
@@ -429,6 +430,22 @@ def test_without_lights_only_exr_is_written(tmp_path: Path, layout: Layout) -> N
     export = prepare_export(folder, layout, lights=given_lights)
     assert any("by order" in line for line in export.warnings)
     assert not any(path.suffix == ".json" and "lights" in path.name for path in exr(folder))
+
+
+def test_lights_called_as_images_of_leds_are_those_of_the_leds(tmp_path: Path) -> None:
+    """In the order of another program, they go where their names say, silently."""
+    folder = session(tmp_path / "s", lights=None)
+    order = [2, 0, 3, 1]
+    given = NEAR.distant().take(order)
+    ids = tuple(f"{name}_E0.png" for name in given.ids)
+    export = prepare_export(folder, "diligent", lights=replace(given, ids=ids))
+    assert not any("order" in line for line in export.warnings)
+    export.write(tmp_path / "out")
+    directions = np.loadtxt(tmp_path / "out" / "light_directions.txt")
+    np.testing.assert_allclose(directions, NEAR.unit_directions, atol=1e-12)
+    others = replace(given, ids=tuple(f"L{led}_E0.png" for led in (10, 11, 12, 13)))
+    with pytest.raises(DataError, match="0 of 4 image names are in the lights, L00 is not"):
+        prepare_export(folder, "diligent", lights=others)
 
 
 def exr(folder: Path) -> tuple[Path, ...]:

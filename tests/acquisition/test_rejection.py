@@ -73,7 +73,7 @@ def judged(
     return rejection(
         shot,
         quality,
-        dark_dn=DARK if dark else None,
+        dark=frame(0) if dark else None,
         range_dn=WHITE - BLACK,
         max_clipped_fraction=limit,
     )

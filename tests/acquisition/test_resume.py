@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -11,13 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine import record, resume
+from acquisition._compact import compact_session
+from acquisition._engine import check_resume, record, resume
 from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._journal import GENESIS, encode_line
 from acquisition._manifest import CameraRecord, Manifest
 from acquisition._noise_model import NoiseModel
 from acquisition._plan import CapturePlan
 from acquisition._session import Session
 from acquisition._session_writer import SessionWriter
+from acquisition._source_reader import read_source
+from acquisition._storage import sha256_of
 from acquisition._verify import verify_session
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
@@ -167,6 +173,53 @@ def test_another_rig_is_refused_and_it_is_said_how_it_differs(
 
 
 @pytest.mark.parametrize(
+    ("begun", "now", "said"),
+    [
+        pytest.param(
+            {"pixel_format": "Mono12"},
+            {"pixel_format": "Mono12", "black_level": 300.0},
+            "begun with another rig: rig option black_level was not stated and is 300.0;",
+            id="black level",
+        ),
+        pytest.param(
+            {"black_level": 300.0, "trigger_line": "Line1"},
+            {"readout_us": 20},
+            "rig option black_level was 300.0 and is not stated; "
+            "rig option trigger_line was Line1 and is not stated; "
+            "rig option readout_us was not stated and is 20;",
+            id="several",
+        ),
+        pytest.param(
+            {"sensor": {"black_level_dn": 64}},
+            {"sensor": {"black_level_dn": 90}},
+            "rig option sensor was {'black_level_dn': 64} and is {'black_level_dn': 90};",
+            id="a table",
+        ),
+        pytest.param(
+            {"port": "COM3", "cti": "a.cti", "black_level": 300},
+            {"port": "auto", "cti": "b/a.cti", "black_level": 300.0, "camera": "42"},
+            None,
+            id="found elsewhere",
+        ),
+    ],
+)
+def test_a_session_is_not_gone_on_with_when_the_driver_is_told_otherwise(
+    tmp_path: Path, begun: dict[str, Any], now: dict[str, Any], said: str | None
+) -> None:
+    first, second = Bench(), Bench()
+    with rig_on(first, options=begun) as rig:
+        interrupted(rig, first, tmp_path / "s", 5)
+    with rig_on(second, options=now) as rig:
+        if said is None:
+            assert resume(rig, tmp_path / "s").complete
+            return
+        with pytest.raises(DataError) as caught:
+            resume(rig, tmp_path / "s")
+    assert said in str(caught.value)
+    assert second.frames == 0
+
+
+@pytest.mark.parametrize(
     ("plan", "said"),
     [
         pytest.param(
@@ -245,3 +298,190 @@ def test_a_session_of_an_older_format_is_not_taken_up(
         pass
     with pytest.raises(DataError, match="version"):
         resume(rig, copy)
+
+
+def _of_led(session: Session, led: int) -> list[str]:
+    return [shot.file for shot in session.left_out if shot.lit_led == led]
+
+
+# Shots 5 to 7 are of LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
+@pytest.mark.parametrize(
+    ("at", "left_out"),
+    [
+        pytest.param(6, ["L00_E0.tif", "L00_E1.tif", "F_E0_R1.tif", "F_E1_R1.tif"], id="before"),
+        pytest.param(9, ["L00_E1.tif", "F_E0_R1.tif", "F_E1_R1.tif"], id="between brackets"),
+        pytest.param(10, ["F_E0_R1.tif", "F_E1_R1.tif"], id="before its flats"),
+    ],
+)
+def test_an_led_that_died_meanwhile_is_left_out(
+    rig: Rig, bench: Bench, tmp_path: Path, at: int, left_out: list[str]
+) -> None:
+    plan = PLAN.changed(flats=2)
+
+    def fail(number: int) -> None:
+        if number == at:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, plan, tmp_path / "s", **TOLD)
+    bench.on_trigger = lambda number: None
+    taken = len(bench.shots)
+    bench.dead = {0}
+    told: list[tuple[str, Any]] = []
+    counted: list[tuple[int, int]] = []
+    with rig_on(bench, dead_leds=(0, 4)) as knowing:
+        _, _, missing = check_resume(knowing, tmp_path / "s", plan)
+        session = resume(
+            knowing,
+            tmp_path / "s",
+            plan=plan,
+            on_event=lambda name, details: told.append((name, dict(details))),
+            on_frame=lambda line, *of: counted.append(of),
+        )
+    assert 0 not in bench.shots[taken:]
+    assert [shot.lit_led for shot in missing] == bench.shots[taken:]
+    assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in told
+    assert session.complete
+    assert session.missing == ()
+    assert _of_led(session, 0) == [shot.file for shot in session.left_out] == left_out
+    assert len(session.frames) == 14 - len(left_out)
+    assert counted[-1] == (14 - len(left_out),) * 2
+    events = [line.event for line in events_of(session)]
+    assert events == ["failed", "reopened", "left_out"]
+    assert session.manifest.plan == plan
+    assert session.manifest.rig is not None
+    assert session.manifest.rig.dead_leds == (4,)
+    found = verify_session(tmp_path / "s")
+    assert (found.ok, found.complete, found.missing) == (True, True, ())
+    assert list(found.left_out) == left_out
+    warnings = read_source(tmp_path / "s").warnings
+    assert any("were left out, as LED 0 died" in line for line in warnings)
+    assert not any("missing" in line for line in warnings)
+    # It stays complete when it is compacted, and nothing of it is missing to anyone.
+    assert compact_session(tmp_path / "s").complete
+
+
+def test_what_was_left_out_stays_so_when_it_is_interrupted_again(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    interrupted(rig, bench, tmp_path / "s", 6)
+    last = bench.frames + 1
+    bench.on_trigger = lambda number: fail_after(number, last)
+    with rig_on(bench, dead_leds=(0, 4)) as knowing, pytest.raises(CameraError):
+        resume(knowing, tmp_path / "s")
+    bench.on_trigger = lambda number: None
+    session = Session.open(tmp_path / "s")
+    assert not session.complete
+    assert [shot.lit_led for shot in session.missing] == [3, 5]
+    with SessionWriter.reopen(tmp_path / "s") as writer:
+        assert writer.missing == session.missing
+        assert writer.demanded == 8
+    bench.shots.clear()
+    session = resume(rig, tmp_path / "s")
+    assert session.complete
+    assert bench.shots == [3, 5]
+    assert [line.event for line in session.events].count("left_out") == 1
+
+
+def test_what_the_dead_leds_cannot_explain_is_still_demanded(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    interrupted(rig, bench, tmp_path / "s", 6)
+    with SessionWriter.reopen(tmp_path / "s") as writer:
+        writer.write_event("left_out", leds=[0], reason="listed as dead")
+        with pytest.raises(DataError, match=r"3 planned frames are missing, first L05_E0"):
+            writer.complete()
+    # An LED that was dead when it began cannot come to life; and one at least must live.
+    for dead, said in (
+        ((), r"rig dead_leds was \(4,\) and is \(\)"),
+        ((0, 3, 4, 5), "every LED of leds is marked dead"),
+    ):
+        with rig_on(bench, dead_leds=dead) as other, pytest.raises(DataError, match=said):
+            resume(other, tmp_path / "s")
+    assert bench.shots == []
+
+
+def _make_version_1(folder: Path) -> None:
+    """Write ``session.toml`` without what version 2 added, and a journal that begins with it."""
+    path = folder / "session.toml"
+    added = re.compile(r"(flats|sequence|retakes|max_clipped_fraction) = .*\n")
+    text = path.read_text(encoding="utf-8").replace("format_version = 2", "format_version = 1")
+    path.write_text(added.sub("", text), encoding="utf-8")
+    journal, previous, lines = folder / "journal.jsonl", GENESIS, b""
+    for line in journal.read_text(encoding="ascii").splitlines():
+        record_of = json.loads(line)
+        del record_of["line_sha256"]
+        if "session_toml_sha256" in record_of:
+            record_of["session_toml_sha256"] = sha256_of(path.read_bytes())
+        sealed, previous = encode_line(record_of, previous)
+        lines += sealed
+    journal.write_bytes(lines)
+
+
+@pytest.mark.parametrize(
+    ("version", "details", "complete"),
+    [
+        pytest.param(2, {"leds": [1]}, True, id="version 2"),
+        pytest.param(1, {"leds": [1]}, False, id="version 1 has no such event"),
+        pytest.param(2, {"leds": [True, "1", 1.0]}, False, id="no LEDs"),
+        pytest.param(2, {"leds": 1}, False, id="no list"),
+        pytest.param(2, {}, False, id="nothing"),
+    ],
+)
+def test_which_events_leave_shots_out(
+    tmp_path: Path, version: int, details: dict[str, Any], complete: bool
+) -> None:
+    manifest = Manifest.begin(
+        tmp_path,
+        operator="",
+        object="",
+        plan=CapturePlan(leds=(0, 1), exposures_us=(10.0,), dark=False),
+        camera=vars(CameraRecord(width=8, height=6, bit_depth=12)),
+    )
+    with SessionWriter.create(tmp_path / "s", manifest) as writer:
+        writer.write_frame(writer.missing[0], np.zeros((6, 8), np.uint16))
+        writer.write_event("left_out", **details)
+    if version == 1:
+        _make_version_1(tmp_path / "s")
+    session = Session.open(tmp_path / "s")
+    assert [shot.led for shot in session.missing] == ([] if complete else [1])
+    assert [shot.led for shot in session.left_out] == ([1] if complete else [])
+
+
+@pytest.mark.parametrize("ambient", [True, False])
+def test_the_difference_from_the_dark_is_in_each_lit_line(
+    rig: Rig, bench: Bench, tmp_path: Path, ambient: bool
+) -> None:
+    """After an interruption too, when the dark frames are those of before."""
+    plan = PLAN.changed(ambient=ambient, flats=1)
+    dark = 4 if ambient else 2
+
+    def fail(number: int) -> None:
+        if number == dark + 2:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, plan, tmp_path / "s", **TOLD, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
+    bench.on_trigger = lambda number: None
+    session = resume(rig, tmp_path / "s")
+    means = {frame.line.key: frame.read().mean() for frame in session.frames}
+    role = "ambient" if ambient else "dark"
+    for frame in session.frames:
+        line = frame.line
+        assert line.mean_dn == pytest.approx(means[line.key], abs=1e-4)
+        if line.role in ("light", "flat"):
+            expected = (means[line.key] - means[role, None, line.bracket, 0]) / (4095 - 60)
+            assert expected > 0.01
+            assert line.above_dark == pytest.approx(expected, abs=1e-6)
+        else:
+            assert line.above_dark is None
+
+
+def test_without_a_dark_frame_there_is_no_difference_from_it(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    plan = PLAN.changed(ambient=False, dark=False)
+    session = record(rig, plan, tmp_path / "s", **TOLD)
+    assert {frame.line.above_dark for frame in session.frames} == {None}

@@ -121,6 +121,7 @@ def write(folder: Path) -> None:
                 timestamp_ns=10**9 * number,
                 temperature_c=40.25,
                 echo=Echo(seq=number, led=shot.lit_led, lit_us=120, active_us=99),
+                above_dark=None if shot.lit_led is None else 0.125,
             )
         writer.write_event("retake", reason="someone walked by", led=3)
         writer.write_frame(shots[3], pixels_of(40), frame_id=5)
@@ -204,6 +205,7 @@ def test_the_kept_session_of_version_1_reads_as_what_it_was() -> None:
     )
     assert session.manifest.mounting == Mounting()
     assert first.line.echo == Echo(seq=1, led=None, lit_us=None, active_us=None)
+    assert (first.line.mean_dn, first.line.above_dark) == (None, None)
 
 
 def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
@@ -231,6 +233,9 @@ def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
     fourth = session.recorded[3].line
     assert (fourth.led, fourth.exposure_us) == (3, 99.5)
     assert fourth.echo == Echo(seq=4, led=3, lit_us=120, active_us=99)
+    # The mean of 0, 80 ... 3760 and 4 more.
+    assert (fourth.mean_dn, fourth.above_dark) == (23.5 * 80 + 4, 0.125)
+    assert session.recorded[0].line.above_dark is None
     # A flat is no light of an LED; which one lit it, its echo says.
     flat = next(frame.line for frame in session.frames if frame.role == "flat")
     assert (flat.led, flat.echo and flat.echo.led) == (None, 3)

@@ -94,6 +94,24 @@ def test_take_keeps_every_field_in_order():
         pytest.param(("x/A.TIF", "b"), (r"C:\d\a.png", "B"), [0, 1], True, id="paths and case"),
         pytest.param(("a", "b"), ("p", "q"), [0, 1], False, id="by order"),
         pytest.param(("a", "b", "c"), ("c",), [2], True, id="fewer frames than lights"),
+        pytest.param(
+            ("L05_E0.png", "L03_E0.png", "L12_E0.png"),
+            ("L03", "L12", "L05"),
+            [1, 2, 0],
+            True,
+            id="lights called as images of LEDs",
+        ),
+        pytest.param(
+            ("L05", "L03"), ("L3_E1_R2.tif", "L05_E0.z.tif"), [1, 0], True, id="images of LEDs"
+        ),
+        pytest.param(
+            ("L01_E0", "L00_E0", "L07_E0"), ("L00",), [1], True, id="fewer LEDs than lights"
+        ),
+        pytest.param(
+            ("L05_E1", "L05_E0"), ("L05_E0", "L05_E1"), [1, 0], True, id="whole names first"
+        ),
+        pytest.param(("L00", "L01"), ("L04_E0", "L00_E0"), [0, 1], False, id="lights not named"),
+        pytest.param(("L05", "L03"), ("IMG_1", "IMG_2"), [0, 1], False, id="images not named"),
     ],
 )
 def test_match(ids, names, expected, by_name):
@@ -111,6 +129,27 @@ def test_match(ids, names, expected, by_name):
 )
 def test_match_refuses(names, message):
     lights = Lights(directions=np.eye(3)[:2], ids=("a", "b"))
+    with pytest.raises(DataError, match=message):
+        lights.match(names)
+
+
+@pytest.mark.parametrize(
+    ("ids", "names", "message"),
+    [
+        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 is not", id="no LED matches"),
+        pytest.param(
+            ("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 is not", id="one LED does not"
+        ),
+        pytest.param(
+            ("L05_E0", "L05_E1"), ("L05", "L06"), "0 of 2 .* L05 is not", id="two lights of an LED"
+        ),
+        pytest.param(
+            ("L05", "L06"), ("L05_E0", "L05_E1"), "share a name", id="two images of an LED"
+        ),
+    ],
+)
+def test_the_order_decides_nothing_about_leds(ids, names, message):
+    lights = Lights(directions=np.eye(3)[: len(ids)], ids=ids)
     with pytest.raises(DataError, match=message):
         lights.match(names)
 

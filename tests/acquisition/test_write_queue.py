@@ -160,3 +160,44 @@ def test_the_end_forgets_what_waits(queue: WriteQueue[int]) -> None:
     threading.Timer(0.05, gate.set).start()
     assert queue.end(10)
     assert begun == [0, 1]
+
+
+@pytest.mark.parametrize("failing", [1, 2])
+def test_a_failure_costs_nothing_that_came_before(failing: int) -> None:
+    """Jobs before the one that failed are done, in order, and told before its error."""
+    queue: WriteQueue[int] = WriteQueue(FOLDER, room=4, threads=3, stall_s=20)
+    failed, all_begun = threading.Event(), threading.Barrier(3, timeout=20)
+    written: list[int] = []
+
+    def job(number: int, turn: Turn) -> int:
+        all_begun.wait()
+        if number == failing:
+            failed.set()
+            raise StorageError("disk full")
+        assert failed.wait(20)
+        # The later ones ask first; the failure must be noted by then.
+        time.sleep(0.1 if number else 0.3)
+        turn()
+        written.append(number)
+        return number
+
+    for number in range(3):
+        queue.put(lambda turn, number=number: job(number, turn))
+    queue.drain()
+    assert written == queue.results() == list(range(failing))
+    with pytest.raises(StorageError, match="disk full"):
+        queue.results()
+    assert queue.end(20)
+
+
+def test_what_comes_after_a_failure_keeps_nobody_waiting(queue: WriteQueue[int]) -> None:
+    def fails(turn: Turn) -> int:
+        raise ZeroDivisionError("no")
+
+    queue.put(fails)
+    queue.drain()
+    queue.put(fails)
+    queue.drain()
+    assert not queue.full
+    with pytest.raises(ZeroDivisionError):
+        queue.results()

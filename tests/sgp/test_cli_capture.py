@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -41,6 +43,13 @@ def plan(tmp_path: Path):
         return path
 
     return write
+
+
+@pytest.fixture
+def with_flats(tmp_path: Path) -> Path:
+    path = tmp_path / "flats.toml"
+    path.write_text("leds = [0, 1, 2]\nexposures_us = [5000]\nflats = 3\n", encoding="utf-8")
+    return path
 
 
 def capture(sgp, *words, **options):
@@ -133,17 +142,163 @@ def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
     assert not (tmp_path / "s").exists()
 
 
-def test_flats_wait_for_the_card(sgp, rig, tmp_path):
+def test_flats_wait_for_the_card(sgp, rig, with_flats, tmp_path):
     """Without a terminal to ask at, the recording stops before them and resume takes them."""
-    plan = tmp_path / "flats.toml"
-    plan.write_text("leds = [0, 1, 2]\nexposures_us = [5000]\nflats = 3\n", encoding="utf-8")
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan)
+    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", with_flats)
     assert answer.code == 2
     assert "put the white card under the camera" in answer.err
     missing = Session.open(tmp_path / "s").missing
     assert [shot.role for shot in missing] == ["flat"] * 3
     assert sgp("capture", "resume", tmp_path / "s", "--rig", rig).code == 0
     assert sgp("capture", "verify", tmp_path / "s").code == 0
+
+
+def at_the_prompt(rig, plan, out, act):
+    """Record at a terminal, act when the card is asked for; return the exit code and the words."""
+    mine, its = os.openpty()
+    words = [*CAPTURE, "run", str(out), "--rig", rig, "--plan", plan, "--skip-check"]
+    env = os.environ | {"NUMBA_NUM_THREADS": "1"}
+    with subprocess.Popen(words, stdin=its, stderr=subprocess.PIPE, text=True, env=env) as process:
+        try:
+            for line in process.stderr:
+                if "press Enter" in line:
+                    act(process, mine)
+                    break
+            _, said = process.communicate(timeout=30)
+        finally:
+            process.kill()
+            os.close(mine)
+            os.close(its)
+    return process.returncode, said
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+    code, said = at_the_prompt(
+        rig, with_flats, out, lambda process, _: process.send_signal(signal.SIGINT)
+    )
+    assert code == 130, said
+    assert "stopping after this shot" in said
+    assert "the LEDs are off" in said
+    assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3
+    assert sgp("capture", "resume", out, "--rig", rig).code == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+def test_enter_takes_the_flats(rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+
+    def press(process, terminal):
+        assert not any(frame.role == "flat" for frame in Session.open(out).recorded)
+        os.write(terminal, b"\n")
+
+    code, said = at_the_prompt(rig, with_flats, out, press)
+    assert code == 0, said
+    assert Session.open(out).complete
+
+
+def test_an_led_that_dies_amid_a_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):
+    rig, out = tmp_path / "rig.toml", tmp_path / "s"
+    lamps = "[options.lamps]\ndead = [2]\n"
+    rig.write_text(RIG + lamps, encoding="utf-8")
+    planned = plan(5000.0)
+    assert capture(sgp, out, "--rig", rig, "--plan", planned).code == 3
+    rig.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]") + lamps, encoding="utf-8")
+    missing = len(Session.open(out).missing)
+    answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned, "--dry-run", "--json")
+    assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
+    answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
+    assert answer.code == 0, answer.err
+    assert "LED 2: died, 1 shots were left out" in answer.err
+    assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
+    answer = sgp("capture", "verify", out)
+    assert answer.code == 0
+    assert "1 planned frames were left out as their LED died, first L02_E0.tif" in answer.out
+    assert "LED 2: died" in sgp("capture", "info", out).err
+
+
+def test_resuming_checks_disk_and_rig_first(sgp, rig, with_flats, tmp_path, monkeypatch):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2
+    before = (out / "journal.jsonl").read_bytes()
+    usage = shutil.disk_usage(tmp_path)
+    with monkeypatch.context() as full:
+        full.setattr(shutil, "disk_usage", lambda path: usage._replace(free=1000))
+        answer = sgp("capture", "resume", out, "--rig", rig)
+        assert answer.code == 3
+        assert "the check before recording failed: disk: " in answer.err
+        assert (out / "journal.jsonl").read_bytes() == before
+        assert sgp("capture", "resume", out, "--rig", rig, "--skip-check", "--dry-run").code == 0
+    assert sgp("capture", "resume", out, "--rig", rig).code == 0
+    checked = next(line for line in Session.open(out).events if line.event == "checked")
+    assert [(check["name"], check["state"]) for check in checked.details["checks"]] == [
+        (name, "ok") for name in ("disk", "board", "camera", "brightness")
+    ]
+    # Three flats of 64 x 52 and 16 bits, and a quarter more.
+    assert checked.details["checks"][0]["needed_bytes"] == 1.25 * 3 * 64 * 52 * 2
+
+
+def test_resuming_without_the_checks_writes_no_event_of_them(sgp, rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2
+    assert sgp("capture", "resume", out, "--rig", rig, "--skip-check").code == 0
+    assert "checked" not in events(out)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        pytest.param((), (99.5, 0.7, 0.005), id="default"),
+        pytest.param(
+            ("--meter-percentile", "90", "--meter-fraction", "0.3"), (90, 0.3, 0.005), id="lower"
+        ),
+        pytest.param(("--max-clipped", "0"), (99.5, 0.7, 0.0), id="clipping"),
+    ],
+)
+def test_what_is_metered_for_can_be_said(sgp, rig, plan, tmp_path, words, expected):
+    out = tmp_path / "s"
+    answer = capture(sgp, out, "--rig", rig, "--plan", plan(5000.0), "--meter", "each", *words)
+    assert answer.code == 0, answer.err
+    metered = next(line for line in Session.open(out).events if line.event == "metered").details
+    names = ("percentile", "fraction", "max_clipped_fraction")
+    assert tuple(metered[name] for name in names) == expected
+    for light in metered["lights"]:
+        assert light["clipped_fraction"] <= expected[2]
+        if light["state"] == "ok" and expected[0] == 90:
+            assert light["level"] == pytest.approx(expected[1], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--meter-percentile", "50"),
+        ("--meter-fraction", "0.5"),
+        ("--max-clipped", "0"),
+        ("--meter", "each", "--meter-percentile", "101"),
+        ("--meter", "each", "--meter-fraction", "0"),
+        ("--meter", "one", "--max-clipped", "1.5"),
+    ],
+)
+def test_how_to_meter_is_checked(sgp, rig, plan, tmp_path, words):
+    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), *words)
+    assert answer.code == 2
+    assert words[-2] in answer.err
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_compaction_that_was_cut_off_is_told(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    (out / "derived").mkdir(exist_ok=True)
+    (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
+    said = "a compaction was cut off: run `capture compact`"
+    answer = sgp("capture", "verify", out)
+    assert answer.code == 4
+    assert said in answer.err
+    assert said in sgp("capture", "info", out).err
+    assert sgp("capture", "compact", out).code == 0
+    assert said not in sgp("capture", "verify", out).err
 
 
 def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
@@ -246,3 +401,65 @@ def test_rig_commands(sgp, rig, tmp_path):
     assert json.loads(snapped.out)["metrics"]["p99_dn"] > 200
     assert sgp("rig", "snap", "--led", 9, "--rig", rig, "--out", tmp_path / "b.tif").code == 2
     assert not (tmp_path / "b.tif").exists()
+
+
+@pytest.fixture(params=["a full disk", "a reader that has gone", "none"])
+def deaf(request):
+    """A stderr that takes nothing, as an argument of `subprocess.run`."""
+    if sys.platform == "win32":
+        pytest.skip("has neither /dev/full nor descriptors that a child inherits closed")
+    if request.param == "none":
+        yield {"preexec_fn": lambda: os.close(2)}
+        return
+    if request.param == "a full disk":
+        descriptor = os.open("/dev/full", os.O_WRONLY)
+    else:
+        reader, descriptor = os.pipe()
+        os.close(reader)
+    yield {"stderr": descriptor}
+    os.close(descriptor)
+
+
+def test_a_recording_does_not_end_because_its_log_cannot_be_written(deaf, rig, plan, tmp_path):
+    out = tmp_path / "session"
+    words = ("run", out, "--rig", rig, "--plan", plan(5000.0), "--json")
+    ended = subprocess.run([*CAPTURE, *words], stdout=subprocess.PIPE, check=False, **deaf)
+    assert ended.returncode == 0
+    assert json.loads(ended.stdout)["ok"] is True
+    assert Session.open(out).complete
+
+
+def test_the_exit_code_of_an_error_is_its_own_though_it_cannot_be_told(deaf, tmp_path):
+    words = ("verify", tmp_path / "none", "--json")
+    ended = subprocess.run([*CAPTURE, *words], stdout=subprocess.PIPE, check=False, **deaf)
+    told = json.loads(ended.stdout)
+    assert (told["ok"], told["exit_code"], ended.returncode) == (False, 2, 2)
+
+
+def _pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _zero(path):
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="knows no such files")
+@pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE", "frames/L02_E0.tif"])
+@pytest.mark.parametrize("replaced", [_pipe, _zero])
+def test_what_is_no_regular_file_is_told_and_never_waited_for(
+    sgp, rig, plan, tmp_path, name, replaced
+):
+    out = tmp_path / "session"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    replaced(out / name)
+    sheet = ("info", out, "--sheet", tmp_path / "sheet.png")
+    export = ("export", out, "--format", "exr", "--out", tmp_path / "exr")
+    for words in (("verify", out), sheet, ("compact", out), export):
+        answer = sgp("capture", *words)
+        assert answer.code == 4, words
+        assert name in answer.out + answer.err
+        assert re.search("regular file|link that leaves", answer.out + answer.err)
+        assert answer.err.count("error:") <= 1

@@ -71,7 +71,7 @@ def test_what_an_error_learned_on_its_way_is_said(monkeypatch, capsys):
         error.add_note("LEDs not confirmed off: no reply")
         raise error
 
-    monkeypatch.setattr("sgp.commands.rig.open_rig", broken)
+    monkeypatch.setattr("sgp.commands.rig.open_lights", broken)
     assert run(build(), ["rig", "off"]) == 3
     said = capsys.readouterr().err
     assert said == "error: the line is lost; LEDs not confirmed off: no reply\n"
