@@ -6,6 +6,7 @@ import errno
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -494,6 +495,7 @@ def _press_ctrl_c(times: int) -> Callable[[int], None]:
         if number == 6:
             for _ in range(times):
                 os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.1)  # two at once would be one
 
     return at
 
@@ -527,8 +529,13 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
-    threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
-    threading.Timer(0.6, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    def press_soon(number: int) -> None:
+        if number == 2:
+            for wait_s in (0.3, 0.6):
+                threading.Timer(wait_s, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    bench.on_trigger = press_soon
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", **TOLD)
     assert bench.burning is None
