@@ -44,7 +44,8 @@ class StopRequest:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.asked:
             self._before(number, frame)
-            return
+            # Whoever had SIGINT before may do something else; here it ends the work.
+            raise KeyboardInterrupt
         self.asked = True
         if self._on_stop is not None:
             self._on_stop()

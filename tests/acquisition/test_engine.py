@@ -525,6 +525,19 @@ def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -
     assert events_of(session)[0].details["leds_confirmed_off"] is True
 
 
+def test_ctrl_c_twice_ends_at_once_whoever_has_the_signal(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        bench.on_trigger = _press_ctrl_c(2)
+        with pytest.raises(KeyboardInterrupt):
+            record(rig, PLAN, tmp_path / "s", **TOLD)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(Session.open(tmp_path / "s").frames) == 5
+
+
 def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
