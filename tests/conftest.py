@@ -15,3 +15,11 @@ def _signals_work():
     yield
     for name, handler in zip(known, before, strict=True):
         signal.signal(getattr(signal, name), handler)
+
+
+@pytest.fixture(autouse=True)
+def _signals_stay():
+    """Put back the handler of SIGINT: harvesters, used by itself, takes it and keeps it."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
