@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 from processing import NormalMap, angle_deg, separate
-from sgp._paper_measure import METHODS, Method, measure
+from sgp._paper.measure import METHODS, Method, measure
 from simulator import Textile
 
 

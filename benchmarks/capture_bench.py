@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import CapturePlan, NoiseModel, Session, verify_session
-from acquisition._quality import measure_quality
+from acquisition._pixels.quality import measure_quality
 from rig import RigConfig
 from simulator import simulated_rig
 from simulator._bench_state import BenchState

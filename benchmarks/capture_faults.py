@@ -255,7 +255,7 @@ def unplug():
 def reset():
     """The board restarts in the middle of a command."""
     import simulator._simulated_rig as simulated
-    from simulator._board_faults import BoardFault
+    from simulator._board.faults import BoardFault
 
     class Restarting(simulated.VirtualBoard):
         def __init__(self, *words):
@@ -267,7 +267,7 @@ def reset():
 
 def jump():
     """The clock on the wall is wrong by another number of hours every time it is read."""
-    import acquisition._session_writer as session_writer
+    import acquisition._session.writer as session_writer
 
     calls = [0]
 

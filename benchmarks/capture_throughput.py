@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import CapturePlan, NoiseModel, record, verify_session
-from acquisition._quality import measure_quality
+from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, open_genicam
-from simulator._gentl_camera import GentlCamera
-from simulator._virtual_board import VirtualBoard
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12

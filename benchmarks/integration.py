@@ -23,11 +23,11 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import linalg
 
-from processing._chord_rule import orthographic_edges
-from processing._grid_graph import divergence
-from processing._integration import integrate
-from processing._multigrid import solve
 from processing._normal_map import NormalMap
+from processing._surface.chord_rule import orthographic_edges
+from processing._surface.grid_graph import divergence
+from processing._surface.integration import integrate
+from processing._surface.multigrid import solve
 
 RESET_PEAK = Path("/proc/self/clear_refs")
 

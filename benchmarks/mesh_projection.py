@@ -15,10 +15,10 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from simulator._carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
-from simulator._coin import Coin
-from simulator._mesh import MeshBody
-from simulator._surface import BandNoise, Ripples, SphericalCap
+from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator._shapes.coin import Coin
+from simulator._shapes.mesh import MeshBody
+from simulator._shapes.surface import BandNoise, Ripples, SphericalCap
 
 EYE, LAMP = np.array([0.0, 0.0, 600.0]), np.array([250.0, 120.0, 350.0])
 

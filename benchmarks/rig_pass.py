@@ -17,8 +17,8 @@ import numpy as np
 
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, open_genicam
-from simulator._gentl_camera import GentlCamera
-from simulator._virtual_board import VirtualBoard
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera
 
 PASSES = 3
 # Of the camera's own time.

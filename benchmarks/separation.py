@@ -27,7 +27,7 @@ import numba
 import numpy as np
 
 from processing import FilterKind, NormalMap, ShapeFilter, combine, separate
-from processing._rotation import rotate_from_z
+from processing._detail.rotation import rotate_from_z
 
 RESET_PEAK = Path("/proc/self/clear_refs")
 RUNS = 3

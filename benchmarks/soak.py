@@ -29,9 +29,9 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
-from simulator._board_faults import BoardFault
-from simulator._gentl_camera import GentlCamera
-from simulator._virtual_board import VirtualBoard
+from simulator._board.faults import BoardFault
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera
 
 LEDS = 36
 BITS = 8

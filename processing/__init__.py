@@ -1,22 +1,7 @@
 """From linear images to normals, shape, detail and geometry."""
 
-from processing._height_profile import HeightProfile, height_profile
-from processing._integration import HeightMap, integrate
-from processing._local_transfer import LocalTransferResult, transfer_local
-from processing._mask import ObjectMask, object_mask
-from processing._mesh_files import Mesh, height_mesh, write_mesh
-from processing._mesh_read import Geometry, read_geometry
-from processing._metrics import AngularError, angle_deg, angular_error, ssim
-from processing._normal_map import NormalMap
-from processing._normal_map_files import NormalMapFile, read_normals, write_normals
-from processing._photometric_stereo import (
-    Method,
-    PhotometricStereoResult,
-    photometric_stereo,
-)
-from processing._project import Projection, project
-from processing._project_view import MAX_PROJECTED_PIXELS, View, view_rotation
-from processing._properties import (
+from processing._detail.local_transfer import LocalTransferResult, transfer_local
+from processing._detail.properties import (
     ChainStep,
     DetailLikeness,
     cross_exchange,
@@ -24,12 +9,27 @@ from processing._properties import (
     idempotence,
     transfer_chain,
 )
-from processing._rotation_similarity import RotationSimilarity, rotation_similarity
-from processing._seam import SeamSteps
-from processing._separation import Separation, combine, separate
-from processing._shape_filter import FilterKind, ShapeFilter
-from processing._similarity import Similarity
-from processing._transfer import TransferFidelity, TransferResult, transfer
+from processing._detail.rotation_similarity import RotationSimilarity, rotation_similarity
+from processing._detail.seam import SeamSteps
+from processing._detail.separation import Separation, combine, separate
+from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.similarity import Similarity
+from processing._detail.transfer import TransferFidelity, TransferResult, transfer
+from processing._mask import ObjectMask, object_mask
+from processing._metrics import AngularError, angle_deg, angular_error, ssim
+from processing._normal_map import NormalMap
+from processing._normal_map_files import NormalMapFile, read_normals, write_normals
+from processing._projection.mesh_read import Geometry, read_geometry
+from processing._projection.project import Projection, project
+from processing._projection.view import MAX_PROJECTED_PIXELS, View, view_rotation
+from processing._stereo.photometric_stereo import (
+    Method,
+    PhotometricStereoResult,
+    photometric_stereo,
+)
+from processing._surface.height_profile import HeightProfile, height_profile
+from processing._surface.integration import HeightMap, integrate
+from processing._surface.mesh_files import Mesh, height_mesh, write_mesh
 
 __all__ = [
     "MAX_PROJECTED_PIXELS",

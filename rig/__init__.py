@@ -6,8 +6,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from rig._bench import open_bench
-from rig._board import Board
-from rig._board_values import (
+from rig._board.board import Board
+from rig._board.ports import FoundPort, find_board, find_boards
+from rig._board.protocol import (
+    MAX_COMMAND,
+    NO_LED,
+    PROTOCOL_VERSION,
+    Command,
+    ErrorCode,
+    LineBuffer,
+    LineError,
+    Reply,
+    crc16,
+    decode_command,
+    decode_reply,
+    encode_command,
+    encode_reply,
+)
+from rig._board.values import (
     BoardEcho,
     BoardIdentity,
     BoardStatus,
@@ -26,34 +42,18 @@ from rig._errors import (
     RigError,
     RigNotFoundError,
 )
-from rig._finding import Finding
 from rig._lights import Lights
 from rig._mounting import Mounting
 from rig._open import open_lights, open_rig, rig_names
-from rig._ports import FoundPort, find_board, find_boards
-from rig._protocol import (
-    MAX_COMMAND,
-    NO_LED,
-    PROTOCOL_VERSION,
-    Command,
-    ErrorCode,
-    LineBuffer,
-    LineError,
-    Reply,
-    crc16,
-    decode_command,
-    decode_reply,
-    encode_command,
-    encode_reply,
-)
 from rig._rig import Rig
-from rig._shot import Shot
-from rig._wires import Wires
+from rig._selftest.finding import Finding
+from rig._shooting.shot import Shot
+from rig._shooting.wires import Wires
 
 if TYPE_CHECKING:
-    from rig._genicam_camera import GenICamCamera, open_genicam
-    from rig._genicam_system import FoundCamera, find_cameras
-    from rig._selftest import SelfTest, selftest
+    from rig._genicam.camera import GenICamCamera, open_genicam
+    from rig._genicam.system import FoundCamera, find_cameras
+    from rig._selftest.selftest import SelfTest, selftest
 
 __all__ = [
     "MAX_COMMAND",
@@ -112,12 +112,12 @@ __all__ = [
 
 # harvesters and scipy take a tenth of a second to import, and most who import rig need neither.
 _LATE = {
-    "FoundCamera": "rig._genicam_system",
-    "GenICamCamera": "rig._genicam_camera",
-    "find_cameras": "rig._genicam_system",
-    "open_genicam": "rig._genicam_camera",
-    "SelfTest": "rig._selftest",
-    "selftest": "rig._selftest",
+    "FoundCamera": "rig._genicam.system",
+    "GenICamCamera": "rig._genicam.camera",
+    "find_cameras": "rig._genicam.system",
+    "open_genicam": "rig._genicam.camera",
+    "SelfTest": "rig._selftest.selftest",
+    "selftest": "rig._selftest.selftest",
 }
 
 

@@ -9,13 +9,13 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rig._board import Board
+from rig._board.board import Board
+from rig._board.ports import find_board
 from rig._camera import Camera
 from rig._complaint import first_complaint
 from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError
 from rig._lights import Lights
-from rig._ports import find_board
 from rig._rig import Rig
 
 
@@ -135,7 +135,7 @@ def _given_back(board: Board) -> Iterator[None]:
 
 def _camera(cti: str, options: BenchOptions) -> Camera:
     # harvesters takes a while to import; who only asks for options is spared it.
-    from rig._genicam_camera import open_genicam
+    from rig._genicam.camera import open_genicam
 
     return open_genicam(
         Path(cti).expanduser(),

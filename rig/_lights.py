@@ -5,16 +5,16 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Self
 
-from rig._board import Board
+from rig._board.board import Board
 from rig._config import RigConfig
-from rig._dark import watch
 from rig._errors import BoardError, RigError
+from rig._shooting.dark import watch
 
 
 class Lights:
     """The open LED board of a rig, dark at first; closed, and dark again, on leaving its ``with``.
 
-    While it is open, signals that end the program turn the LEDs off first (see `rig._dark`).
+    While it is open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
 
     Parameters
     ----------

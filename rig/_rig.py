@@ -7,24 +7,24 @@ from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
 from typing import Literal, Self
 
-from rig._board import Board
-from rig._board_values import BoardEcho
+from rig._board.board import Board
+from rig._board.values import BoardEcho
 from rig._camera import Camera, Trigger
 from rig._config import RigConfig
-from rig._dark import watch
 from rig._errors import RigError
-from rig._exposure import Exposure
 from rig._lights import check_count
-from rig._sequence import run, runs
-from rig._shooting import Bench, by_board, by_software, hold_ms
-from rig._shot import Shot
-from rig._wires import Wires, try_wires
+from rig._shooting.dark import watch
+from rig._shooting.exposure import Exposure
+from rig._shooting.sequence import run, runs
+from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
+from rig._shooting.shot import Shot
+from rig._shooting.wires import Wires, try_wires
 
 
 class Rig:
     """An open rig, which it closes: on leaving its ``with``, on `close`, or at interpreter exit.
 
-    While it is open, signals that end the program turn the LEDs off first (see `rig._dark`).
+    While it is open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
 
     Parameters
     ----------

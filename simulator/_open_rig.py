@@ -9,12 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, first_complaint
-from simulator._lamps import Lamps
-from simulator._render import Rendering, render
-from simulator._rig_scenes import SCENES, scene_named
-from simulator._scene import Scene
-from simulator._scene_file import read_scene
-from simulator._scene_tables import build
+from simulator._render.render import Rendering, render
+from simulator._scene.lamps import Lamps
+from simulator._scene.rig_scenes import SCENES, scene_named
+from simulator._scene.scene import Scene
+from simulator._scene.scene_file import read_scene
+from simulator._scene.scene_tables import build
 from simulator._simulated_rig import FRAME_RATE_HZ, CameraKind, simulated_rig
 from simulator._wiring import Wiring
 

@@ -1,15 +1,24 @@
 """All that `simulator` offers; see there."""
 
-from simulator._body import Body
-from simulator._carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
-from simulator._chrome import Highlights, find_highlights
-from simulator._coin import Coin
-from simulator._cramer_rao import cramer_rao_deg
-from simulator._lamps import Lamps
-from simulator._lens import Lens
-from simulator._mesh import MeshBody
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import open_rig, rig_for
-from simulator._patterns import (
+from simulator._render.chrome import Highlights, find_highlights
+from simulator._render.cramer_rao import cramer_rao_deg
+from simulator._render.render import Rendering, render
+from simulator._render.truth import Truth
+from simulator._render.truth_files import save_truth
+from simulator._scene.lamps import Lamps
+from simulator._scene.lens import Lens
+from simulator._scene.reflectance import Ggx, Lambert, Material, OrenNayar
+from simulator._scene.rig_scenes import SCENES, bench_camera, bench_sensor, dome_lights, scene_named
+from simulator._scene.scene import ChromeSphere, Scene
+from simulator._scene.scene_file import read_scene, write_scene
+from simulator._shapes.body import Body
+from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator._shapes.coin import Coin
+from simulator._shapes.mesh import MeshBody
+from simulator._shapes.patterns import (
     ChArUco,
     Checker,
     ColourWheel,
@@ -18,17 +27,8 @@ from simulator._patterns import (
     Paint,
     Pattern,
 )
-from simulator._reflectance import Ggx, Lambert, Material, OrenNayar
-from simulator._render import Rendering, render
-from simulator._rig_scenes import SCENES, bench_camera, bench_sensor, dome_lights, scene_named
-from simulator._scene import ChromeSphere, Scene
-from simulator._scene_file import read_scene, write_scene
+from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap, Surface
 from simulator._simulated_rig import simulated_rig
-from simulator._surface import BandNoise, Plane, Ripples, SphericalCap, Surface
-from simulator._truth import Truth
-from simulator._truth_files import save_truth
-from simulator._virtual_board import VirtualBoard
-from simulator._virtual_camera import VirtualCamera
 
 __all__ = [
     "SCENES",

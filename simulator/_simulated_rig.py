@@ -13,10 +13,10 @@ import numpy.typing as npt
 from acquisition import NoiseModel
 from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from simulator._bench_state import BenchState
-from simulator._gentl_camera import GentlCamera
-from simulator._lamps import Lamps
-from simulator._virtual_board import VirtualBoard
-from simulator._virtual_camera import CameraFault, Planes, VirtualCamera
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.virtual_camera import CameraFault, Planes, VirtualCamera
+from simulator._scene.lamps import Lamps
 from simulator._wiring import Wiring
 from simulator.gentl import CompilerError, build
 

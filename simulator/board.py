@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Self
 
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._board_faults import BoardFaults, FaultyBoard, PowerCutError
-from simulator._board_firmware import BoardFirmware
-from simulator._board_outputs import ActiveInput, BoardOutputs
+from simulator._board.faults import BoardFaults, FaultyBoard, PowerCutError
+from simulator._board.firmware import BoardFirmware
+from simulator._board.outputs import ActiveInput, BoardOutputs
 
 _STDIN = 0
 # How soon a parent's death is noticed where standard input stays open.

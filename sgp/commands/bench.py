@@ -41,8 +41,8 @@ def paper(
     from dataclasses import asdict
 
     from sgp._overview import write_overview
-    from sgp._paper_run import run_all
-    from sgp._paper_tables import markdown
+    from sgp._paper.run import run_all
+    from sgp._paper.tables import markdown
 
     count = runs or (1 if quick else 10)
     found = run_all(quick=quick, runs=count, advance=note)

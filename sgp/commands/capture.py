@@ -18,14 +18,14 @@ from acquisition import (
 )
 from acquisition import resume as resume_recording
 from rig import Rig, open_rig
-from sgp._capture_steps import MeterOptions, Told, accept, metered
-from sgp._capture_steps import dry_run as rehearsed
-from sgp._capture_talk import CaptureTalk
+from sgp._capture.session_sheet import write_session_sheet
+from sgp._capture.session_summary import describe
+from sgp._capture.steps import MeterOptions, Told, accept, metered
+from sgp._capture.steps import dry_run as rehearsed
+from sgp._capture.talk import CaptureTalk
 from sgp._console import note
 from sgp._output import check_file, check_folder
 from sgp._result import Result
-from sgp._session_sheet import write_session_sheet
-from sgp._session_summary import describe
 from sgp.commands.capture_plan import chosen_plan
 
 _UNMETERED = MeterOptions()

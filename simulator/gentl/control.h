@@ -1,7 +1,7 @@
 /* The control file: what this camera is, in memory shared with whoever made it.
  *
  * It lies beside the library as "camera.control". Without it the library is a camera of its own
- * with a test pattern. `simulator/_gentl_control.py` has the same layout: change both. */
+ * with a test pattern. `simulator/_camera/gentl_control.py` has the same layout: change both. */
 #ifndef CONTROL_H
 #define CONTROL_H
 

@@ -1,4 +1,4 @@
-/* Light over time: `simulator/_lamps.py` in C. Change both. */
+/* Light over time: `simulator/_scene/lamps.py` in C. Change both. */
 #ifndef LAMPS_H
 #define LAMPS_H
 

@@ -1,4 +1,4 @@
-/* The sensor: `simulator/_sensor.py` in C, to the same random numbers. Change both. */
+/* The sensor: `simulator/_camera/sensor.py` in C, to the same random numbers. Change both. */
 #ifndef SENSOR_H
 #define SENSOR_H
 

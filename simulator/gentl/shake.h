@@ -1,4 +1,4 @@
-/* A camera that trembles: `simulator/_shake.py` in C. Change both. */
+/* A camera that trembles: `simulator/_camera/shake.py` in C. Change both. */
 #ifndef SHAKE_H
 #define SHAKE_H
 

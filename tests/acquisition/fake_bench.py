@@ -8,9 +8,9 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._journal import EventLine
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.journal import EventLine
+from acquisition._session.session import Session
 from rig import (
     Board,
     BoardEcho,

@@ -23,18 +23,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import _compact
-from acquisition._compact import compact_session
-from acquisition._compact_tiff import deflate_tiff
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._images import read_image
-from acquisition._manifest import CameraRecord, Manifest
-from acquisition._plan import CapturePlan, PlannedShot
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._source_reader import read_source
+from acquisition._pixels.compact_tiff import deflate_tiff
+from acquisition._pixels.images import read_image
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._session import compact as _compact
+from acquisition._session.compact import compact_session
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
 from acquisition._storage import lock_folder
-from acquisition._verify import verify_session
 
 SHAPE = (24, 32)
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
@@ -297,7 +297,7 @@ def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     code = """
 import resource, signal, sys
-from acquisition._compact import compact_session
+from acquisition._session.compact import compact_session
 from acquisition._errors import StorageError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
@@ -316,7 +316,7 @@ except StorageError as error:
 
 SERVER = """
 import json, os, sys
-from acquisition._compact import compact_session
+from acquisition._session.compact import compact_session
 
 def deadly(name, calls, dies_at):
     real = getattr(os, name)

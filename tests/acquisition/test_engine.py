@@ -16,19 +16,20 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition import _recording, _session_writer
-from acquisition._camera_model import CameraModel
-from acquisition._engine import record
+from acquisition._engine import recording as _recording
+from acquisition._engine.engine import record
+from acquisition._engine.rehearsal import rehearse
 from acquisition._errors import DataError, StorageError
-from acquisition._images import read_image
-from acquisition._journal import FrameLine
-from acquisition._lights import Lights
-from acquisition._noise_model import NoiseModel
-from acquisition._plan import CapturePlan
-from acquisition._rehearsal import rehearse
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._pixels.images import read_image
+from acquisition._plan.plan import CapturePlan
+from acquisition._session import writer as _session_writer
+from acquisition._session.journal import FrameLine
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen

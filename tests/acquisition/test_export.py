@@ -17,23 +17,23 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
 
-from acquisition._camera_model import CameraModel
-from acquisition._compact import compact_session
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._export import Layout, prepare_export
-from acquisition._export_caption import Caption
-from acquisition._export_images import write_captioned_png
-from acquisition._images import read_image, write_exr, write_png
-from acquisition._import import import_frames, read_import
-from acquisition._lights import Lights, led_id
-from acquisition._lights_files import read_lights
-from acquisition._manifest import CameraModelRecord, LightsRecord, Manifest
-from acquisition._plan import PlannedShot
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._source_reader import read_source
+from acquisition._export.caption import Caption
+from acquisition._export.export import Layout, prepare_export
+from acquisition._export.images import write_captioned_png
+from acquisition._import.frames import import_frames, read_import
+from acquisition._pixels.images import read_image, write_exr, write_png
+from acquisition._plan.plan import PlannedShot
+from acquisition._session.compact import compact_session
+from acquisition._session.manifest import CameraModelRecord, LightsRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
 from acquisition._storage import make_folder
-from acquisition._verify import verify_session
+from acquisition._value_files.lights import read_lights
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights, led_id
 from rig import Mounting
 
 SIZE = (20, 28)

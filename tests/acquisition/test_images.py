@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._images import image_form, read_image, write_exr, write_png, write_tiff
+from acquisition._pixels.images import image_form, read_image, write_exr, write_png, write_tiff
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

@@ -10,17 +10,17 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
-from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, StorageError
-from acquisition._export import prepare_export
-from acquisition._images import read_image, write_exr, write_png, write_tiff
-from acquisition._import import import_frames, read_import
-from acquisition._lights import Lights
-from acquisition._raw import read_raw
-from acquisition._session import Session
-from acquisition._source_images import images_source
-from acquisition._source_reader import read_source
-from acquisition._verify import verify_session
+from acquisition._export.export import prepare_export
+from acquisition._import.frames import import_frames, read_import
+from acquisition._pixels.images import read_image, write_exr, write_png, write_tiff
+from acquisition._pixels.raw import read_raw
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._source.images import images_source
+from acquisition._source.reader import read_source
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

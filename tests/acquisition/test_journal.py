@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition._journal import GENESIS, encode_line, parse_journal
+from acquisition._session.journal import GENESIS, encode_line, parse_journal
 
 START = {"kind": "session", "seq": 0, "time_utc": "t", "session_toml_sha256": "a" * 64}
 FRAME = {

@@ -14,15 +14,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition._errors import DataError
-from acquisition._light_level import (
+from acquisition._metering.light_level import (
     LightLevel,
     MeteringGoal,
     better_exposure_us,
     light_level,
     stepped_us,
 )
-from acquisition._metering import meter
-from acquisition._plan import CapturePlan
+from acquisition._metering.metering import meter
+from acquisition._plan.plan import CapturePlan
 from rig import CameraFrame, CameraInfo, Rig, RigError, Shot
 
 BLACK_DN = 64.0
@@ -265,8 +265,8 @@ def test_on_the_simulated_rig_the_percentile_is_within_3_per_cent(
     scene: str, seed: int, cfa: str | None, gain_db: float
 ) -> None:
     from simulator._open_rig import rig_for
-    from simulator._render import render
-    from simulator._rig_scenes import scene_named
+    from simulator._render.render import render
+    from simulator._scene.rig_scenes import scene_named
 
     made = scene_named(scene, width=160, height=128, leds=8, seed=seed)
     rendering = render(replace(made, lens=replace(made.lens, cfa=cfa)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._plan import CapturePlan, PlannedShot, read_plan
+from acquisition._plan.plan import CapturePlan, PlannedShot, read_plan
 from acquisition._toml import to_toml
 
 

@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition import _check_rig
-from acquisition._check import Check
-from acquisition._check_disk import check_disk
-from acquisition._check_images import (
+from acquisition._plan.plan import CapturePlan
+from acquisition._preflight import rig as _check_rig
+from acquisition._preflight.check import Check
+from acquisition._preflight.disk import check_disk
+from acquisition._preflight.images import (
     Trials,
     check_exposure,
     check_focus,
@@ -27,14 +28,13 @@ from acquisition._check_images import (
     check_steadiness,
     detail,
 )
-from acquisition._plan import CapturePlan
-from acquisition._preflight import Preflight, preflight
+from acquisition._preflight.preflight import Preflight, preflight
 from rig import BoardError, RigConfig
-from simulator._lamps import Lamps
+from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import rig_for
-from simulator._render import Rendering, render
-from simulator._rig_scenes import scene_named
-from simulator._virtual_camera import VirtualCamera
+from simulator._render.render import Rendering, render
+from simulator._scene.lamps import Lamps
+from simulator._scene.rig_scenes import scene_named
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))

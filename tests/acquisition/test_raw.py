@@ -13,15 +13,15 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._images import read_image, write_png
-from acquisition._import import import_frames, read_import
-from acquisition._import_image import read_for_import, read_shot_data
-from acquisition._lights import Lights
-from acquisition._raw import is_raw, read_raw
-from acquisition._session import Session
-from acquisition._source_reader import read_source
-from acquisition._verify import verify_session
-from acquisition._watch import Watch, lights_in_order, watch_folder
+from acquisition._import.frames import import_frames, read_import
+from acquisition._import.image import read_for_import, read_shot_data
+from acquisition._import.watch import Watch, lights_in_order, watch_folder
+from acquisition._pixels.images import read_image, write_png
+from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._source.reader import read_source
+from acquisition._values.lights import Lights
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

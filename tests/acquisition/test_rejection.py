@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from acquisition._engine.rejection import is_lit, rejection
 from acquisition._errors import DataError
-from acquisition._plan import PlannedShot
-from acquisition._quality import FrameQuality, measure_quality
-from acquisition._rejection import is_lit, rejection
+from acquisition._pixels.quality import FrameQuality, measure_quality
+from acquisition._plan.plan import PlannedShot
 from rig import RigError
 
 SIZE = (480, 640)

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._compact import compact_session
-from acquisition._engine import check_resume, record, resume
+from acquisition._engine.engine import check_resume, record, resume
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._journal import GENESIS, encode_line
-from acquisition._manifest import CameraRecord, Manifest
-from acquisition._noise_model import NoiseModel
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._source_reader import read_source
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.compact import compact_session
+from acquisition._session.journal import GENESIS, encode_line
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
 from acquisition._storage import sha256_of
-from acquisition._verify import verify_session
+from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
 

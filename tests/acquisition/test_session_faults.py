@@ -13,11 +13,11 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._errors import StorageError
-from acquisition._manifest import CameraRecord, Manifest
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
 
 
 def manifest() -> Manifest:

@@ -21,9 +21,9 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._journal import Echo
-from acquisition._lights import Lights
-from acquisition._manifest import (
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.journal import Echo
+from acquisition._session.manifest import (
     FORMAT_VERSION,
     CameraRecord,
     LightsRecord,
@@ -32,10 +32,10 @@ from acquisition._manifest import (
     SoftwareRecord,
     parse_manifest,
 )
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.lights import Lights
 from rig import Mounting
 
 FOLDERS = {

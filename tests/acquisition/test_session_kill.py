@@ -17,10 +17,10 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition._plan import CapturePlan, PlannedShot
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 
@@ -36,10 +36,10 @@ import json, os, resource, sys
 from datetime import UTC, datetime
 import numpy as np
 from acquisition._errors import StorageError
-from acquisition._manifest import CameraRecord, Manifest
-from acquisition._plan import CapturePlan
-from acquisition._quality import measure_quality
-from acquisition._session_writer import SessionWriter
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._plan.plan import CapturePlan
+from acquisition._pixels.quality import measure_quality
+from acquisition._session.writer import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compiles it, once for all
 

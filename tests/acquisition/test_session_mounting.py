@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import CapturePlan, DataError, Session, read_image, read_source, record
-from acquisition._images import write_png
-from acquisition._manifest import Manifest, parse_manifest
+from acquisition._pixels.images import write_png
+from acquisition._session.manifest import Manifest, parse_manifest
 from calibration import linear_stack
 from rig import Mounting, RigConfig
 from simulator import render, rig_for, save_truth, scene_named

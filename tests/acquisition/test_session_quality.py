@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition._quality import measure_quality
+from acquisition._pixels.quality import measure_quality
 
 
 @settings(deadline=None, max_examples=50)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._images import write_tiff
-from acquisition._journal import GENESIS, encode_line
-from acquisition._manifest import CameraRecord, Manifest
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._pixels.images import write_tiff
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.journal import GENESIS, encode_line
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
 
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 

@@ -10,23 +10,23 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._images import read_image
-from acquisition._journal import EventLine
-from acquisition._lights import Lights
-from acquisition._manifest import (
+from acquisition._pixels.images import read_image
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._session.journal import EventLine
+from acquisition._session.manifest import (
     CameraModelRecord,
     CameraRecord,
     LightsRecord,
     Manifest,
     SensorRecord,
 )
-from acquisition._noise_model import NoiseModel
-from acquisition._plan import CapturePlan, PlannedShot
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
 
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
 
@@ -222,7 +222,7 @@ def test_a_folder_that_holds_anything_is_refused(tmp_path: Path) -> None:
 def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     other = (
-        "import sys; from acquisition._session_writer import SessionWriter\n"
+        "import sys; from acquisition._session.writer import SessionWriter\n"
         "from acquisition._errors import StorageError\n"
         "try: SessionWriter.reopen(sys.argv[1])\n"
         "except StorageError as error: print(error)\n"

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError, MissingPathError
-from acquisition._images import write_exr, write_png, write_tiff
-from acquisition._lights import Lights
-from acquisition._lights_files import read_lights
-from acquisition._source_images import numbered_series
-from acquisition._source_reader import read_source
+from acquisition._pixels.images import write_exr, write_png, write_tiff
+from acquisition._source.images import numbered_series
+from acquisition._source.reader import read_source
+from acquisition._value_files.lights import read_lights
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

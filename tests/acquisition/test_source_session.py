@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._camera_model import CameraModel
 from acquisition._errors import DataError
-from acquisition._images import write_exr, write_png
-from acquisition._lights import Lights
-from acquisition._manifest import CameraModelRecord, CameraRecord, LightsRecord, Manifest
-from acquisition._plan import CapturePlan
-from acquisition._session_writer import SessionWriter
-from acquisition._source_reader import read_source
-from acquisition._verify import verify_session
+from acquisition._pixels.images import write_exr, write_png
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.manifest import CameraModelRecord, CameraRecord, LightsRecord, Manifest
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
 
 SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])

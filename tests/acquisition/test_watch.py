@@ -14,16 +14,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition import _watch_files
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._images import write_exr, write_png, write_tiff
-from acquisition._lights import Lights
-from acquisition._manifest import Manifest
-from acquisition._plan import CapturePlan
-from acquisition._session import Session
-from acquisition._session_writer import SessionWriter
-from acquisition._verify import verify_session
-from acquisition._watch import Watch, WatchResult, lights_in_order, watch_folder
+from acquisition._import import watch_files as _watch_files
+from acquisition._import.watch import Watch, WatchResult, lights_in_order, watch_folder
+from acquisition._pixels.images import write_exr, write_png, write_tiff
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.lights import Lights
 
 SHAPE = (8, 10)
 BEGIN_NS = 1_700_000_000 * 10**9

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition._watch_match import Arrival, in_order, match_shots, natural, pace_of
+from acquisition._import.watch_match import Arrival, in_order, match_shots, natural, pace_of
 
 
 def series(times: list[float], *, numbers: list[int] | None = None) -> list[Arrival]:

@@ -9,7 +9,7 @@ from acquisition import DataError
 from calibration import EstimateError, Stack, _spheres, calibrate_spheres, find_spheres
 from calibration._sphere_images import sphere_images
 from simulator import render, scene_named
-from simulator._sensor import sensor_image
+from simulator._camera.sensor import sensor_image
 
 EXPOSURES_US = (20000.0, 40.0)
 

@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from processing._detail.separation import separate, separate_by
+from processing._detail.shape_filter import FilterKind, ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
-from processing._separation import separate, separate_by
-from processing._shape_filter import FilterKind, ShapeFilter
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 Mask = npt.NDArray[np.bool_]

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._local_transfer import transfer_local
+from processing._detail.local_transfer import transfer_local
+from processing._detail.seam import _membrane, blend_detail, seam_of, seam_steps
+from processing._detail.separation import separate
+from processing._detail.similarity import Similarity
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
-from processing._seam import _membrane, blend_detail, seam_of, seam_steps
-from processing._separation import separate
-from processing._similarity import Similarity
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 Mask = npt.NDArray[np.bool_]

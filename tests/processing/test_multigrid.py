@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from processing._grid_graph import apply_laplacian, divergence, label_parts
-from processing._multigrid import solve
+from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
+from processing._surface.multigrid import solve
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]

@@ -14,8 +14,8 @@ from scipy.spatial import Delaunay
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry, view_rotation
-from processing import _rasterize_kernels as kernels
-from simulator._bvh import TriangleTree
+from processing._projection import rasterize_kernels as kernels
+from simulator._shapes.bvh import TriangleTree
 
 CAMERA = CameraModel(np.array([[900.0, 2.5, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
 BENT = CameraModel(CAMERA.K, 300, 240, 500.0, np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))

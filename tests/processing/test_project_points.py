@@ -10,8 +10,8 @@ import trimesh
 from acquisition import CameraModel
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry
-from processing._point_cloud import fit_surfels
-from processing._point_cloud_orient import orient
+from processing._projection.point_cloud import fit_surfels
+from processing._projection.point_cloud_orient import orient
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
 

@@ -9,14 +9,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquisition import DataError
-from processing._height_profile import height_profile
-from processing._integration import HeightMap, integrate
+from processing._detail.properties import cross_exchange, idempotence, transfer_chain
+from processing._detail.rotation_similarity import rotation_similarity
+from processing._detail.separation import separate
 from processing._metrics import ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
-from processing._properties import cross_exchange, idempotence, transfer_chain
-from processing._rotation_similarity import rotation_similarity
-from processing._separation import separate
+from processing._surface.height_profile import height_profile
+from processing._surface.integration import HeightMap, integrate
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")

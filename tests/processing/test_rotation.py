@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from processing._detail.rotation import rotate_between, rotate_from_z, rotate_to_z
 from processing._metrics import angle_deg
-from processing._rotation import rotate_between, rotate_from_z, rotate_to_z
 
 Normals = npt.NDArray[np.float32]
 ROUND_TRIP_DEG = 5e-5

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from acquisition import DataError
+from processing._detail.separation import combine, separate
+from processing._detail.shape_filter import FilterKind, ShapeFilter
 from processing._metrics import angle_deg, ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals, write_normals
-from processing._separation import combine, separate
-from processing._shape_filter import FilterKind, ShapeFilter
 
 ROUND_TRIP_DEG = 5e-5
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
+from processing._detail.placement import fill, largest_rectangle
+from processing._detail.separation import separate
+from processing._detail.shape_filter import ShapeFilter
+from processing._detail.transfer import transfer
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
-from processing._placement import fill, largest_rectangle
-from processing._separation import separate
-from processing._shape_filter import ShapeFilter
-from processing._transfer import transfer
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")

@@ -8,8 +8,8 @@ import pytest
 from acquisition import NoiseModel
 from rig import open_genicam
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._gentl_camera import GentlCamera
-from simulator._virtual_camera import VirtualCamera
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError
 
 SIZE = (6, 10)

@@ -8,8 +8,8 @@ import pytest
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig
 from simulator._bench_state import BenchState
-from simulator._virtual_board import VirtualBoard
-from simulator._virtual_camera import VirtualCamera
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.virtual_camera import VirtualCamera
 
 SIZE = (4, 6)
 

@@ -9,7 +9,7 @@ import pytest
 import serial
 
 from rig import Board, BoardError, Step
-from simulator._board_faults import BoardFault
+from simulator._board.faults import BoardFault
 
 
 @pytest.fixture

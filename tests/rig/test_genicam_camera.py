@@ -12,10 +12,10 @@ import weakref
 import numpy as np
 import pytest
 
-import rig._genicam_camera
+import rig._genicam.camera
 from acquisition import NoiseModel
 from rig import CameraError, find_cameras, open_genicam
-from rig._genicam_nodes import Nodes
+from rig._genicam.nodes import Nodes
 from tests.rig.camera_benches import (
     BLACK,
     EXPOSURE_US,
@@ -213,7 +213,7 @@ def test_automatics_that_are_on_are_turned_off(make, automatic):
 
 def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, monkeypatch):
     bench = make(automatics=["white", "gain"])
-    has, set_up = Nodes.has, rig._genicam_camera.set_up
+    has, set_up = Nodes.has, rig._genicam.camera.set_up
     chosen = []
 
     def once_chosen(nodes, *words):
@@ -223,7 +223,7 @@ def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, m
     def as_with_colour(nodes, names):
         return (names != "BalanceWhiteAuto" or bool(chosen)) and has(nodes, names)
 
-    monkeypatch.setattr(rig._genicam_camera, "set_up", once_chosen)
+    monkeypatch.setattr(rig._genicam.camera, "set_up", once_chosen)
     monkeypatch.setattr(Nodes, "has", as_with_colour)
     assert bench.open().info.turned_off == ("GainAuto", "BalanceWhiteAuto")
     assert chosen[0].text("BalanceWhiteAuto") == "Off"
@@ -447,7 +447,7 @@ def test_a_closed_camera_leaves_nothing_behind(make):
 
 
 def test_a_run_longer_than_the_devices_count_starts_anew(make, monkeypatch):
-    monkeypatch.setattr("rig._genicam_camera._MOST_TRIGGERS", 3)
+    monkeypatch.setattr("rig._genicam.camera._MOST_TRIGGERS", 3)
     bench = make()
     camera = armed(bench)
     assert [shoot(bench, camera, led).frame_id for led in range(8)] == list(range(8))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig._genicam_count import BlockCount
+from rig._genicam.count import BlockCount
 
 
 def places(*starts):

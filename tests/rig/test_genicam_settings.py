@@ -5,10 +5,10 @@ import math
 import pytest
 
 from rig import CameraError
-from rig._genicam_automatics import turn_off_automatics
-from rig._genicam_nodes import Nodes
-from rig._genicam_settings import EXPOSURE, Settings
-from rig._genicam_trigger import TriggerControl
+from rig._genicam.automatics import turn_off_automatics
+from rig._genicam.nodes import Nodes
+from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.trigger import TriggerControl
 from tests.rig.genicam_memory import Memory, amount, choice, command, switch
 
 EXPOSURE_US = amount("ExposureTime", 1000, 10, 1e6, unit="us")

@@ -23,7 +23,7 @@ WATCHDOG_NS = 1 * S
 HOST = """
 import json, sys, time
 from rig import Board, Step
-from simulator._virtual_board import VirtualBoard
+from simulator._board.virtual_board import VirtualBoard
 
 virtual = VirtualBoard(36)
 board = Board(virtual.port)
@@ -43,7 +43,7 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import Rig, RigConfig
 from simulator._bench_state import BenchState
-from simulator._virtual_camera import VirtualCamera
+from simulator._camera.virtual_camera import VirtualCamera
 
 camera = VirtualCamera(
     lambda led: np.zeros((2, 2), np.float32),

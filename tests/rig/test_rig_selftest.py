@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rig._selftest as selftest_module
+import rig._selftest.selftest as selftest_module
 from rig import (
     CameraError,
     CameraFrame,
@@ -19,7 +19,7 @@ from rig import (
     Shot,
     selftest,
 )
-from rig._led_findings import Evidence, findings
+from rig._selftest.led_findings import Evidence, findings
 from simulator import Lamps, dome_lights, render, rig_for, scene_named
 from simulator._wiring import Wiring
 

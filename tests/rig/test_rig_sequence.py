@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from rig import BoardError, CameraError, RigError
 from rig._camera import CameraFrame
-from rig._exposure import Exposure
-from rig._sequence import runs
-from rig._spacing import Spacing
-from simulator._board_faults import BoardFault
+from rig._shooting.exposure import Exposure
+from rig._shooting.sequence import runs
+from rig._shooting.spacing import Spacing
+from simulator._board.faults import BoardFault
 
 EXPOSURE_US = 1000.0
 FAST = {"frame_period_ms": 20.0, "frame_timeout_s": 0.3, "settle_ms": 1.0}

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rig._shooting
+import rig._shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, RigError
-from rig._exposure import Exposure
-from rig._flash_chain import FlashChain
-from simulator._board_faults import BoardFault
+from rig._shooting.exposure import Exposure
+from rig._shooting.flash_chain import FlashChain
+from simulator._board.faults import BoardFault
 
 EXPOSURE_US = 1000.0
 TRIGGERS = pytest.mark.parametrize("trigger", ["software", "board"])
@@ -111,7 +111,7 @@ def test_the_hold_covers_the_whole_shot(
 
 def test_a_hold_that_ends_while_the_frame_is_awaited_is_told(bench, monkeypatch):
     with bench.rig(frame_timeout_s=2.0) as opened:
-        monkeypatch.setattr(rig._shooting, "hold_ms", lambda *_: 150)
+        monkeypatch.setattr(rig._shooting.shooting, "hold_ms", lambda *_: 150)
         late(opened, monkeypatch, 0.3)
         with pytest.raises(BoardError, match=r"the hold of LED 6 ended while .* awaited") as error:
             opened.shoot(6, EXPOSURE_US)

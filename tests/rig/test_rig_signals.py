@@ -9,7 +9,7 @@ import time
 import pytest
 
 from rig import Board
-from rig._dark import watch
+from rig._shooting.dark import watch
 
 # Opens rigs on the ports given, with a camera that never delivers, and says when the light burns.
 HOST = """

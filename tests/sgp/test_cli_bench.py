@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from processing import NormalMap, angle_deg, combine, separate
-from sgp import _paper_figures as paper
-from sgp import _paper_run
-from sgp._paper_measure import METHODS, measure
-from sgp._paper_sources import Sources, bowl
-from sgp._paper_tables import Table, markdown
+from sgp._paper import figures as paper
+from sgp._paper import run as _paper_run
+from sgp._paper.measure import METHODS, measure
+from sgp._paper.sources import Sources, bowl
+from sgp._paper.tables import Table, markdown
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 

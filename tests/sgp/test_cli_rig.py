@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rig._ports
+import rig._board.ports
 from acquisition import NoiseModel, read_image
 from rig import Board, Command, LineError, Reply, decode_command, encode_reply
 from simulator import VirtualBoard
 from simulator._bench_state import BenchState
-from simulator._board_faults import BoardFault
-from simulator._gentl_camera import GentlCamera
+from simulator._board.faults import BoardFault
+from simulator._camera.gentl_camera import GentlCamera
 
 SIZE = (24, 32)
 NOISE = NoiseModel(10.0, 0.0, 64.0, 12)
@@ -179,7 +179,7 @@ def test_list_names_rigs_ports_and_cameras(bench, sgp, tmp_path):
 
 
 def test_list_without_anything_says_what_to_try(sgp, monkeypatch):
-    monkeypatch.setattr(rig._ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
     answer = sgp("rig", "list")
     assert answer.code == 0
     assert "no LED board was found" in answer.out
@@ -227,7 +227,7 @@ def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
     class Port:
         device = bench.board.port
 
-    monkeypatch.setattr(rig._ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: [Port])
     assert sgp("rig", "light", 0, "--seconds", 0.2, "--rig", "bench").code == 0
     assert bench.state.periods()[-1].led == 0
     assert bench.dark()
@@ -427,7 +427,7 @@ def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
 
 
 def test_no_board_at_any_port(bench, sgp, monkeypatch):
-    monkeypatch.setattr(rig._ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
     bench.options["port"] = "auto"
     assert "no LED board" in error_line(sgp("rig", "off", "--rig", bench.rig))
 
@@ -436,7 +436,7 @@ def test_the_board_is_found_by_itself(bench, sgp, monkeypatch):
     class Port:
         device = bench.board.port
 
-    monkeypatch.setattr(rig._ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: [Port])
     bench.options["port"] = "auto"
     assert sgp("rig", "off", "--rig", bench.rig).code == 0
 

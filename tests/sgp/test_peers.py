@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sgp._peers_displacement import transfer_by_displacement
-from sgp._peers_laplacian import transfer_by_laplacian
-from sgp._peers_mesh import base, umbrella, vertex_normals
+from sgp._paper.displacement import transfer_by_displacement
+from sgp._paper.laplacian import transfer_by_laplacian
+from sgp._paper.mesh import base, umbrella, vertex_normals
 
 PEERS = [
     pytest.param(transfer_by_displacement, id="DSPL"),

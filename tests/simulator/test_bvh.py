@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator._bvh import TriangleTree
+from simulator._shapes.bvh import TriangleTree
 
 
 def _soup(count, seed, size=0.3):

@@ -19,10 +19,10 @@ from simulator import (
     render,
     scene_named,
 )
-from simulator._chrome import draw_highlights, splat
-from simulator._lens import Lens
-from simulator._mirror import mirror_points
-from simulator._shadow import Occluders
+from simulator._render.chrome import draw_highlights, splat
+from simulator._render.mirror import mirror_points
+from simulator._render.shadow import Occluders
+from simulator._scene.lens import Lens
 
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
 EYE = np.array([0.0, 0.0, 600.0])

@@ -7,8 +7,8 @@ import pytest
 
 from acquisition import DataError, Lights, NoiseModel
 from simulator import render, scene_named
-from simulator._cramer_rao import cramer_rao_deg
-from simulator._sensor import sensor_image
+from simulator._camera.sensor import sensor_image
+from simulator._render.cramer_rao import cramer_rao_deg
 
 NOISE = NoiseModel(2.5, 6.0, 64.0, 12)
 # One photon per microsecond of a white surface: exposures are photons.

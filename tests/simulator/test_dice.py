@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from simulator._camera.pixel_dice import hashed, log_of, unit
+from simulator._camera.pixel_dice import normal_pair as pixel_pair
 from simulator._dice import bits, normal_pair, stream, uniform
-from simulator._pixel_dice import hashed, log_of, unit
-from simulator._pixel_dice import normal_pair as pixel_pair
 
 WORDS = st.integers(0, 2**64 - 1)
 

@@ -8,8 +8,8 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator._gentl_camera import GentlCamera
-from simulator._gentl_control import FAULTS
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_control import FAULTS
 from tests.simulator import gentl_client as gentl
 
 SIZE = (8, 6)

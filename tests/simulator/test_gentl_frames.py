@@ -8,9 +8,9 @@ import pytest
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._gentl_camera import GentlCamera
-from simulator._lamps import Lamps
-from simulator._virtual_camera import VirtualCamera
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.virtual_camera import VirtualCamera
+from simulator._scene.lamps import Lamps
 from tests.simulator import gentl_client as gentl
 
 SIZE = (96, 130)

@@ -9,7 +9,7 @@ from harvesters.core import Harvester
 from harvesters.util.pfnc import symbolics
 
 from acquisition import NoiseModel
-from simulator._gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera
 from tests.simulator import gentl_client as gentl
 
 SIZE = (12, 20)

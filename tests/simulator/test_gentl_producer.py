@@ -9,8 +9,8 @@ import harvesters.test
 import pytest
 
 from acquisition import NoiseModel
-from simulator._gentl_camera import GentlCamera
-from simulator._gentl_control import SIZE
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_control import SIZE
 from simulator.gentl import build
 from tests.simulator import gentl_client as gentl
 

@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import NoiseModel
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera
 from tests.simulator import gentl_client as gentl
 
 SIZE = (4, 6)

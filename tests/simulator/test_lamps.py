@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from acquisition import DataError, NoiseModel
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._lamps import Lamps, gate_share
-from simulator._virtual_camera import VirtualCamera
+from simulator._camera.virtual_camera import VirtualCamera
+from simulator._scene.lamps import Lamps, gate_share
 
 S = 10**9
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from acquisition import DataError, MissingPathError
-from simulator._mesh import MeshBody, read_triangles
+from simulator._shapes.mesh import MeshBody, read_triangles
 
 MESHES = ("stanford-bunny", "decimated-max", "skull")
 H, W, FOCAL, EYE = 360, 400, 1000.0, np.array([0.0, 0.0, 600.0])

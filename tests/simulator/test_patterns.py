@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from simulator._patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
+from simulator._shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
 
 PATTERNS = [
     pytest.param(Even(0.3), 1, id="even"),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acquisition import DataError
 from simulator import Ggx, Lambert, OrenNayar
-from simulator._reflectance import reflectance
+from simulator._scene.reflectance import reflectance
 
 UP = np.array([0.0, 0.0, 1.0])
 MATERIALS = [

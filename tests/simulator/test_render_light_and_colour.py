@@ -236,7 +236,7 @@ def test_rows_do_not_depend_on_how_they_are_drawn(monkeypatch):
         Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
     whole = render(scene, lambda done, total: told.append((done, total)))
-    monkeypatch.setattr("simulator._render._POINTS", 450)
+    monkeypatch.setattr("simulator._render.render._POINTS", 450)
     parts = render(scene, lambda done, total: told.append((done, total)))
     assert told == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
     np.testing.assert_array_equal(parts.planes, whole.planes)
@@ -245,6 +245,6 @@ def test_rows_do_not_depend_on_how_they_are_drawn(monkeypatch):
 
 
 def test_rendering_over_memory_is_refused_with_figures(monkeypatch):
-    monkeypatch.setattr("simulator._render._memory_bytes", lambda: 1e5)
+    monkeypatch.setattr("simulator._render.render._memory_bytes", lambda: 1e5)
     with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels need .* GiB"):
         render(_scene(None, NEAR, Lens.of(CAMERA)))

@@ -42,7 +42,7 @@ from simulator import (
     scene_named,
     write_scene,
 )
-from simulator._scene_parts import BODIES, LENSES, LIGHTS, MATERIALS, PATTERNS
+from simulator._scene.scene_parts import BODIES, LENSES, LIGHTS, MATERIALS, PATTERNS
 
 SMALL = "[lens]\nkind = 'perspective'\nwidth = 48\nheight = 40\n"
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from acquisition import NoiseModel
-from simulator._sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
+from simulator._camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
 
 SHAPE = (1000, 1000)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator._carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
 
 CARVED = (LizardScales, Textile, CrackedLeather, WoodCarving)
 

@@ -7,8 +7,8 @@ import pytest
 
 from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator._carved import CrackedLeather, StepGauge
-from simulator._field_trace import FieldBounds, meet_field
+from simulator._shapes.carved import CrackedLeather, StepGauge
+from simulator._shapes.field_trace import FieldBounds, meet_field
 
 ABOVE = np.array([0.0, 0.0, 600.0])
 

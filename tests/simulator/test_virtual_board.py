@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 import simulator._public
 from rig import Command, LineBuffer, LineError, Reply, RigError, decode_reply, encode_command
 from simulator._bench_state import BenchState, BenchWriter, LitPeriod
-from simulator._board_faults import BoardFault, FaultyBoard, PowerCutError
-from simulator._board_firmware import BoardFirmware
-from simulator._board_outputs import ActiveInput, BoardOutputs
-from simulator._virtual_board import VirtualBoard
+from simulator._board.faults import BoardFault, FaultyBoard, PowerCutError
+from simulator._board.firmware import BoardFirmware
+from simulator._board.outputs import ActiveInput, BoardOutputs
+from simulator._board.virtual_board import VirtualBoard
 
 MS = 1_000_000
 US = 1000

@@ -9,8 +9,8 @@ from scipy import optimize
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._sensor import fixed_pattern
-from simulator._virtual_camera import VirtualCamera
+from simulator._camera.sensor import fixed_pattern
+from simulator._camera.virtual_camera import VirtualCamera
 
 SIZE = (3, 5)
 US = 1000

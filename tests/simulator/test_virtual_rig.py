@@ -30,9 +30,9 @@ from simulator import (
     rig_for,
     scene_named,
 )
-from simulator._gentl_camera import GentlCamera
-from simulator._scene_file import read_scene
-from simulator._sensor import fixed_pattern
+from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.sensor import fixed_pattern
+from simulator._scene.scene_file import read_scene
 from simulator._simulated_rig import simulated_rig
 
 H, W = 512, 640

@@ -1,0 +1,283 @@
+"""The capture engine: carry a plan out on a rig and leave a session, whatever happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from acquisition._engine.carry_out import STALL_S, carry_out
+from acquisition._engine.recording import Hooks, OnEvent, OnFrame
+from acquisition._engine.rig_fits import check_calibrations, check_exposures, check_lights
+from acquisition._engine.same_rig import check_same
+from acquisition._errors import DataError
+from acquisition._pixels.quality import FrameQuality
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._session.journal import LEFT_OUT
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import Session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
+from rig import CameraInfo, Mounting, Rig
+
+# Options of a rig file that say which board and camera are meant, by ports and files that may
+# change; what was found there is in the record.
+_WHERE: Final = ("board", "camera", "cti", "model", "port")
+
+
+def record(
+    rig: Rig,
+    plan: CapturePlan,
+    folder: str | Path,
+    *,
+    operator: str,
+    object_name: str,
+    place: str = "",
+    notes: str = "",
+    rights: str = "",
+    camera_model: CameraModel | None = None,
+    sensor: NoiseModel | None = None,
+    lights: Lights | None = None,
+    events: Sequence[tuple[str, Mapping[str, Any]]] = (),
+    on_frame: OnFrame | None = None,
+    on_event: OnEvent | None = None,
+    on_stop: Callable[[], None] | None = None,
+    before_flats: Callable[[], None] | None = None,
+    stall_s: float = STALL_S,
+) -> Session:
+    """Record one object: every shot of the plan, stored and verified while the next are taken.
+
+    Parameters
+    ----------
+    rig
+        Open rig. It stays open.
+    plan
+        What to capture. LEDs that the rig file lists as dead are left out, which is an event.
+    folder
+        New or empty folder for the session.
+    operator, object_name, place, notes, rights
+        Who records what, for people.
+    camera_model, sensor, lights
+        Calibrations to store with the recording, where known. The camera model is that of the
+        upright image where the camera is mounted otherwise. The sensor gives black and white
+        level; without it black is 0 and white the greatest value of the camera's bit depth. The
+        lights are those of the LEDs by their ids, ``L07`` for LED 7; there may be more of them.
+    events
+        What happened before, such as metering: written first.
+    on_frame, on_event, on_stop, before_flats
+        See `Hooks`.
+    stall_s
+        How long the disk may take no frame at all.
+
+    Returns
+    -------
+    Session
+        Complete.
+
+    Raises
+    ------
+    DataError
+        If the plan does not fit the rig, a calibration does not fit the camera, lights are missing
+        for an LED of the plan, a frame is not what the camera announced, or too much of it is
+        clipped.
+    StorageError
+        If the folder is not empty or is being recorded into, or the disk refuses or is stuck.
+    RigError
+        If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
+    KeyboardInterrupt
+        After Ctrl-C: the first one lets the shot end and everything be written, the second ends at
+        once.
+
+    Notes
+    -----
+    The calling thread takes the shots, two others write; when the disk is slower than the camera,
+    the shooting pauses, in the dark. On any error, KeyboardInterrupt too, the LEDs are turned off
+    first, then the disk gets what was taken, and then the error goes on to the caller. The session
+    stays behind whole and incomplete, with an ``interrupted`` or ``failed`` event where the disk
+    still takes one; `resume` finishes it.
+    """
+    plan, left_out = plan.without(rig.config.dead_leds)
+    plan.check(rig.config.leds)
+    check_exposures(rig.camera.info, plan)
+    check_calibrations(rig, camera_model, sensor)
+    if lights is not None:
+        check_lights(lights, plan)
+    for exposure_us in plan.distinct_exposures_us:
+        rig.prepare(exposure_us, plan.gain_db)
+    manifest = _manifest(
+        rig,
+        folder,
+        operator=operator,
+        object=object_name,
+        place=place,
+        notes=notes,
+        rights=rights,
+        plan=plan,
+        camera_model=camera_model,
+        sensor=sensor,
+        lights=lights,
+    )
+    if left_out:
+        events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
+    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
+    with SessionWriter.create(folder, manifest) as writer:
+        carry_out(rig, writer, plan, hooks, events, {}, stall_s)
+    return Session.open(folder)
+
+
+def resume(
+    rig: Rig,
+    folder: str | Path,
+    *,
+    plan: CapturePlan | None = None,
+    events: Sequence[tuple[str, Mapping[str, Any]]] = (),
+    on_frame: OnFrame | None = None,
+    on_event: OnEvent | None = None,
+    on_stop: Callable[[], None] | None = None,
+    before_flats: Callable[[], None] | None = None,
+    stall_s: float = STALL_S,
+) -> Session:
+    """Take the shots that a session is missing, and no others.
+
+    Shots of LEDs that the rig file lists as dead by now are left out, which is an event; the
+    session becomes complete without them.
+
+    Parameters
+    ----------
+    rig
+        Open rig, the one that the session was begun with.
+    folder
+        An incomplete session.
+    plan
+        If given, refuse a session of another one.
+    events, on_frame, on_event, on_stop, before_flats, stall_s
+        As for `record`.
+
+    Returns
+    -------
+    Session
+        Complete.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such folder.
+    DataError
+        If it is no session, is damaged or complete, was imported, or was begun with another rig,
+        camera or plan; the message says what differs. If every LED of its plan is dead.
+    StorageError, RigError, KeyboardInterrupt
+        As for `record`.
+    """
+    folder = Path(folder)
+    begun, recorded, _ = check_resume(rig, folder, plan)
+    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
+    with SessionWriter.reopen(folder) as writer:
+        died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
+        if died:
+            details = {"leds": died, "reason": "listed as dead"}
+            writer.write_event(LEFT_OUT, **details)
+            if on_event is not None:
+                on_event(LEFT_OUT, details)
+        carry_out(rig, writer, recorded, hooks, events, _dark(begun), stall_s)
+    return Session.open(folder)
+
+
+def check_resume(
+    rig: Rig, folder: str | Path, plan: CapturePlan | None = None
+) -> tuple[Session, CapturePlan, tuple[PlannedShot, ...]]:
+    """Check that a session can be gone on with on this rig, and change nothing.
+
+    Returns
+    -------
+    Session, CapturePlan, PlannedShots
+        The session, its plan, and the shots to take: those that are missing and whose LED works.
+
+    Raises
+    ------
+    MissingPathError, DataError
+        As `resume`.
+    """
+    folder = Path(folder)
+    begun = Session.open(folder)
+    manifest, recorded = begun.manifest, begun.manifest.plan
+    if begun.complete:
+        raise DataError(f"{folder}: is complete, nothing is missing; record into a new folder")
+    if manifest.rig is None or recorded is None:
+        raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
+    manifest.check_current(folder)
+    if plan is not None:
+        plan, _ = plan.without(manifest.rig.dead_leds)
+    check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
+    dead = rig.config.dead_leds
+    recorded.without(dead)
+    return begun, recorded, tuple(shot for shot in begun.missing if shot.lit_led not in dead)
+
+
+def _dark(session: Session) -> dict[float, FrameQuality]:
+    """Return the figures of the frames with all LEDs off, by the exposure that was planned."""
+    plan = session.manifest.plan
+    planned = {} if plan is None else {shot.key: shot.exposure_us for shot in plan.shots()}
+    unlit = [frame.line for frame in session.frames if frame.role in ("dark", "ambient")]
+    # Ambient frames last, as they count before dark ones.
+    unlit.sort(key=lambda line: line.role == "ambient")
+    return {
+        exposure_us: FrameQuality(
+            line.clipped_fraction, line.percentiles_dn, line.sharpness, line.mean_dn
+        )
+        for line in unlit
+        if (exposure_us := planned.get(line.key)) is not None
+    }
+
+
+def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:
+    return Manifest.begin(
+        folder,
+        rig=_rig_record(rig),
+        camera=_camera_record(rig.camera.info, sensor),
+        sensor=sensor,
+        **others,
+    )
+
+
+def _manifest_like(rig: Rig, folder: Path, begun: Session) -> Manifest:
+    """Describe this rig as if the session began now."""
+    known = begun.manifest
+    return _manifest(rig, folder, begun.sensor, operator=known.operator, object=known.object)
+
+
+def _rig_record(rig: Rig) -> dict[str, Any]:
+    config, board = rig.config, rig.board.identity
+    return {
+        "name": config.name,
+        "driver": config.driver,
+        "board": board.name,
+        "protocol": str(board.protocol),
+        "firmware": board.firmware,
+        "leds": board.leds,
+        "mounting": None if config.mounting == Mounting() else config.mounting,
+        "dead_leds": config.dead_leds,
+        "trigger": config.trigger,
+        "options": {
+            name: value
+            for name, value in config.options.items()
+            if value is not None and name not in _WHERE
+        }
+        or None,
+    }
+
+
+def _camera_record(info: CameraInfo, sensor: NoiseModel | None) -> dict[str, Any]:
+    return {
+        "vendor": info.vendor,
+        "model": info.model,
+        "serial": info.serial,
+        "width": info.width,
+        "height": info.height,
+        "pixel_format": info.pixel_format,
+        "bit_depth": info.bit_depth,
+        "cfa": info.cfa,
+        "black_level_dn": 0.0 if sensor is None else sensor.black_level_dn,
+        "white_level_dn": None if sensor is None else sensor.white_level_dn,
+    }

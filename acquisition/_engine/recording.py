@@ -1,0 +1,279 @@
+"""The loop of a recording: shots are taken here, and written by others meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import takewhile
+from typing import Any, Final, cast
+
+from acquisition._engine.rejection import rejection
+from acquisition._engine.stop_request import StopRequest
+from acquisition._engine.write_queue import Turn, WriteQueue
+from acquisition._errors import DataError
+from acquisition._pixels.quality import FrameQuality, above_dark
+from acquisition._plan.plan import CapturePlan, PlannedShot, ShotKey
+from acquisition._session.journal import Echo, FrameLine
+from acquisition._session.writer import SessionWriter
+from rig import Rig, RigError, Shot
+
+OnFrame = Callable[[FrameLine, int, int], None]
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+# Frames that may wait for the disk; with the camera's own buffers they stay under a dozen.
+ROOM: Final = 5
+# Two: while one waits for the disk to flush, the other computes.
+THREADS: Final = 2
+
+
+class StoppedError(KeyboardInterrupt):
+    """Ctrl-C was pressed once: the last shot is whole, and the disk may finish."""
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Who is told what; all are called on the thread that takes the shots, between two of them.
+
+    Parameters
+    ----------
+    on_frame
+        A frame that counts is safe: its line, how many are, and how many there will be.
+    on_event
+        An event that goes to the journal: its name and details.
+    on_stop
+        Ctrl-C was pressed once. Called in a signal handler.
+    before_flats
+        The white card must lie under the camera when this returns, unless Ctrl-C was pressed
+        meanwhile. Called once.
+    """
+
+    on_frame: OnFrame | None = None
+    on_event: OnEvent | None = None
+    on_stop: Callable[[], None] | None = None
+    before_flats: Callable[[], None] | None = None
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A frame that is on disk, and why it does not count, if so."""
+
+    shot: PlannedShot
+    line: FrameLine
+    rejected: RigError | DataError | None
+
+
+class Recording:
+    """Takes the shots that a session is missing.
+
+    Parameters
+    ----------
+    rig
+        Open rig.
+    writer
+        The session.
+    plan
+        Its plan.
+    queue
+        For what is to be written.
+    hooks
+        Who is told.
+    dark
+        Frames that were taken with all LEDs off before, by their exposure.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        writer: SessionWriter,
+        plan: CapturePlan,
+        queue: WriteQueue[Stored | None],
+        hooks: Hooks,
+        dark: Mapping[float, FrameQuality],
+    ) -> None:
+        self._rig = rig
+        self._writer = writer
+        self._plan = plan
+        self._queue = queue
+        self._hooks = hooks
+        self._dark = dict(dark)
+        self._todo = deque(writer.missing)
+        self._total = writer.demanded
+        self._done = self._total - len(self._todo)
+        self._failures: Counter[ShotKey] = Counter()
+        self._sequenced = plan.sequence and rig.config.trigger == "board"
+        self._card_is_there = False
+
+    def run(self, stop: StopRequest) -> None:
+        """Take every shot, and wait until each is safe.
+
+        Raises
+        ------
+        StoppedError
+            When ``stop`` was asked for and shots are left.
+        RigError, DataError, StorageError
+            If a shot cannot be taken, is rejected too often, or cannot be written.
+        """
+        if self._plan.sequence and not self._sequenced:
+            trigger = self._rig.config.trigger
+            self.event("not_sequenced", reason=f"the rig file says trigger = {trigger!r}")
+        while self._todo or not self._queue.settled:
+            if not self._todo:
+                self._queue.drain()
+            self.collect()
+            if stop.asked and self._todo:
+                raise StoppedError("stopped by Ctrl-C after a shot")
+            if self._queue.full:
+                self._pause()
+            elif self._todo:
+                self._take(stop)
+
+    def collect(self) -> None:
+        """Tell of what was written since, and let rejected shots be taken again."""
+        for stored in self._queue.results():
+            if stored is None:
+                continue
+            if stored.rejected is not None:
+                self._failed(stored.shot, stored.rejected)
+                self._take_again(stored.shot)
+                continue
+            self._done += 1
+            if self._hooks.on_frame is not None:
+                self._hooks.on_frame(stored.line, self._done, self._total)
+
+    def event(self, name: str, **details: Any) -> None:
+        """Have an event written in its turn, and tell of it."""
+        self._queue.put(partial(self._write_event, name, details))
+        if self._hooks.on_event is not None:
+            self._hooks.on_event(name, details)
+
+    def _take_again(self, shot: PlannedShot) -> None:
+        """Put a shot behind the others of its kind: all but flats come before the white card."""
+        flats = sum(left.role == "flat" for left in self._todo)
+        self._todo.insert(len(self._todo) - (0 if shot.role == "flat" else flats), shot)
+
+    def _take(self, stop: StopRequest) -> None:
+        first = self._todo[0]
+        if first.role == "flat" and not self._card_is_there:
+            self._rig.off()
+            if not self._queue.settled:
+                # A shot that is rejected yet is taken before the card hides the object.
+                self._queue.drain()
+                return
+            if self._hooks.before_flats is not None:
+                self._hooks.before_flats()
+            if stop.asked:
+                return
+            self._card_is_there = True
+        if self._sequenced:
+            self._take_many(stop)
+        else:
+            self._take_one()
+
+    def _take_one(self) -> None:
+        planned = self._todo[0]
+        try:
+            shot = self._rig.shoot(planned.lit_led, _exposure_us(planned), self._plan.gain_db)
+        except RigError as error:
+            self._failed(planned, error)
+        else:
+            self._keep(self._todo.popleft(), shot)
+
+    def _take_many(self, stop: StopRequest) -> None:
+        """Take all shots that one sequence can hold, or as many as the disk has room for."""
+        first = self._todo[0]
+        like = (first.exposure_us, first.role == "flat")
+        group = list(
+            takewhile(lambda shot: (shot.exposure_us, shot.role == "flat") == like, self._todo)
+        )
+        leds = [shot.lit_led for shot in group]
+        shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
+        left = len(group)
+        with closing(cast(Generator[Shot, None, None], shots)) as sequence:
+            while (shot := self._next(sequence)) is not None:
+                self._keep(self._todo.popleft(), shot)
+                left -= 1
+                self.collect()
+                if left and (stop.asked or self._queue.full):
+                    break
+
+    def _next(self, sequence: Iterator[Shot]) -> Shot | None:
+        try:
+            return next(sequence, None)
+        except RigError as error:
+            self._failed(self._todo[0], error)
+            return None
+
+    def _keep(self, planned: PlannedShot, shot: Shot) -> None:
+        quality = None
+        if planned.lit_led is None:
+            # At once, as later frames are judged by it. Ambient light is part of what they have
+            # without their LED, so an ambient frame replaces a dark one.
+            quality = self._writer.measure(planned, shot.frame.pixels)
+            self._dark[_exposure_us(planned)] = quality
+        dark = self._dark.get(_exposure_us(planned))
+        self._queue.put(partial(self._store, planned, shot, quality, dark))
+
+    def _pause(self) -> None:
+        self._rig.off()
+        self.event("paused", reason="frames wait for the disk", waiting=ROOM)
+        began_s = time.monotonic()
+        self._queue.wait_for_room()
+        self.event("resumed", seconds=round(time.monotonic() - began_s, 3))
+
+    def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
+        """Note that a shot has to be taken again, or raise the error."""
+        self._failures[shot.key] += 1
+        failures = self._failures[shot.key]
+        if failures > self._plan.retakes:
+            if failures > 1:
+                error.add_note(f"{shot.file} was taken {failures} times")
+            raise error
+        self.event("retake", file=shot.file, led=shot.lit_led, reason=str(error), failures=failures)
+
+    def _store(
+        self,
+        planned: PlannedShot,
+        shot: Shot,
+        quality: FrameQuality | None,
+        dark: FrameQuality | None,
+        turn: Turn,
+    ) -> Stored:
+        frame, camera = shot.frame, self._writer.manifest.camera
+        quality = quality or self._writer.measure(planned, frame.pixels)
+        range_dn = camera.white_dn - camera.black_level_dn
+        rejected = rejection(
+            planned,
+            quality,
+            dark=dark,
+            range_dn=range_dn,
+            max_clipped_fraction=self._plan.max_clipped_fraction,
+        )
+        line = self._writer.write_frame(
+            planned,
+            frame.pixels,
+            exposure_us=frame.exposure_us,
+            gain_db=frame.gain_db,
+            frame_id=frame.frame_id,
+            timestamp_ns=frame.timestamp_ns,
+            temperature_c=frame.temperature_c,
+            echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
+            status="ok" if rejected is None else "rejected",
+            quality=quality,
+            above_dark=None if planned.lit_led is None else above_dark(quality, dark, range_dn),
+            before_line=turn,
+        )
+        return Stored(planned, line, rejected)
+
+    def _write_event(self, name: str, details: Mapping[str, Any], turn: Turn) -> None:
+        turn()
+        self._writer.write_event(name, **details)
+
+
+def _exposure_us(shot: PlannedShot) -> float:
+    if shot.exposure_us is None:
+        raise DataError(f"{shot.file}: the plan gives no exposure")
+    return shot.exposure_us

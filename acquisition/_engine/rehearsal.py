@@ -1,0 +1,63 @@
+"""A dry run: every shot of a plan with all LEDs off, and nothing kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from itertools import groupby
+
+from acquisition._errors import DataError
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from rig import Rig
+
+OnShot = Callable[[int, int], None]
+
+
+def rehearse(
+    rig: Rig,
+    plan: CapturePlan,
+    on_shot: OnShot | None = None,
+    *,
+    shots: Sequence[PlannedShot] | None = None,
+) -> float:
+    """Take every shot of a plan with all LEDs off, as a recording would, and keep nothing.
+
+    Parameters
+    ----------
+    rig
+        Open rig. It stays open, and dark.
+    plan
+        What to rehearse, without LEDs that are listed as dead.
+    on_shot
+        Called after each shot with how many are done and how many there are.
+    shots
+        Only these shots of the plan.
+
+    Returns
+    -------
+    float
+        Seconds that the shots took, without writing, metering or retakes.
+
+    Raises
+    ------
+    RigError
+        If board or camera fail.
+    DataError
+        If a shot has no exposure.
+    """
+    began_s = time.monotonic()
+    chosen = plan.shots() if shots is None else shots
+    done = 0
+    for exposure_us, alike in groupby(chosen, key=lambda shot: shot.exposure_us):
+        if exposure_us is None:
+            raise DataError("the plan gives no exposure")
+        dark = [None for _ in alike]
+        if plan.sequence and rig.config.trigger == "board":
+            taken = rig.sequence(dark, exposure_us, plan.gain_db)
+        else:
+            taken = (rig.shoot(None, exposure_us, plan.gain_db) for _ in dark)
+        for _ in taken:
+            done += 1
+            if on_shot is not None:
+                on_shot(done, len(chosen))
+    return time.monotonic() - began_s

@@ -1,0 +1,75 @@
+"""Why a frame does not count: too much of it is clipped, or its LED gave no light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from acquisition._errors import DataError
+from acquisition._pixels.quality import FrameQuality
+from acquisition._plan.plan import PlannedShot
+from rig import RigError
+
+# Percentiles that rise where light falls on a large part of the frame, or on a thousandth of it.
+_RISING: Final = ("50", "99", "99.9")
+# By how much of the dark frame's spread, and at least by how many grey values.
+_SPREADS: Final = 0.5
+_LEAST_DN: Final = 1.0
+# By how much of the sensor's range a highlight smaller than that must stand out: single samples
+# that come and go by themselves are weaker.
+_HIGHLIGHT: Final = 0.05
+
+
+def rejection(
+    shot: PlannedShot,
+    quality: FrameQuality,
+    *,
+    dark: FrameQuality | None,
+    range_dn: float,
+    max_clipped_fraction: float,
+) -> RigError | DataError | None:
+    """Judge a frame by its figures.
+
+    Parameters
+    ----------
+    shot
+        What was planned.
+    quality
+        Of the frame.
+    dark
+        Of a frame of the same exposure with all LEDs off; None where there is none, and then
+        nothing is said about light.
+    range_dn
+        White level less black level.
+    max_clipped_fraction
+        Largest share of clipped samples.
+
+    Returns
+    -------
+    RigError, DataError or None
+        What to raise if the shot cannot be taken again; None for a frame that counts.
+    """
+    exposure = "" if shot.exposure_us is None else f" at {shot.exposure_us:g} us"
+    if quality.clipped_fraction > max_clipped_fraction:
+        return DataError(
+            f"{shot.file}: {quality.clipped_fraction:.3%} of the samples are clipped{exposure}, "
+            f"the plan allows {max_clipped_fraction:.3%}; expose shorter, or allow more as "
+            "max_clipped_fraction"
+        )
+    if shot.lit_led is None or dark is None:
+        return None
+    if is_lit(quality.percentiles_dn, dark.percentiles_dn, range_dn):
+        return None
+    return RigError(
+        f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "
+        "the one with all LEDs off; check the LED and the lens, expose longer, or list it in "
+        "dead_leds of the rig file"
+    )
+
+
+def is_lit(light_dn: Mapping[str, int], dark_dn: Mapping[str, int], range_dn: float) -> bool:
+    """Tell whether light fell on a frame, from its percentiles and those of a dark one."""
+    margin_dn = max(_LEAST_DN, _SPREADS * (dark_dn["99"] - dark_dn["1"]))
+    if any(light_dn[name] >= dark_dn[name] + margin_dn for name in _RISING):
+        return True
+    return light_dn["100"] > dark_dn["100"] + _HIGHLIGHT * range_dn

@@ -1,0 +1,1 @@
+"""Sessions and sources written in the formats of other programs."""

@@ -1,0 +1,262 @@
+"""Sessions written out for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._export.caption import Caption
+from acquisition._export.images import write_captioned_exr, write_captioned_png
+from acquisition._export.notes import (
+    CAMERA_FILE,
+    LIGHTS_FILE,
+    Layout,
+    Pair,
+    exr_attributes,
+    layout_remarks,
+    recording_notes,
+)
+from acquisition._export.record import (
+    ExportedFrame,
+    RecordingNotes,
+    Values,
+    write_recording_notes,
+)
+from acquisition._export.tables import (
+    write_alicevision_lights,
+    write_diligent_tables,
+    write_lp_table,
+    write_mask,
+)
+from acquisition._export.values import Samples
+from acquisition._session.session import Session
+from acquisition._source.reader import read_source
+from acquisition._source.source import Frame, Source
+from acquisition._storage import make_folder
+from acquisition._value_files.camera import write_camera
+from acquisition._value_files.lights import write_lights
+from acquisition._values.lights import Lights
+
+OnExported = Callable[[Path, int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A session ready to be written in another layout; nothing was written yet.
+
+    Parameters
+    ----------
+    session
+        What is exported.
+    layout, values
+        How.
+    notes
+        What ``recording.json`` will say.
+    warnings
+        What the layout cannot hold, and what was assumed, one line each.
+    inputs
+        The files read.
+    """
+
+    session: Session
+    layout: Layout
+    values: Values
+    notes: RecordingNotes
+    warnings: tuple[str, ...]
+    inputs: tuple[Path, ...]
+    _source: Source
+    _frames: tuple[Frame, ...]
+    _samples: Samples
+    _lights: Lights | None
+
+    def write(self, out: Path, on_frame: OnExported | None = None) -> tuple[Path, ...]:
+        """Write all files into a folder, made if need be, and return them.
+
+        Parameters
+        ----------
+        out
+            Files of the same names are replaced.
+        on_frame
+            Called after each image with its file, how many are done, and how many there are.
+
+        Raises
+        ------
+        DataError
+            If a frame is damaged.
+        StorageError
+            If the disk refuses.
+        """
+        make_folder(out)
+        files = []
+        for index, frame in enumerate(self._frames):
+            files.append(out / self.notes.frames[index].file)
+            self._write_image(files[-1], frame, index)
+            if on_frame is not None:
+                on_frame(files[-1], index + 1, len(self._frames))
+        return (*files, *self._write_tables(out), write_recording_notes(out, self.notes))
+
+    def _write_image(self, path: Path, frame: Frame, index: int) -> None:
+        noted = self.notes.frames[index]
+        caption = Caption.of(self.session.manifest, noted.exposure_us)
+        if self.layout == "exr":
+            attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)
+            write_captioned_exr(path, self._samples.floats(frame), caption, attributes)
+        else:
+            write_captioned_png(path, self._samples.whole_numbers(frame), caption)
+
+    def _write_tables(self, out: Path) -> list[Path]:
+        names = [frame.file for frame in self.notes.frames]
+        mask, lights = self._source.mask, self._lights
+        files = [] if mask is None else [write_mask(out, mask)]
+        if self._source.camera is not None:
+            files.append(out / CAMERA_FILE)
+            write_camera(files[-1], self._source.camera)
+        if lights is None:
+            return files
+        if self.layout == "exr":
+            full = lights
+        else:
+            full = replace(lights, ids=tuple(Path(name).stem for name in names))
+        write_lights(out / LIGHTS_FILE, full, {"source": self.session.manifest.object})
+        files.append(out / LIGHTS_FILE)
+        as_exposed = _as_exposed(full, self.notes.frames)
+        match self.layout:
+            case "diligent":
+                truth = self._source.normals_truth
+                files += write_diligent_tables(out, names, as_exposed, truth)
+            case "lp":
+                files.append(write_lp_table(out, names, full))
+            case "alicevision":
+                views = [frame.led or 0 for frame in self.notes.frames]
+                files.append(write_alicevision_lights(out, views, as_exposed))
+        return files
+
+
+def prepare_export(
+    folder: str | Path,
+    layout: Layout,
+    *,
+    values: Values = "raw",
+    bracket: int = 0,
+    lights: Lights | None = None,
+    mask_path: Path | None = None,
+) -> Export:
+    """Read a session and decide how it will look in another layout.
+
+    Parameters
+    ----------
+    folder
+        The session, complete or not.
+    layout
+        ``diligent``: 16-bit PNGs, filenames.txt, light_directions.txt, light_intensities.txt,
+        mask.png, and Normal_gt.mat where truth is known. ``lp``: 16-bit PNGs and lights.lp.
+        ``alicevision``: 16-bit PNGs and alicevision_lights.json, with the LED's number as view.
+        These three take one image of each light. ``exr``: every frame that counts, dark frames
+        too, as float. All have recording.json and, where they are known, lights.json and
+        camera.json beside.
+    values
+        ``raw``: samples as recorded, black level and all. ``linear``: less the ambient frames of
+        the same exposure, else its dark frames, else the black level; the white level becomes
+        65535, or in EXR 1 with nothing cut off.
+    bracket
+        The exposure to take, for layouts with one image of each light.
+    lights, mask_path
+        Instead of the session's own.
+
+    Returns
+    -------
+    Export
+        To be written.
+
+    Raises
+    ------
+    MissingPathError
+        If the folder does not exist.
+    DataError
+        If it is no session or damaged, the layout needs lights and none are known, no light was
+        recorded with that bracket, or the lights do not fit.
+    """
+    session = Session.open(folder)
+    source = read_source(folder, lights=lights, mask_path=mask_path)
+    warnings = list(source.warnings)
+    pairs = list(zip(session.frames, source.frames, strict=True))
+    if layout != "exr":
+        if source.lights is None:
+            raise DataError(f"{folder}: no lights are known, which {layout} needs: give --lights")
+        pairs = _one_of_each_light(session, pairs, bracket, warnings)
+    elif values == "linear":
+        pairs = [pair for pair in pairs if pair[1].role in ("light", "flat")]
+        if not pairs:
+            raise DataError(f"{folder}: holds no lit frames: export the raw values")
+    samples = Samples(source, values)
+    notes = recording_notes(session, source, pairs, layout, samples)
+    warnings += layout_remarks(session, source, pairs, layout, samples)
+    warnings += samples.warnings([frame for _, frame in pairs])
+    return Export(
+        session=session,
+        layout=layout,
+        values=values,
+        notes=notes.model_copy(update={"remarks": tuple(warnings)}),
+        warnings=tuple(warnings),
+        inputs=source.files,
+        _source=source,
+        _frames=tuple(frame for _, frame in pairs),
+        _samples=samples,
+        _lights=_lights_of(source, [frame for _, frame in pairs]),
+    )
+
+
+def _one_of_each_light(
+    session: Session, pairs: list[Pair], bracket: int, warnings: list[str]
+) -> list[Pair]:
+    lit = [pair for pair in pairs if pair[0].role == "light"]
+    brackets = sorted({recorded.bracket for recorded, _ in lit})
+    if bracket not in brackets:
+        known = ", ".join(map(str, brackets)) or "none"
+        raise DataError(
+            f"{session.folder}: no light was recorded with bracket {bracket}: there are {known}"
+        )
+    chosen: dict[str, Pair] = {}
+    for pair in sorted(lit, key=lambda pair: pair[0].line.repeat):
+        if pair[0].bracket == bracket:
+            chosen.setdefault(pair[1].light_id, pair)
+    left_out = [
+        f"{number} {what}"
+        for what, number in (
+            ("of other brackets", sum(pair[0].bracket != bracket for pair in lit)),
+            (
+                "repeats",
+                sum(pair[0].bracket == bracket for pair in lit) - len(chosen),
+            ),
+            ("dark, ambient or flat", len(pairs) - len(lit)),
+        )
+        if number
+    ]
+    if left_out:
+        warnings.append(
+            f"frames not exported, as the layout has one image a light: {', '.join(left_out)}"
+        )
+    # In the order of the session, which is that of its plan.
+    return [pair for pair in lit if chosen.get(pair[1].light_id) is pair]
+
+
+def _lights_of(source: Source, frames: Sequence[Frame]) -> Lights | None:
+    """Return the light of each light id among the frames, in their order."""
+    if source.lights is None:
+        return None
+    ids = dict.fromkeys(frame.light_id for frame in frames if frame.role == "light")
+    return source.lights.take([source.lights.ids.index(light) for light in ids]) if ids else None
+
+
+def _as_exposed(lights: Lights, frames: Sequence[ExportedFrame]) -> Lights:
+    """Return lights as strong as they are in images of different exposure."""
+    exposures = [frame.exposure_us for frame in frames]
+    known = np.array([exposure for exposure in exposures if exposure is not None])
+    if len(known) != len(lights) or not np.ptp(known):
+        return lights
+    strengths = np.asarray(lights.intensities) * (known / known.max())[:, None]
+    return replace(lights, intensities=strengths)

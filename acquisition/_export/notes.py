@@ -1,0 +1,144 @@
+"""What an export says of itself: its record, what its layout leaves out, and EXR attributes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._export.record import RECORD_FILE, ExportedFrame, RecordingNotes
+from acquisition._export.values import Samples
+from acquisition._plan.plan import PlannedShot
+from acquisition._session.frame import SessionFrame
+from acquisition._session.manifest import CameraRecord
+from acquisition._session.session import Session
+from acquisition._source.source import Frame, Source
+from acquisition._values.lights import Lights, led_id
+
+Layout = Literal["diligent", "lp", "exr", "alicevision"]
+Pair = tuple[SessionFrame, Frame]
+
+LIGHTS_FILE: Final = "lights.json"
+CAMERA_FILE: Final = "camera.json"
+_CLIPPED = 0.001  # share of saturated samples from which it is told
+
+
+def recording_notes(
+    session: Session, source: Source, pairs: Sequence[Pair], layout: Layout, samples: Samples
+) -> RecordingNotes:
+    """Describe the images of an export, each with the shot it was made from."""
+    manifest = session.manifest
+    height, width = source.size
+    kept = manifest.camera.model_dump(include={"vendor", "model", "serial", "channels"})
+    levels = samples.levels(layout, manifest.camera.bit_depth)
+    camera = CameraRecord.model_validate(
+        {**kept, "width": width, "height": height, "cfa": source.cfa, **levels}
+    )
+    frames = []
+    for number, (recorded, _) in enumerate(pairs, 1):
+        line = recorded.line
+        frames.append(
+            ExportedFrame(
+                file=_file(layout, number, recorded),
+                role=line.role,
+                led=line.led,
+                bracket=line.bracket,
+                repeat=line.repeat,
+                exposure_us=line.exposure_us,
+                gain_db=line.gain_db,
+            )
+        )
+    return RecordingNotes(
+        values=samples.values,
+        subtracted=samples.subtracted([frame for _, frame in pairs]),
+        object=manifest.object,
+        operator=manifest.operator,
+        place=manifest.place,
+        notes=manifest.notes,
+        rights=manifest.rights,
+        started_utc=manifest.started_utc,
+        camera=camera,
+        lights_file=None if source.lights is None else LIGHTS_FILE,
+        camera_file=None if source.camera is None else CAMERA_FILE,
+        remarks=(),
+        frames=tuple(frames),
+    )
+
+
+def layout_remarks(
+    session: Session, source: Source, pairs: Sequence[Pair], layout: Layout, samples: Samples
+) -> list[str]:
+    """Return what the layout does to the recording that a reader of it would not see."""
+    told = []
+    near = source.lights is not None and source.lights.near
+    if near and layout != "exr":
+        told.append(
+            f"the lights have positions, which {layout} has no place for: "
+            f"directions from the origin are written, the positions are in {LIGHTS_FILE}"
+        )
+    if source.cfa is not None and layout != "exr":
+        told.append(
+            f"frames are mosaics of a colour filter ({source.cfa}), which "
+            f"{layout} has no place for: {RECORD_FILE} names it"
+        )
+    exposures = {frame.exposure_us for _, frame in pairs if frame.role == "light"}
+    if layout in ("diligent", "alicevision") and len(exposures) > 1 and None not in exposures:
+        told.append(
+            "lights differ in exposure: their intensities are written "
+            "multiplied by the exposure over the longest"
+        )
+    if (
+        layout == "lp"
+        and source.lights is not None
+        and np.ptp(np.asarray(source.lights.intensities))
+    ):
+        told.append(f"an .lp holds no intensities: they are in {LIGHTS_FILE}")
+    if layout == "diligent" and source.mask is None:
+        told.append("no mask is known, and mask.png is not written: add --mask")
+    clipped = max(recorded.line.clipped_fraction for recorded, _ in pairs)
+    if clipped > _CLIPPED:
+        told.append(f"up to {clipped:.1%} of a frame's samples are saturated")
+    return told
+
+
+def exr_attributes(
+    notes: RecordingNotes, noted: ExportedFrame, lights: Lights | None, light: str
+) -> dict[str, Any]:
+    """Return what an EXR says of itself besides its caption."""
+    attributes: dict[str, Any] = {
+        "sgp:role": noted.role,
+        "sgp:bracket": noted.bracket,
+        "sgp:values": notes.values,
+        "sgp:subtracted": notes.subtracted,
+        "sgp:black_level": notes.camera.black_level_dn,
+        "sgp:white_level": notes.camera.white_dn,
+        "sgp:cfa": notes.camera.cfa,
+    }
+    if noted.led is not None:
+        attributes["sgp:led"] = noted.led
+    if lights is not None and light in lights.ids:
+        index = lights.ids.index(light)
+        attributes["sgp:light_direction"] = _triple(lights.unit_directions[index])
+        attributes["sgp:light_intensity"] = _triple(np.asarray(lights.intensities)[index])
+        if lights.positions_mm is not None:
+            attributes["sgp:light_position_mm"] = _triple(lights.positions_mm[index])
+    return attributes
+
+
+def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return x, y, z
+
+
+def _file(layout: Layout, number: int, recorded: SessionFrame) -> str:
+    match layout:
+        case "diligent":
+            return f"{number:03d}.png"
+        case "exr":
+            line = recorded.line
+            shot = PlannedShot(line.role, line.led, line.bracket, line.repeat, line.exposure_us)
+            return f"{Path(shot.file).stem}.exr"
+    return f"{led_id(recorded.led or 0)}.png"

@@ -1,0 +1,77 @@
+"""Lights, masks and normals as other programs want them beside their images."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._pixels.images import write_png
+from acquisition._storage import disk, part_path, publish, write_durably
+from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from acquisition._values.lights import Array, Lights
+
+
+def write_mask(folder: Path, mask: npt.NDArray[np.bool_]) -> Path:
+    """Write mask.png, white inside."""
+    path = folder / "mask.png"
+    write_png(path, mask.astype(np.uint8) * np.uint8(255))
+    return path
+
+
+def write_diligent_tables(
+    folder: Path, names: Sequence[str], lights: Lights, normals: npt.NDArray[np.float32] | None
+) -> list[Path]:
+    """Write filenames.txt, light_directions.txt, light_intensities.txt, and Normal_gt.mat."""
+    files = [
+        _text(folder / FILENAMES_FILE, [[name] for name in names]),
+        _text(folder / DIRECTIONS_FILE, _numbers(lights.unit_directions)),
+        _text(folder / INTENSITIES_FILE, _numbers(np.asarray(lights.intensities))),
+    ]
+    if normals is not None:
+        files.append(_normals(folder / "Normal_gt.mat", normals))
+    return files
+
+
+def write_lp_table(folder: Path, names: Sequence[str], lights: Lights) -> Path:
+    """Write lights.lp: the count, then a file and its unit direction a line."""
+    vectors = _numbers(lights.unit_directions)
+    rows = [[name, *vector] for name, vector in zip(names, vectors, strict=True)]
+    return _text(folder / "lights.lp", [[str(len(rows))], *rows])
+
+
+def write_alicevision_lights(folder: Path, views: Sequence[int], lights: Lights) -> Path:
+    """Write the lights JSON of AliceVision: numbers as text, y down and z away from the camera."""
+    directions = _numbers(lights.unit_directions * (1.0, -1.0, -1.0))
+    strengths = _numbers(np.asarray(lights.intensities))
+    records = [
+        {"viewId": str(view), "type": "directional", "direction": toward, "intensity": strength}
+        for view, toward, strength in zip(views, directions, strengths, strict=True)
+    ]
+    path = folder / "alicevision_lights.json"
+    write_durably(path, (json.dumps({"lights": records}, indent=1) + "\n").encode())
+    return path
+
+
+def _numbers(table: Array) -> list[list[str]]:
+    """Return numbers as text that reads back to the last bit, without exponents."""
+    return [[np.format_float_positional(value, trim="0") for value in row] for row in table]
+
+
+def _text(path: Path, rows: Sequence[Sequence[str]]) -> Path:
+    write_durably(path, "".join(" ".join(row) + "\n" for row in rows).encode())
+    return path
+
+
+def _normals(path: Path, normals: npt.NDArray[np.float32]) -> Path:
+    # SciPy's writers take as long to import as the rest of this package.
+    from scipy.io import savemat
+
+    part = part_path(path)
+    with disk(path, "write"):
+        savemat(part, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)
+    publish(part, path)
+    return path

@@ -1,0 +1,110 @@
+"""The sample values of an export: as recorded, or made linear from black to white."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._export.record import Values
+from acquisition._plan.plan import Role
+from acquisition._source.source import Frame, Source
+
+_FULL = 65535
+
+
+class Samples:
+    """Turns the frames of a session into the values that are written.
+
+    Parameters
+    ----------
+    source
+        The session, upright.
+    values
+        ``raw`` or ``linear``.
+    """
+
+    def __init__(self, source: Source, values: Values) -> None:
+        self.values = values
+        self._source = source
+        self._offsets: dict[float | None, npt.NDArray[np.float32] | float] = {}
+
+    def whole_numbers(self, frame: Frame) -> npt.NDArray[np.uint16]:
+        """Return what a 16-bit image holds; linear: 65535 is white, and what was saturated."""
+        stored = frame.read()
+        if self.values == "raw":
+            return stored.astype(np.uint16)
+        signal = self._signal(frame, stored.astype(np.float32))
+        signal[stored >= self._source.white_level] = 1.0
+        return np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16)
+
+    def floats(self, frame: Frame) -> npt.NDArray[np.float32]:
+        """Return what a float image holds; linear: 1 is white, and nothing is cut off."""
+        stored = frame.read().astype(np.float32)
+        return stored if self.values == "raw" else self._signal(frame, stored)
+
+    def levels(self, layout: str, bit_depth: int) -> dict[str, Any]:
+        """Return bit depth, black and white level of what is written, for `CameraRecord`.
+
+        ``bit_depth`` is that of the session.
+        """
+        if self.values == "raw":
+            return {
+                "bit_depth": bit_depth,
+                "black_level_dn": self._source.black_level,
+                "white_level_dn": self._source.white_level,
+            }
+        return {"bit_depth": 16, "white_level_dn": 1.0 if layout == "exr" else float(_FULL)}
+
+    def subtracted(self, frames: Sequence[Frame]) -> str:
+        """Say what is taken off the frames."""
+        if self.values == "raw":
+            return "nothing"
+        said = {self._reference(frame.exposure_us) or "black level" for frame in frames}
+        return " or ".join(
+            sorted(f"{what} frames" if what != "black level" else what for what in said)
+        )
+
+    def warnings(self, frames: Sequence[Frame]) -> list[str]:
+        """Say what a program that takes the values for light would get wrong."""
+        source = self._source
+        if self.values == "raw" and source.black_level > 0:
+            return [
+                f"values are raw, with a black level of {source.black_level:g}: "
+                "--values linear takes it off"
+            ]
+        if self.values == "linear" and self.subtracted(frames) == "black level":
+            return ["no dark frames of these exposures: the black level is taken off"]
+        return []
+
+    def _signal(self, frame: Frame, stored: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        exposure = frame.exposure_us
+        if exposure not in self._offsets:
+            self._offsets[exposure] = self._offset(exposure)
+        span = self._source.white_level - self._source.black_level
+        signal: npt.NDArray[np.float32] = (stored - self._offsets[exposure]) / np.float32(span)
+        return signal
+
+    def _reference(self, exposure_us: float | None) -> Literal["ambient", "dark"] | None:
+        """Return which frames without an LED there are of an exposure; ambient ones tell more."""
+        roles: tuple[Literal["ambient", "dark"], ...] = ("ambient", "dark")
+        return next((role for role in roles if self._unlit(role, exposure_us)), None)
+
+    def _unlit(self, role: Role, exposure_us: float | None) -> list[Frame]:
+        return [
+            frame
+            for frame in self._source.frames
+            if frame.role == role and frame.exposure_us == exposure_us
+        ]
+
+    def _offset(self, exposure_us: float | None) -> npt.NDArray[np.float32] | float:
+        role = self._reference(exposure_us)
+        if role is None:
+            return self._source.black_level
+        frames = self._unlit(role, exposure_us)
+        total = np.zeros(frames[0].shape, np.float64)
+        for frame in frames:
+            total += frame.read()
+        return (total / len(frames)).astype(np.float32)

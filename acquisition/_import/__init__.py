@@ -1,0 +1,1 @@
+"""Images of other programs and cameras made into sessions."""

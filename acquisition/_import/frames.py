@@ -1,0 +1,288 @@
+"""Recordings made elsewhere, brought into a session."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._export.record import RECORD_FILE, RecordingNotes, read_recording_notes
+from acquisition._import.image import (
+    ImportedImage,
+    imported_image,
+    read_for_import,
+    read_shot_data,
+)
+from acquisition._pixels.images import write_exr, write_png
+from acquisition._pixels.raw import is_raw
+from acquisition._plan.plan import PlannedShot
+from acquisition._session.journal import FrameLine
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import MASK, TRUE_NORMALS, Session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
+from acquisition._source.source import Frame, Source
+from acquisition._storage import make_folder
+from acquisition._value_files.camera import read_camera
+from acquisition._value_files.lights import read_lights
+from acquisition._values.lights import Lights, led_id
+
+# Files named as a session names them keep their LED.
+_OUR_NAME = re.compile(r"L(\d{2,4})(?:_E\d+)?(?:_R\d+)?", re.IGNORECASE)
+_IMPORTED = "imported"
+
+
+def read_import(
+    path: str | Path, *, lights: Lights | None = None, mask_path: Path | None = None
+) -> Source:
+    """Read a source to be imported, with what an export of ours noted of it.
+
+    Where a ``recording.json`` lies beside the images, black and white level, colour filter,
+    exposures, and lights and camera with all that is known of them come from there.
+
+    Parameters and errors are those of `read_source`; a DataError too if ``recording.json`` is not
+    understood.
+    """
+    path = Path(path)
+    notes = read_recording_notes(_folder(path)) if path.exists() else None
+    if notes is None:
+        return read_source(path, lights=lights, mask_path=mask_path)
+    camera = None
+    if lights is None and (file := _beside(path, notes.lights_file)) is not None:
+        lights = read_lights(file)
+    if (file := _beside(path, notes.camera_file)) is not None:
+        camera = read_camera(file)
+    source = read_source(path, lights=lights, mask_path=mask_path, camera=camera)
+    noted = {frame.file: frame for frame in notes.frames}
+    strange = next((f.path for f in source.frames if f.path.name not in noted), None)
+    if strange is not None:
+        told = f"{strange}: is not in {RECORD_FILE} beside it, which is left aside"
+        return replace(source, warnings=(*source.warnings, told))
+    ours = {
+        RECORD_FILE,
+        "export.json",
+        "alicevision_lights.json",
+        notes.lights_file,
+        notes.camera_file,
+    }
+    return replace(
+        source,
+        frames=tuple(
+            replace(frame, exposure_us=noted[frame.path.name].exposure_us)
+            for frame in source.frames
+        ),
+        cfa=notes.camera.cfa,
+        black_level=notes.camera.black_level_dn,
+        white_level=notes.camera.white_dn,
+        ignored=tuple(name for name in source.ignored if name not in ours),
+    )
+
+
+def import_frames(
+    source: Source,
+    folder: str | Path,
+    *,
+    operator: str = "",
+    object_name: str = "",
+    notes: str = "",
+    place: str = "",
+    rights: str = "",
+    on_frame: Callable[[FrameLine, int, int], None] | None = None,
+) -> Session:
+    """Write the frames of a source into a new session, sample for sample.
+
+    Parameters
+    ----------
+    source
+        What `read_import` or `read_source` made of images, camera RAW or a DiLiGenT folder. 8-bit
+        samples keep their values in 16-bit files, with white level 255. CFA pattern, black and
+        white level, exposures, lights and camera are recorded where known. Mask and true normals
+        go into ``derived/``, where `read_source` finds them.
+    folder
+        New or empty folder.
+    operator, object_name, notes, place, rights
+        For people. What is empty is taken from the ``recording.json`` of an export.
+    on_frame
+        Called after each frame with its journal line, how many are done, and how many there are.
+
+    Returns
+    -------
+    Session
+        Complete, without a plan or a rig. Image i is filed under LED i, or under the LED that
+        ``recording.json`` or its name tells (``L07.png``); its light is called so too, and the
+        journal keeps the name of the file it came from. An ``imported`` event tells what the files
+        told and the format has no other place for: sensitivity, black level by colour.
+
+    Raises
+    ------
+    DataError
+        If the source is a session already, or holds float samples, or an image is damaged or of
+        another kind than the first.
+    StorageError
+        If the folder is not empty, or the disk refuses.
+
+    Notes
+    -----
+    After an error in mid-way the session stays behind incomplete, of which a note of the error
+    tells, and the images are as they were.
+    """
+    if source.kind == "session":
+        raise DataError(f"{source.path}: is a session already: copy the folder")
+    known = _notes_of(source)
+    # Before a folder is made: images of another kind, or a first one that is damaged.
+    first = _read(source.frames[0], source)
+    shots = _shots(source.frames, known)
+    lights = source.lights
+    if lights is not None:
+        lights = replace(lights, ids=tuple(led_id(shot.led or 0) for shot in shots))
+    texts: dict[str, Any] = {
+        "operator": operator or (known.operator if known else ""),
+        "object": object_name or (known.object if known else ""),
+        "place": place or (known.place if known else ""),
+        "notes": notes or (known.notes if known else ""),
+        "rights": rights or (known.rights if known else ""),
+    }
+    if known is not None:
+        texts["started_utc"] = known.started_utc
+    manifest = Manifest.begin(
+        folder,
+        camera=_camera(first, source, known),
+        camera_model=source.camera,
+        lights=lights,
+        **texts,
+    )
+    with SessionWriter.create(folder, manifest) as writer:
+        try:
+            _write_maps(source, writer.folder)
+            writer.write_event(_IMPORTED, **told_by(first), source=source.path.name)
+            for done, (frame, shot) in enumerate(zip(source.frames, shots, strict=True), 1):
+                image = first if done == 1 else _read(frame, source)
+                image.check_like(first)
+                line = write_imported(writer, shot, image, exposure_us=frame.exposure_us)
+                if on_frame is not None:
+                    on_frame(line, done, len(shots))
+            writer.complete()
+        except BaseException as error:
+            error.add_note(
+                f"{folder}: an incomplete session stays behind: delete it, then import again"
+            )
+            raise
+    return Session.open(folder)
+
+
+def write_imported(
+    writer: SessionWriter,
+    shot: PlannedShot,
+    image: ImportedImage,
+    *,
+    exposure_us: float | None = None,
+) -> FrameLine:
+    """Store an image as a frame, with the exposure and the time its camera noted.
+
+    ``exposure_us`` is used instead of what the file tells. Errors are those of
+    `SessionWriter.write_frame`.
+    """
+    taken = image.data.taken
+    return writer.write_frame(
+        shot,
+        image.pixels,
+        exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
+        timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
+        origin=image.path.name,
+    )
+
+
+def told_by(image: ImportedImage) -> dict[str, Any]:
+    """Return what an image tells of the camera, for an event."""
+    return {
+        "iso": image.data.iso,
+        "black_levels_dn": list(image.black_levels_dn),
+        "vendor": image.data.vendor,
+        "model": image.data.model,
+    }
+
+
+def camera_of(image: ImportedImage) -> dict[str, Any]:
+    """Return an image's camera as the fields of `CameraRecord`."""
+    height, width = image.pixels.shape[:2]
+    return {
+        "width": width,
+        "height": height,
+        "channels": 3 if image.pixels.ndim == 3 else 1,
+        "bit_depth": image.bit_depth,
+        "cfa": image.cfa,
+        "vendor": image.data.vendor,
+        "model": image.data.model,
+        "black_level_dn": image.black_level_dn,
+        "white_level_dn": image.white_level_dn,
+    }
+
+
+def _camera(first: ImportedImage, source: Source, known: RecordingNotes | None) -> dict[str, Any]:
+    camera = camera_of(first) | {
+        "cfa": source.cfa,
+        "black_level_dn": source.black_level,
+        "white_level_dn": source.white_level,
+    }
+    if known is not None:
+        kept = known.camera.model_dump(include={"bit_depth", "vendor", "model", "serial"})
+        camera |= {name: value for name, value in kept.items() if value}
+    return camera
+
+
+def _folder(path: Path) -> Path:
+    return path if path.is_dir() else path.parent
+
+
+def _beside(path: Path, name: str | None) -> Path | None:
+    """Return a file that the notes name, if it is there."""
+    return None if name is None or not (_folder(path) / name).is_file() else _folder(path) / name
+
+
+def _notes_of(source: Source) -> RecordingNotes | None:
+    """Return the notes of an export, if they tell of all these frames."""
+    notes = read_recording_notes(_folder(source.path))
+    if notes is None:
+        return None
+    noted = {frame.file for frame in notes.frames}
+    return notes if all(frame.path.name in noted for frame in source.frames) else None
+
+
+def _shots(frames: Sequence[Frame], known: RecordingNotes | None) -> list[PlannedShot]:
+    """Find out which shot each image is of."""
+    if known is not None:
+        noted = {frame.file: frame for frame in known.frames}
+        found = [noted[frame.path.name] for frame in frames]
+        return [
+            PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
+            for shot in found
+        ]
+    leds = list(range(len(frames)))
+    named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in frames]
+    by_name = [int(match[1]) for match in named if match is not None]
+    if len(by_name) == len(frames) == len(set(by_name)):
+        leds = by_name
+    return [
+        PlannedShot("light", led, 0, 0, frame.exposure_us)
+        for led, frame in zip(leds, frames, strict=True)
+    ]
+
+
+def _read(frame: Frame, source: Source) -> ImportedImage:
+    if is_raw(frame.path):
+        return read_for_import(frame.path)
+    return imported_image(frame.path, frame.read(), read_shot_data(frame.path))
+
+
+def _write_maps(source: Source, folder: Path) -> None:
+    if source.mask is not None:
+        make_folder((folder / MASK).parent)
+        write_png(folder / MASK, source.mask.astype(np.uint8) * np.uint8(255))
+    if source.normals_truth is not None:
+        make_folder((folder / TRUE_NORMALS).parent)
+        write_exr(folder / TRUE_NORMALS, source.normals_truth)

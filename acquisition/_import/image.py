@@ -1,0 +1,203 @@
+"""One image to be imported: its samples, and what the camera wrote beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio  # noqa: N813 - its own name for itself
+
+from acquisition._errors import DataError
+from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
+
+# Some cameras measure the black level anew for each frame: how much it may vary, of white.
+_BLACK_SLACK = 0.001
+
+
+@dataclass(frozen=True)
+class ShotData:
+    """What a file tells of its exposure; None where it does not.
+
+    Parameters
+    ----------
+    exposure_us
+        Exposure time, microseconds.
+    iso
+        Sensitivity.
+    taken
+        By the camera's clock, which knows no time zone: UTC is put in its place.
+    vendor, model
+        The camera; empty where not known.
+    """
+
+    exposure_us: float | None = None
+    iso: float | None = None
+    taken: datetime | None = None
+    vendor: str = ""
+    model: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedImage:
+    """An image as a session will hold it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pixels
+        ``(H, W)`` or ``(H, W, 3)`` uint16; 8-bit samples keep their values.
+    data
+        What the file tells of its exposure.
+    bit_depth
+        Significant low bits of a sample.
+    cfa, black_level_dn, white_level_dn
+        Colour filter of a mosaic, and the levels of its samples.
+    black_levels_dn
+        Of each place in the filter's block; empty where there is none.
+    """
+
+    path: Path
+    pixels: npt.NDArray[np.uint16]
+    data: ShotData
+    bit_depth: int
+    cfa: str | None
+    black_level_dn: float
+    white_level_dn: float
+    black_levels_dn: tuple[float, ...] = ()
+
+    def check_like(self, first: ImportedImage) -> None:
+        """Refuse an image that cannot be of the same recording as the first.
+
+        Raises
+        ------
+        DataError
+            If shape, colour filter or levels differ.
+        """
+        facts = (
+            ("pixels", self.pixels.shape, first.pixels.shape),
+            ("bits", self.bit_depth, first.bit_depth),
+            ("colour filter", self.cfa, first.cfa),
+            ("white level", self.white_level_dn, first.white_level_dn),
+        )
+        differing = [(what, one, other) for what, one, other in facts if one != other]
+        one, other = self.black_level_dn, first.black_level_dn
+        if abs(one - other) > _BLACK_SLACK * self.white_level_dn:
+            differing.append(("black level", one, other))
+        if differing:
+            what, mine, firsts = differing[0]
+            raise DataError(
+                f"{self.path}: {what} {_text(mine)}, but {first.path.name} has {_text(firsts)}: "
+                "one recording has images of one kind, taken with one camera setting"
+            )
+
+
+def read_for_import(path: Path) -> ImportedImage:
+    """Read an image or a camera RAW file with what it tells of itself.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is damaged, not understood, or holds float samples.
+    """
+    header = _header(path)
+    if is_raw(path):
+        raw = read_raw(path)
+        data = replace(header, exposure_us=raw.exposure_us, iso=raw.iso, taken=raw.taken)
+        return ImportedImage(
+            path=path,
+            pixels=raw.pixels,
+            data=data,
+            bit_depth=max(8, int(raw.white_level_dn).bit_length()),
+            cfa=raw.cfa,
+            black_level_dn=raw.black_level_dn,
+            white_level_dn=raw.white_level_dn,
+            black_levels_dn=raw.black_levels_dn,
+        )
+    return imported_image(path, read_image(path), header)
+
+
+def imported_image(path: Path, pixels: Image, data: ShotData) -> ImportedImage:
+    """Take pixels that were read already.
+
+    Raises
+    ------
+    DataError
+        If they are floats.
+    """
+    if pixels.dtype.kind != "u":
+        raise DataError(f"{path}: a session holds whole numbers: save it as 8 or 16 bit")
+    bits = 8 * pixels.dtype.itemsize
+    return ImportedImage(
+        path=path,
+        pixels=pixels.astype(np.uint16),
+        data=data,
+        bit_depth=bits,
+        cfa=None,
+        black_level_dn=0.0,
+        white_level_dn=float(2**bits - 1),
+    )
+
+
+def read_shot_data(path: Path) -> ShotData:
+    """Read what a file tells of its exposure, from its header alone; nothing is no error.
+
+    Raises
+    ------
+    DataError
+        If it is named as camera RAW and is none.
+    """
+    header = _header(path)
+    if not is_raw(path):
+        return header
+    exposure_us, iso, taken = read_raw_header(path)
+    return replace(header, exposure_us=exposure_us, iso=iso, taken=taken)
+
+
+def _header(path: Path) -> ShotData:
+    """Read Exif, also of RAW files built like TIFF, of which the library sees the thumbnail."""
+    file = oiio.ImageInput.open(str(path))
+    if file is None:
+        oiio.geterror()  # unread, it would be printed at exit
+        return ShotData()
+    spec = file.spec()
+    file.close()
+
+    def attribute(*names: str) -> Any:
+        values = (spec.getattribute(name) for name in names)
+        return next((value for value in values if value is not None), None)
+
+    return ShotData(
+        exposure_us=_microseconds(attribute("ExposureTime")),
+        iso=_number(attribute("Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings")),
+        taken=_time(attribute("Exif:DateTimeOriginal")),
+        vendor=str(attribute("Make") or "").strip(),
+        model=str(attribute("Model") or "").strip(),
+    )
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, (int, float)) and value > 0 else None
+
+
+def _microseconds(value: Any) -> float | None:
+    seconds = _number(value)
+    return None if seconds is None else float(f"{seconds * 1e6:.7g}")
+
+
+def _time(value: Any) -> datetime | None:
+    try:
+        return datetime.strptime(str(value).strip(), "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+    except ValueError:
+        return None
+
+
+def _text(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else "none" if value is None else str(value)

@@ -1,0 +1,325 @@
+"""A folder that a tethered camera fills: each image goes into the session as it appears."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._import.frames import camera_of, told_by, write_imported
+from acquisition._import.image import ImportedImage
+from acquisition._import.watch_files import WatchedFolder
+from acquisition._import.watch_match import PACE_INTERVALS, Arrival, Match, match_shots, pace_of
+from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import Session, is_session
+from acquisition._session.writer import SessionWriter
+from acquisition._values.lights import Lights, led_id
+
+_POLL_S: Final = 0.2
+_WATCHED: Final = "watched"
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What to watch for.
+
+    Parameters
+    ----------
+    folder
+        Where the camera's images appear. Names that begin with a dot are ignored, and where there
+        is camera RAW everything else is.
+    shots
+        The shots in the order in which they are taken: `CapturePlan.shots`, or `lights_in_order`.
+    plan
+        The plan they come from, if any; it is stored in the session.
+    interval_s
+        Seconds between shots; default: found from the first images.
+    gaps
+        False where pauses mean nothing: images are matched by order alone.
+    timeout_s
+        How long to wait for the next image.
+    settle_s
+        How long a file must stay as it is to count as whole.
+    """
+
+    folder: Path
+    shots: tuple[PlannedShot, ...]
+    plan: CapturePlan | None = None
+    interval_s: float | None = None
+    gaps: bool = True
+    timeout_s: float = 600.0
+    settle_s: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class WatchResult:
+    """What came of a watch.
+
+    Parameters
+    ----------
+    session
+        Complete where every shot has its image.
+    missing
+        Shots without one.
+    warnings
+        Gaps, images that no shot was left for, one line each.
+    """
+
+    session: Session
+    missing: tuple[PlannedShot, ...]
+    warnings: tuple[str, ...]
+
+
+def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:
+    """Return one shot of each LED from 0, of unknown exposure."""
+    return tuple(PlannedShot("light", led, 0, 0, None) for led in range(leds))
+
+
+def watch_folder(
+    watch: Watch,
+    out: str | Path,
+    *,
+    lights: Lights | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+    on_frame: Callable[[int, int], None] = lambda done, total: None,
+    texts: dict[str, Any] | None = None,
+) -> WatchResult:
+    """Record images as they appear, until every shot has one or none came for too long.
+
+    An image is taken when its file is whole: it stayed as it is for a while, and decodes. A gap in
+    time leaves a hole instead of shifting every later image to the wrong light. Times are those
+    the camera wrote into the images, else of the files. An image named after its shot
+    (``L12.CR2``) is that shot's, whenever it appears.
+
+    Parameters
+    ----------
+    watch
+        What to watch for.
+    out
+        New folder, or the incomplete session of an earlier watch, which is then taken up.
+    lights
+        Lights of the LEDs, by their ids (``L07``) or in their order.
+    tell
+        Called with one line for each thing a person should know.
+    on_frame
+        Called after each frame with how many shots are recorded, and how many there are.
+    texts
+        ``operator``, ``object``, ``place``, ``notes``, ``rights`` of a new session.
+
+    Returns
+    -------
+    WatchResult
+        The session is complete, or incomplete and may be taken up.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such folder.
+    DataError
+        If an image stays damaged, differs from the first in kind, or an earlier watch was for
+        other shots; or no image came at all.
+    StorageError
+        If the disk refuses.
+    """
+    if not watch.folder.is_dir():
+        raise MissingPathError(f"{watch.folder}: no such folder")
+    watcher = _Watcher(watch, Path(out), lights, tell, on_frame, texts or {})
+    try:
+        return watcher.run()
+    finally:
+        watcher.close()
+
+
+class _Watcher:
+    def __init__(
+        self,
+        watch: Watch,
+        out: Path,
+        lights: Lights | None,
+        tell: Callable[[str], None],
+        on_frame: Callable[[int, int], None],
+        texts: dict[str, Any],
+    ) -> None:
+        self._watch = watch
+        self._out = out
+        self._lights = _lights_of(watch.shots, lights)
+        self._called = _called(watch.shots)
+        self._tell = tell
+        self._on_frame = on_frame
+        self._texts = texts
+        self._said: dict[str, None] = {}
+        self._files = WatchedFolder(watch.folder, watch.settle_s, self._say)
+        self._recorded: dict[str, int] = {}
+        self._first: ImportedImage | None = None
+        self._writer: SessionWriter | None = None
+        if is_session(out):
+            self._take_up()
+
+    def run(self) -> WatchResult:
+        """Poll until all is there, or nothing new came for too long."""
+        changed_s = time.monotonic()
+        while not self._complete:
+            if self._files.scan():
+                changed_s = time.monotonic()
+            late = time.monotonic() - changed_s >= self._watch.timeout_s
+            recorded = self._record(self._match(decide=late))
+            if late:
+                break
+            if not recorded:
+                time.sleep(_POLL_S)
+        return self._result()
+
+    def close(self) -> None:
+        """Let go of the session."""
+        if self._writer is not None:
+            self._writer.close()
+
+    @property
+    def _missing(self) -> tuple[PlannedShot, ...]:
+        recorded = set(self._recorded.values())
+        return tuple(shot for i, shot in enumerate(self._watch.shots) if i not in recorded)
+
+    @property
+    def _complete(self) -> bool:
+        return not self._missing
+
+    def _take_up(self) -> None:
+        """Go on with the session of an earlier watch, if it was for the same shots."""
+        session = Session.open(self._out)
+        begun = next((line.details for line in session.events if line.event == _WATCHED), None)
+        # A watch that was killed at once left a session in which nothing stands yet.
+        blank = session.manifest.rig is None and not (session.recorded or session.events)
+        if not blank and (begun is None or begun.get("shots") != _files(self._watch.shots)):
+            raise DataError(
+                f"{self._out}: was not begun by watching a folder for these shots: choose a new "
+                "folder, or the same --leds or --plan"
+            )
+        self._writer = SessionWriter.reopen(self._out)
+        if begun is None:
+            self._writer.write_event(_WATCHED, shots=_files(self._watch.shots))
+        indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
+        for frame in session.frames:
+            if frame.line.origin is not None:
+                self._recorded[frame.line.origin] = indices[frame.line.key]
+        self._say(f"{self._out}: taken up with {len(self._recorded)} images")
+
+    def _match(self, *, decide: bool) -> Match:
+        """Match the files that are there, in order, up to the first that is not whole yet."""
+        names, shots = self._files.names, self._watch.shots
+        gone = next((name for name in self._recorded if name not in names), None)
+        if gone is not None:
+            raise DataError(
+                f"{self._watch.folder / gone}: is recorded, but gone from the folder: put it back, "
+                "since the order of the files tells their lights"
+            )
+        series: list[Arrival] = []
+        named: dict[str, int] = {}
+        waiting = False
+        for name in names:
+            index = self._called.get(Path(name).stem.casefold())
+            arrival = self._files.arrival(name, self._recorded)
+            if arrival is None:
+                waiting = waiting or index is None
+            elif index is not None:
+                named[name] = index
+            elif not waiting:
+                series.append(arrival)
+        # Until the pace is known a gap would go unseen, so the first images wait for each other.
+        if self._watch.gaps and self._watch.interval_s is None and not decide:
+            enough = min(PACE_INTERVALS + 1, len(shots) - len(named))
+            if len(series) < enough:
+                series = []
+        pace = pace_of(series, self._watch.interval_s) if self._watch.gaps else None
+        if self._watch.gaps and pace is None and len(series) > PACE_INTERVALS:
+            self._say("taken at no steady pace: a missing image shows in the numbers of the names")
+        known = {**named, **self._recorded}
+        match = match_shots(series, len(shots), known, pace, gaps=self._watch.gaps)
+        return replace(match, shots={**named, **match.shots})
+
+    def _record(self, match: Match) -> bool:
+        """Record what was matched; tell whether there was anything."""
+        for gap in match.gaps:
+            self._say(gap)
+        for name in match.unused:
+            self._say(f"{name}: no shot is left for it")
+        new = [(name, index) for name, index in match.shots.items() if name not in self._recorded]
+        for name, index in new:
+            image = self._files.take(name)
+            line = write_imported(self._open(image), self._watch.shots[index], image)
+            self._recorded[name] = index
+            self._tell(f"{name} is {Path(line.file).stem}")
+            self._on_frame(len(self._watch.shots) - len(self._missing), len(self._watch.shots))
+        missing = self._missing
+        if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
+            self._say(
+                f"the last shot is there and {len(missing)} are missing: save an image as "
+                f"{Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to fill its place"
+            )
+        return bool(new)
+
+    def _open(self, image: ImportedImage) -> SessionWriter:
+        """Return the writer; the first image tells what the session will hold."""
+        if self._first is None:
+            earlier = next(iter(self._recorded), None)
+            self._first = image if earlier is None else self._files.take(earlier)
+        image.check_like(self._first)
+        if self._writer is None:
+            if image.bit_depth == 8:
+                self._say(f"{image.path.name}: 8 bits, and hardly linear: record camera RAW")
+            manifest = Manifest.begin(
+                self._out,
+                camera=camera_of(image),
+                plan=self._watch.plan,
+                lights=self._lights,
+                **{"operator": "", "object": "", **self._texts},
+            )
+            self._writer = SessionWriter.create(self._out, manifest)
+            self._writer.write_event(_WATCHED, shots=_files(self._watch.shots), **told_by(image))
+        return self._writer
+
+    def _say(self, line: str) -> None:
+        """Tell a line, once."""
+        if line not in self._said:
+            self._said[line] = None
+            self._tell(line)
+
+    def _result(self) -> WatchResult:
+        if self._writer is None:
+            reason = next((f"{line}; " for line in self._files.damaged), "")
+            raise DataError(
+                f"{reason}{self._watch.folder}: no image came within {self._watch.timeout_s:g} s"
+            )
+        if self._complete:
+            self._writer.complete()
+        self._writer.close()
+        return WatchResult(Session.open(self._out), self._missing, tuple(self._said))
+
+
+def _files(shots: Sequence[PlannedShot]) -> list[str]:
+    return [shot.file for shot in shots]
+
+
+def _called(shots: Sequence[PlannedShot]) -> dict[str, int]:
+    """Return the shots by the names of files meant for them: ``l07_e0``, or ``l07`` for its first.
+
+    In lower case, without a suffix.
+    """
+    names: dict[str, int] = {}
+    for index, shot in enumerate(shots):
+        names[Path(shot.file).stem.casefold()] = index
+        if shot.led is not None:
+            names.setdefault(led_id(shot.led).casefold(), index)
+    return names
+
+
+def _lights_of(shots: Sequence[PlannedShot], lights: Lights | None) -> Lights | None:
+    """Return the lights of the shots' LEDs, under the LEDs' names."""
+    if lights is None:
+        return None
+    ids = list(dict.fromkeys(led_id(shot.led) for shot in shots if shot.led is not None))
+    indices, _ = lights.match(ids)
+    return replace(lights.take(indices), ids=tuple(ids))

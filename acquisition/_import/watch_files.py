@@ -1,0 +1,139 @@
+"""The files of a folder that something else is writing: which of them are whole by now."""
+
+from __future__ import annotations
+
+import stat
+import time
+from collections.abc import Callable, Container
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._import.image import ImportedImage, ShotData, read_for_import, read_shot_data
+from acquisition._import.watch_match import Arrival, in_order
+from acquisition._pixels.raw import is_raw
+from acquisition._suffixes import IMAGE_SUFFIXES
+
+# Images kept in memory between the check that they decode and their recording.
+_KEPT: Final = 3
+
+
+@dataclass
+class _File:
+    state: tuple[int, int]  # bytes, and time of the last write in ns
+    since_s: float
+    arrival: Arrival | None = None
+    complaint: str = ""
+    image: ImportedImage | None = field(default=None, repr=False)
+
+
+class WatchedFolder:
+    """Images in a folder, each told when its file stayed as it is for a while and decodes.
+
+    Names that begin with a dot are ignored, and where there is camera RAW every other image is.
+
+    Parameters
+    ----------
+    folder
+        It exists.
+    settle_s
+        How long a file must stay as it is.
+    say
+        Called with one line for each file that is waited for.
+    """
+
+    def __init__(self, folder: Path, settle_s: float, say: Callable[[str], None]) -> None:
+        self.folder = folder
+        self._settle_s = settle_s
+        self._say = say
+        self._files: dict[str, _File] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """Every image there is, whole or not, in the order in which they were taken."""
+        return in_order({name: file.state[1] / 1e9 for name, file in self._files.items()})
+
+    @property
+    def damaged(self) -> list[str]:
+        """What is wrong with the files that do not decode, one line each."""
+        return [file.complaint for file in self._files.values() if file.complaint]
+
+    def scan(self) -> bool:
+        """Look at the folder; tell whether anything changed since the last time.
+
+        Raises
+        ------
+        DataError
+            If it cannot be listed.
+        """
+        now = time.monotonic()
+        found: dict[str, _File] = {}
+        try:
+            for path in self.folder.iterdir():
+                if path.name.startswith(".") or not _is_picture(path):
+                    continue
+                try:
+                    status = path.stat()
+                except FileNotFoundError:  # renamed since it was listed
+                    continue
+                if not stat.S_ISREG(status.st_mode):
+                    continue
+                state = (status.st_size, status.st_mtime_ns)
+                known = self._files.get(path.name)
+                same = known is not None and known.state == state
+                found[path.name] = known if known is not None and same else _File(state, now)
+        except OSError as error:
+            raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
+        if any(is_raw(Path(name)) for name in found):
+            found = {name: file for name, file in found.items() if is_raw(Path(name))}
+        changed = {name: file.state for name, file in found.items()} != {
+            name: file.state for name, file in self._files.items()
+        }
+        self._files = found
+        return changed
+
+    def arrival(self, name: str, recorded: Container[str]) -> Arrival | None:
+        """Return a file as it may be matched, None while it is not whole.
+
+        Of a file in ``recorded`` only the header is read, at once.
+        """
+        file, path = self._files[name], self.folder / name
+        if file.arrival is None and not file.complaint:
+            settled = time.monotonic() - file.since_s >= self._settle_s and file.state[0] > 0
+            try:
+                if name in recorded:
+                    file.arrival = _arrival(name, file, read_shot_data(path))
+                elif settled:
+                    image = read_for_import(path)
+                    file.arrival = _arrival(name, file, image.data)
+                    if sum(other.image is not None for other in self._files.values()) < _KEPT:
+                        file.image = image
+            except (DataError, MissingPathError) as error:
+                file.complaint = str(error)
+                self._say(f"waiting for the rest: {error}")
+        return file.arrival
+
+    def take(self, name: str) -> ImportedImage:
+        """Return the image of a file that is whole.
+
+        Raises
+        ------
+        DataError
+            If it is damaged or gone since.
+        """
+        file, path = self._files[name], self.folder / name
+        image, file.image = file.image, None
+        try:
+            return image or read_for_import(path)
+        except MissingPathError as error:
+            raise DataError(str(error)) from error
+
+
+def _arrival(name: str, file: _File, data: ShotData) -> Arrival:
+    taken_s = None if data.taken is None else data.taken.timestamp()
+    return Arrival(name, file.state[1] / 1e9, taken_s)
+
+
+def _is_picture(path: Path) -> bool:
+    return path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)

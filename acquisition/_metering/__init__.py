@@ -1,0 +1,1 @@
+"""Exposures chosen by what the camera sees."""

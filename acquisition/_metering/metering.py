@@ -1,0 +1,230 @@
+"""Metering: try exposures on a rig until every light is as bright as wanted."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._metering.light_level import (
+    LightLevel,
+    MeteringGoal,
+    better_exposure_us,
+    light_level,
+    reached,
+    stepped_us,
+)
+from acquisition._metering.metered import Metered, MeteredLight
+from acquisition._plan.plan import CapturePlan
+from rig import Rig, RigError
+
+_MOST_SHOTS = 16
+# With less light than this above the unlit frame, relative to it and in grey values, an LED is
+# dark; so little may come from a flickering room light.
+_LEAST_SHARE = 0.02
+_LEAST_DN = 1.0
+# Of the longest time for which the board gives light; settling and repeated commands need the rest.
+_SHARE_OF_HOLD = 0.5
+
+OnLight = Callable[[MeteredLight, int, int], None]
+
+
+def meter(
+    rig: Rig,
+    plan: CapturePlan,
+    goal: MeteringGoal | None = None,
+    *,
+    white_level_dn: float | None = None,
+    on_light: OnLight | None = None,
+) -> Metered:
+    """Choose the exposures of a plan by trying them on what lies under the camera now.
+
+    Parameters
+    ----------
+    rig
+        Open rig. It stays open, and dark.
+    plan
+        Which LEDs, at which gain. Its first bracket is metered; the others keep their ratio to it.
+        Its ``max_clipped_fraction`` holds where it is less than the goal's.
+    goal
+        How bright frames are to be; default the 99.5th percentile at 0.7 of full scale.
+    white_level_dn
+        Grey value from which a sample is clipped; default the greatest of the camera's bits.
+    on_light
+        Called for each LED with what was found, how many are done, and how many there are.
+
+    Returns
+    -------
+    Metered
+        The level of each LED was measured at the exposure beside it, not worked out.
+
+    Raises
+    ------
+    DataError
+        If two brackets of an LED would have the same exposure.
+    RigError
+        If board or camera fail, or no LED gives any light.
+    """
+    goal = goal or MeteringGoal()
+    if plan.max_clipped_fraction < goal.max_clipped_fraction:
+        goal = MeteringGoal(**{**asdict(goal), "max_clipped_fraction": plan.max_clipped_fraction})
+    trial = _Trial(rig, plan.gain_db, goal, white_level_dn)
+    lights = []
+    for led in plan.leds:
+        lights.append(trial.light(led))
+        if on_light is not None:
+            on_light(lights[-1], len(lights), len(plan.leds))
+    alive = [light for light in lights if light.state != "dead"]
+    if not alive:
+        raise RigError(
+            f"no LED of rig {rig.config.name} gives light that camera {rig.camera.info.serial} "
+            f"sees within {trial.high_us / 1000:g} ms: check the LEDs' power supply, the lens cap "
+            "and the aperture"
+        )
+    if not goal.each:
+        least_us = min(light.exposure_us for light in alive)
+        first = {light.led: least_us for light in alive}
+    else:
+        first = {light.led: light.exposure_us for light in alive}
+    info = rig.camera.info
+    by_led = {
+        led: _brackets(plan, led, us, (info.exposure_min_us, info.exposure_max_us))
+        for led, us in first.items()
+    }
+    chosen = plan.without(led for led in plan.leds if led not in by_led)[0]
+    common = Counter(by_led.values()).most_common(1)[0][0]
+    others = {led: own for led, own in by_led.items() if own != common}
+    return Metered(
+        chosen.changed(exposures_us=common, exposures_by_led=others),
+        tuple(lights),
+        goal,
+        trial.black_dn,
+        trial.white_dn,
+    )
+
+
+class _Trial:
+    """Takes trial shots and judges them."""
+
+    def __init__(
+        self, rig: Rig, gain_db: float, goal: MeteringGoal, white_level_dn: float | None
+    ) -> None:
+        info = rig.camera.info
+        self._rig = rig
+        self._gain_db = gain_db
+        self._goal = goal
+        self._low_us = info.exposure_min_us
+        hold_us = _SHARE_OF_HOLD * rig.board.identity.max_hold_ms * 1000
+        self.high_us = max(min(info.exposure_max_us, goal.longest_us, hold_us), self._low_us)
+        self.white_dn = float(2**info.bit_depth - 1 if white_level_dn is None else white_level_dn)
+        # The shortest exposure sees neither room light nor dark current: what is left is black.
+        unlit = rig.shoot(None, self._low_us, gain_db).frame
+        self.black_dn = float(np.median(unlit.pixels))
+        self._span_dn = self.white_dn - self.black_dn
+        if self._span_dn <= 0:
+            raise RigError(
+                f"camera {info.serial} is saturated with all LEDs off at {self._low_us:g} us: "
+                "darken the room, or lower its black level"
+            )
+        self._next_us = stepped_us(goal.start_us, self._low_us, self.high_us)
+        self._unlit = {self._next_us: self._shoot(None, self._next_us)}
+
+    def light(self, led: int) -> MeteredLight:
+        """Find the exposure of one LED, from that of the one before."""
+        goal, span_dn = self._goal, self._span_dn
+        asked_us = self._next_us
+        tried: dict[float, LightLevel] = {}
+        while asked_us not in tried and len(tried) < _MOST_SHOTS:
+            level = tried[asked_us] = self._shoot(led, asked_us)
+            if reached(level, goal, span_dn):
+                break
+            better_us = better_exposure_us(level, goal, span_dn)
+            asked_us = stepped_us(better_us, self._low_us, self.high_us)
+        asked_us = self._best(tried)
+        level = tried[asked_us]
+        state = self._state(asked_us, level)
+        if not self._shines(asked_us, level):
+            state = "dead"
+        else:
+            self._next_us = asked_us
+        return MeteredLight(
+            led,
+            asked_us,
+            round(level.level_dn / span_dn, 4),
+            level.clipped_fraction,
+            len(tried),
+            state,
+        )
+
+    def _shoot(self, led: int | None, exposure_us: float) -> LightLevel:
+        frame = self._rig.shoot(led, exposure_us, self._gain_db).frame
+        return light_level(
+            frame.pixels,
+            frame.exposure_us,
+            self._goal,
+            black_dn=self.black_dn,
+            white_dn=self.white_dn,
+        )
+
+    def _best(self, tried: dict[float, LightLevel]) -> float:
+        """Return the exposure nearest to the goal of those that do not clip; else the shortest."""
+        wanted_dn = self._goal.fraction * self._span_dn
+        sound = {
+            us: abs(math.log(max(level.level_dn, 1e-9) / wanted_dn))
+            for us, level in tried.items()
+            if level.clipped_fraction <= self._goal.max_clipped_fraction
+        }
+        return min(sound, key=lambda us: sound[us]) if sound else min(tried)
+
+    def _state(self, asked_us: float, level: LightLevel) -> str:
+        goal = self._goal
+        if reached(level, goal, self._span_dn):
+            return "ok"
+        if level.clipped_fraction > goal.max_clipped_fraction:
+            return "too bright"
+        if level.level_dn < goal.fraction * self._span_dn:
+            if asked_us >= self.high_us:
+                return "too dark"
+            # Saturation of a small part is what keeps the exposure down.
+            if level.tail_dn > 0.9 * self._span_dn:
+                return "ok"
+        return "coarse"
+
+    def _shines(self, asked_us: float, level: LightLevel) -> bool:
+        """Tell whether a frame has more light than one with all LEDs off."""
+        start_us, start = next(iter(self._unlit.items()))
+        expected_dn = start.level_dn * max(1.0, asked_us / start_us)
+        if level.level_dn > 2 * expected_dn + 10 * _LEAST_DN:
+            return True
+        if asked_us not in self._unlit:
+            self._unlit[asked_us] = self._shoot(None, asked_us)
+        unlit = self._unlit[asked_us]
+        return (
+            level.level_dn - unlit.level_dn > _least_dn(unlit.level_dn)
+            or level.mean_dn - unlit.mean_dn > _least_dn(unlit.mean_dn) / 2
+        )
+
+
+def _least_dn(unlit_dn: float) -> float:
+    return max(_LEAST_DN, _LEAST_SHARE * unlit_dn)
+
+
+def _brackets(
+    plan: CapturePlan, led: int, first_us: float, range_us: tuple[float, float]
+) -> tuple[float, ...]:
+    """Return the exposures of all brackets of an LED, in the ratios that the plan has."""
+    planned, *others = [plan.exposure_us(led, b) for b in range(len(plan.exposures_us))]
+    ratios = [us / planned for us in others]
+    exposures = (first_us, *(stepped_us(first_us * ratio, *range_us) for ratio in ratios))
+    for bracket, exposure_us in enumerate(exposures):
+        if exposure_us in exposures[:bracket]:
+            raise DataError(
+                f"metering: bracket {bracket} of LED {led} would be {exposure_us:g} us like "
+                f"another: the camera exposes for {range_us[0]:g} to {range_us[1]:g} us; change "
+                "the ratios of exposures_us in the plan"
+            )
+    return exposures

@@ -1,0 +1,241 @@
+"""What to capture: a frozen plan that unrolls into single shots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
+
+from acquisition._errors import DataError
+from acquisition._plan.planned_shot import PlannedShot as PlannedShot
+from acquisition._plan.planned_shot import Role as Role
+from acquisition._plan.planned_shot import ShotKey as ShotKey
+from acquisition._toml import read_toml, validated
+
+
+def _led_number(key: object) -> object:
+    """Return the LED that a key stands for: TOML has keys of text only."""
+    if not isinstance(key, str):
+        return key
+    if not (key.isascii() and key.isdecimal()) or str(int(key)) != key:
+        raise ValueError(f"{key!r} is no LED: write its number, as 7 for LED 7")
+    return int(key)
+
+
+_Led = Annotated[int, Field(strict=True, ge=0)]
+_LedKey = Annotated[_Led, BeforeValidator(_led_number)]
+_Exposure = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+_Exposures = Annotated[tuple[_Exposure, ...], Field(min_length=1)]
+_Flag = Annotated[bool, Field(strict=True)]
+
+
+class CapturePlan(BaseModel):
+    """What to capture. Frozen; written into the session it leads to.
+
+    Parameters
+    ----------
+    leds
+        LEDs in the order in which they are lit, counted from 0, each once.
+    exposures_us
+        One exposure time per bracket, microseconds, all different.
+    exposures_by_led
+        Exposure times of single LEDs, one per bracket, instead of those; keys of a TOML file are
+        LED numbers as text.
+    repeats
+        Shots of each LED and bracket, 1 to 1000.
+    dark
+        Take one dark frame for each exposure, before the lights. The LEDs are off; that no other
+        light falls on the sensor is up to the operator.
+    ambient
+        Take one frame with the LEDs off for each exposure, to measure the light in the room.
+    flats
+        Frames of a white card for each bracket, at the end, 0 to 1000. They are lit by LEDs spread
+        evenly over ``leds``, each frame by one; as many as there are LEDs are lit by each in turn.
+    gain_db
+        Analogue gain, the same for all shots.
+    sequence
+        The board may run through the LEDs by itself where the rig can.
+    retakes
+        How often a shot that failed may be taken again, 0 to 100.
+    max_clipped_fraction
+        Largest share of saturated samples that a frame may have.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    leds: Annotated[tuple[_Led, ...], Field(min_length=1)]
+    exposures_us: _Exposures
+    exposures_by_led: dict[_LedKey, _Exposures] = {}
+    repeats: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1
+    dark: _Flag = True
+    ambient: _Flag = False
+    flats: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    gain_db: Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)] = 0.0
+    sequence: _Flag = False
+    retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
+    max_clipped_fraction: Annotated[float, Field(strict=True, ge=0, le=1)] = 1.0
+
+    @field_validator("leds", "exposures_us")
+    @classmethod
+    def _each_once(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        for value in values:
+            if values.count(value) > 1:
+                raise ValueError(f"{value:g} is there twice: each may be planned once")
+        return values
+
+    @model_validator(mode="after")
+    def _exposures_fit(self) -> Self:
+        for led, exposures_us in self.exposures_by_led.items():
+            if led not in self.leds:
+                raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
+            if len(exposures_us) != len(self.exposures_us):
+                raise ValueError(
+                    f"exposures_by_led: LED {led} has {len(exposures_us)} exposures, exposures_us "
+                    f"has {len(self.exposures_us)}: give one for each bracket"
+                )
+            if len(set(exposures_us)) < len(exposures_us):
+                raise ValueError(f"exposures_by_led: LED {led} has an exposure twice")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _written(self, values_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Write LEDs as TOML's keys, which are text, and no table where it would be empty."""
+        values: dict[str, Any] = values_of(self)
+        by_led = values.pop("exposures_by_led", {})
+        if by_led:
+            values["exposures_by_led"] = {str(led): own for led, own in by_led.items()}
+        return values
+
+    def exposure_us(self, led: int, bracket: int) -> float:
+        """Exposure of an LED of the plan in a bracket, microseconds."""
+        return self.exposures_by_led.get(led, self.exposures_us)[bracket]
+
+    @property
+    def distinct_exposures_us(self) -> tuple[float, ...]:
+        """Every exposure that an LED is taken with, once, in the order of brackets and LEDs."""
+        brackets = range(len(self.exposures_us))
+        used = (self.exposure_us(led, bracket) for bracket in brackets for led in self.leds)
+        return tuple(dict.fromkeys(used))
+
+    def check(self, led_count: int, dead_leds: Iterable[int] = ()) -> None:
+        """Check the plan against the board that is to carry it out.
+
+        Parameters
+        ----------
+        led_count
+            LEDs of the board.
+        dead_leds
+            LEDs known not to work; `without` leaves them out.
+
+        Raises
+        ------
+        DataError
+            If the plan asks for an LED that the board lacks or that is dead.
+        """
+        for led in self.leds:
+            if led >= led_count:
+                raise DataError(
+                    f"plan: LED {led} does not exist, the board has 0 to {led_count - 1}; "
+                    "correct leds in the plan"
+                )
+        dead = sorted(set(self.leds) & set(dead_leds))
+        if dead:
+            raise DataError(
+                f"plan: LED {dead[0]} is marked dead in the rig file; leave it out of leds"
+            )
+
+    def without(self, dead_leds: Iterable[int]) -> tuple[CapturePlan, tuple[int, ...]]:
+        """Leave out LEDs that are known not to work.
+
+        Returns
+        -------
+        plan
+            The plan for the others.
+        left_out
+            The LEDs of this plan that are not in it, in its order.
+
+        Raises
+        ------
+        DataError
+            If none is left.
+        """
+        dead = set(dead_leds)
+        left_out = tuple(led for led in self.leds if led in dead)
+        if not left_out:
+            return self, ()
+        if len(left_out) == len(self.leds):
+            raise DataError("plan: every LED of leds is marked dead in the rig file; mend the rig")
+        kept = {led: own for led, own in self.exposures_by_led.items() if led not in dead}
+        leds = tuple(led for led in self.leds if led not in dead)
+        return self.changed(leds=leds, exposures_by_led=kept), left_out
+
+    def changed(self, **values: Any) -> CapturePlan:
+        """Return a plan with other values of these fields.
+
+        Raises
+        ------
+        DataError
+            If they make no plan.
+        """
+        return validated(CapturePlan, {**self.model_dump(), **values}, Path("plan"))
+
+    def shots(self) -> tuple[PlannedShot, ...]:
+        """Return the shots in the order in which they are taken: dark, ambient, lights, flats.
+
+        The exposure changes as seldom as can be, as cameras take time for it: bracket after
+        bracket, and within one the LEDs of one exposure together.
+        """
+        roles: tuple[tuple[Role, bool], ...] = (("dark", self.dark), ("ambient", self.ambient))
+        unlit = [
+            PlannedShot(role, None, index, 0, exposure_us)
+            for role, wanted in roles
+            if wanted
+            for index, exposure_us in enumerate(self.distinct_exposures_us)
+        ]
+        brackets = range(len(self.exposures_us))
+        lit = [
+            PlannedShot("light", led, bracket, repeat, self.exposure_us(led, bracket))
+            for bracket in brackets
+            for repeat in range(self.repeats)
+            for led in self._by_exposure(bracket)
+        ]
+        flats = [
+            PlannedShot("flat", None, bracket, number, self.exposure_us(led, bracket), led)
+            for bracket in brackets
+            for number, led in enumerate(self._flat_leds())
+        ]
+        return (*unlit, *lit, *flats)
+
+    def _by_exposure(self, bracket: int) -> list[int]:
+        """Return the LEDs in their order, but those of an exposure with the first that has it."""
+        together: dict[float, list[int]] = {}
+        for led in self.leds:
+            together.setdefault(self.exposure_us(led, bracket), []).append(led)
+        return [led for leds in together.values() for led in leds]
+
+    def _flat_leds(self) -> list[int]:
+        return [self.leds[number * len(self.leds) // self.flats] for number in range(self.flats)]
+
+
+def read_plan(path: Path) -> CapturePlan:
+    """Read a plan from a TOML file whose keys are the fields of `CapturePlan`.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If it is not TOML, or a key is unknown or missing, or a value is out of range.
+    """
+    return read_toml(CapturePlan, path)

@@ -1,0 +1,112 @@
+"""Pre-flight of board, camera and LEDs: what they say of themselves, and what the camera sees."""
+
+from __future__ import annotations
+
+from acquisition._errors import DataError
+from acquisition._plan.plan import CapturePlan
+from acquisition._preflight.check import Check
+from rig import Rig, selftest
+
+FULL_LEVEL = 4095
+_HOT_C = 70.0
+# What cameras round exposures to.
+_STEP = 0.02
+
+
+def check_board(rig: Rig, plan: CapturePlan) -> Check:
+    """Check that the board answers, is the one of the rig file, and can carry the plan out."""
+    board, config = rig.board, rig.config
+    identity, status = board.identity, board.status()
+    values: dict[str, float | int | str | None] = {
+        "board": identity.name,
+        "firmware": identity.firmware,
+        "leds": identity.leds,
+        "uptime_ms": status.uptime_ms,
+        "damaged_lines": status.faults,
+        "temperature_c": status.temperature_c,
+    }
+
+    def failed(text: str) -> Check:
+        return Check("board", "failed", f"board on {board.port}: {text}", values)
+
+    if identity.leds != config.leds:
+        return failed(f"has {identity.leds} LEDs, the rig file says {config.leds}: correct it")
+    try:
+        plan.check(config.leds, config.dead_leds)
+    except DataError as error:
+        return failed(str(error))
+    if status.led is not None:
+        return failed(f"LED {status.led} burns although none should: turn the board off and on")
+    longest_ms = max(plan.distinct_exposures_us) / 1000 + config.settle_ms
+    if longest_ms > identity.max_hold_ms:
+        return failed(
+            f"gives light for {identity.max_hold_ms} ms, the plan wants {longest_ms:g}: expose "
+            "shorter"
+        )
+    text = f"{identity.name} {identity.firmware} on {board.port}, {identity.leds} LEDs, all off"
+    if status.temperature_c is not None and status.temperature_c > _HOT_C:
+        text += f"; it is at {status.temperature_c:g} C: let it cool down"
+        return Check("board", "warning", text, values)
+    return Check("board", "ok", text, values)
+
+
+def check_camera(rig: Rig, plan: CapturePlan) -> Check:
+    """Check that the camera takes the plan's exposures and gain, and says so in its frames."""
+    info = rig.camera.info
+    who = f"{info.vendor} {info.model} {info.serial}".strip()
+    values: dict[str, float | int | str | None] = {
+        "camera": who,
+        "width": info.width,
+        "height": info.height,
+        "pixel_format": info.pixel_format,
+    }
+    exposures = plan.distinct_exposures_us
+    for exposure_us in exposures:
+        if not info.exposure_min_us <= exposure_us <= info.exposure_max_us:
+            text = (
+                f"{who}: exposes for {info.exposure_min_us:g} to {info.exposure_max_us:g} us, not "
+                f"for {exposure_us:g}: correct the plan"
+            )
+            return Check("camera", "failed", text, values)
+    off: list[str] = []
+    for exposure_us in {min(exposures), max(exposures)}:
+        frame = rig.shoot(None, exposure_us, plan.gain_db).frame
+        values["temperature_c"] = frame.temperature_c
+        if abs(frame.exposure_us / exposure_us - 1) > _STEP:
+            off.append(f"{frame.exposure_us:g} us instead of {exposure_us:g} us")
+        if abs(frame.gain_db - plan.gain_db) > 0.1:
+            off.append(f"a gain of {frame.gain_db:g} dB instead of {plan.gain_db:g} dB")
+    text = f"{who}, {info.width} x {info.height}, {info.pixel_format}"
+    if off:
+        text += f": took {', '.join(sorted(set(off)))}: plan what the camera can"
+        return Check("camera", "warning", text, values)
+    return Check("camera", "ok", f"{text}", values)
+
+
+def check_brightness(rig: Rig, plan: CapturePlan) -> Check:
+    """Set the plan's LEDs to full brightness, so that no pulses cut an exposure short.
+
+    Below full scale an LED is dimmed by pulses, and an exposure that is no multiple of their
+    period gets more or less light than its share.
+    """
+    for led in plan.leds:
+        rig.board.level(led, FULL_LEVEL)
+    text = f"{len(plan.leds)} LEDs at full brightness: exposures of any length get steady light"
+    return Check("brightness", "ok", text, {"level": FULL_LEVEL})
+
+
+def check_leds(rig: Rig, plan: CapturePlan) -> Check:
+    """Try every LED and judge it by what the camera sees."""
+    tested = selftest(rig)
+    values: dict[str, float | int | str | None] = {
+        "tried": len(tested.leds),
+        "exposure_us": tested.exposure_us,
+    }
+    wrong = [finding for finding in tested.findings if finding.fault]
+    told = "; ".join(finding.text for finding in wrong or tested.findings)
+    if not wrong:
+        text = f"{len(tested.leds)} LEDs tried, nothing wrong" + (f"; {told}" if told else "")
+        return Check("LEDs", "ok", text, values)
+    # What is wrong with LEDs that the plan does not light spoils nothing.
+    concerned = any(not finding.leds or set(finding.leds) & set(plan.leds) for finding in wrong)
+    return Check("LEDs", "failed" if concerned else "warning", told, values)

@@ -1,0 +1,297 @@
+"""Sessions made smaller without loss, so that a crash at any moment costs nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._pixels.compact_tiff import deflate_tiff
+from acquisition._pixels.images import read_image
+from acquisition._session.frame import SessionFrame
+from acquisition._session.journal import EventLine, Journal
+from acquisition._session.journal_file import Clock, JournalFile
+from acquisition._session.session import (
+    ASIDE,
+    COMPACTED,
+    COMPLETE,
+    FRAMES,
+    JOURNAL,
+    Session,
+    completion_mark,
+    examine,
+    leaves,
+)
+from acquisition._software import software_version
+from acquisition._storage import (
+    disk,
+    lock_folder,
+    make_folder,
+    part_path,
+    publish,
+    read_file,
+    sha256_of,
+    sync_folder,
+    write_durably,
+)
+
+
+@dataclass(frozen=True)
+class Compaction:
+    """What a compaction did.
+
+    Parameters
+    ----------
+    folder
+        The session.
+    frames
+        Frames of the session, retaken and rejected ones too.
+    compacted
+        Those stored anew by this call.
+    bytes_before, bytes_after
+        Size of all frame files.
+    complete
+        True where the session was brought to its end, before as after.
+    """
+
+    folder: Path
+    frames: int
+    compacted: int
+    bytes_before: int
+    bytes_after: int
+    complete: bool
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+def compact_session(
+    folder: str | Path,
+    *,
+    on_frame: Callable[[SessionFrame, int, int], None] | None = None,
+    clock: Clock = _now,
+) -> Compaction:
+    """Store the frames of a session anew as compressed TIFF, pixel for pixel the same.
+
+    Every frame is checked against its hashes, compressed, read back and compared; it gets a new
+    file, then its ``compacted`` event, and only then the old file goes. COMPLETE is set aside
+    before the journal grows and written again at the end, after an error too. A compaction that
+    was killed leaves a session that verifies as whole and incomplete; compacting it again takes up
+    where it ended and makes it complete again.
+
+    Parameters
+    ----------
+    folder
+        The session, complete or not.
+    on_frame
+        Called after each frame with it, how many are done, and how many there are.
+    clock
+        Gives the time of each line.
+
+    Returns
+    -------
+    Compaction
+        Frames that do not get smaller keep their file, and are not counted.
+
+    Raises
+    ------
+    MissingPathError
+        If the folder does not exist.
+    DataError
+        If it is no session, or is damaged; the message names the file.
+    StorageError
+        If another process records into the session, or the disk refuses. What was recorded is
+        whole in either case.
+    """
+    folder = Path(folder)
+    if not folder.exists():
+        raise MissingPathError(f"{folder}: no such folder")
+    if not folder.is_dir():
+        raise DataError(f"{folder}: is not a session: it is a file")
+    lock = lock_folder(folder)
+    try:
+        found = examine(folder)
+        if found.session is None or found.problems:
+            raise DataError(found.problems[0])
+        return _Compactor(folder, found.journal, found.session, clock).run(on_frame)
+    finally:
+        os.close(lock)
+
+
+class _Compactor:
+    def __init__(self, folder: Path, journal: Journal, session: Session, clock: Clock) -> None:
+        self._folder = folder
+        self._found = journal
+        self._clock = clock
+        self._complete = session.complete or (
+            not session.missing and _was_complete(folder, journal)
+        )
+        self._frames = recorded = session.recorded
+        self._names = {Path(frame.line.file).name for frame in recorded}
+        self._names |= {frame.path.name for frame in recorded}
+        self._journal: JournalFile | None = None
+
+    def run(self, on_frame: Callable[[SessionFrame, int, int], None] | None) -> Compaction:
+        """Compact frame by frame; then, and after an error, make a complete session so again."""
+        frames = self._frames
+        after = [frame.bytes for frame in frames]
+        compacted = 0
+        try:
+            for index, frame in enumerate(frames):
+                if frame.path.name != Path(frame.line.file).name:
+                    self._drop_original(frame)
+                elif (size := self._compact(frame)) is not None:
+                    after[index] = size
+                    compacted += 1
+                if on_frame is not None:
+                    on_frame(frame, index + 1, len(frames))
+            self._finish()
+        except BaseException as error:
+            try:
+                self._finish()
+            except (DataError, StorageError):
+                error.add_note(f"{self._folder}: whole, but compact it again to make it complete")
+            raise
+        finally:
+            if self._journal is not None:
+                self._journal.close()
+        return Compaction(
+            folder=self._folder,
+            frames=len(frames),
+            compacted=compacted,
+            bytes_before=sum(frame.bytes for frame in frames),
+            bytes_after=sum(after),
+            complete=self._complete,
+        )
+
+    def _compact(self, frame: SessionFrame) -> int | None:
+        """Store one frame anew; return the size of its file, None where it would not shrink."""
+        _check_file(frame)
+        pixels = frame.read()
+        data = deflate_tiff(pixels)
+        if len(data) >= frame.bytes:
+            return None
+        new = self._free_path(frame.path)
+        part = part_path(new)
+        try:
+            with disk(new, "write"):
+                part.write_bytes(data)
+            # What counts is that the reader gives the pixels back, not that the writer meant to.
+            if not np.array_equal(read_image(part), pixels):
+                raise StorageError(f"{new}: does not read back as written: check the disk")
+            self._open_journal()
+            publish(part, new)
+        except BaseException:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+            raise
+        details = {
+            "frame_seq": frame.line.seq,
+            "file": f"{FRAMES}/{new.name}",
+            "bytes": len(data),
+            "file_sha256": sha256_of(data),
+        }
+        self._open_journal().append(EventLine, {"event": COMPACTED, "details": details})
+        self._names.add(new.name)
+        with disk(frame.path, "remove"):
+            frame.path.unlink()
+        return len(data)
+
+    def _drop_original(self, frame: SessionFrame) -> None:
+        """Remove the old file of a frame whose compaction was cut off after its event."""
+        original = self._folder / frame.line.file
+        if not original.exists() or leaves(original, self._folder):
+            return
+        _check_file(frame)
+        frame.read()
+        with disk(original, "remove"):
+            original.unlink()
+
+    def _free_path(self, path: Path) -> Path:
+        """Return the name for a compressed file: one that no line has ever named."""
+        name, number = f"{path.stem}.z.tif", 1
+        while name in self._names:
+            number += 1
+            name = f"{path.stem}.z{number}.tif"
+        return path.with_name(name)
+
+    def _open_journal(self) -> JournalFile:
+        """Take COMPLETE away, which a longer journal would contradict, and open the journal."""
+        if self._journal is not None:
+            return self._journal
+        mark, aside = self._folder / COMPLETE, self._folder / ASIDE
+        if mark.exists():
+            if leaves(aside.parent, self._folder):
+                raise DataError(f"{aside.parent}: is a link that leaves the session")
+            make_folder(aside.parent)
+            with disk(mark, "set aside"):
+                write_durably(aside, read_file(mark))
+                mark.unlink()
+                sync_folder(self._folder)
+        details = {"software_version": software_version(), "unrecorded": []}
+        self._journal = JournalFile.resume(
+            self._folder / JOURNAL, self._found, self._clock, details
+        )
+        return self._journal
+
+    def _finish(self) -> None:
+        """Write COMPLETE again where it was."""
+        if not self._complete:
+            return
+        if not (self._folder / COMPLETE).exists():
+            journal = self._open_journal()
+            mark = completion_mark(journal.read_back())
+            self._sweep()
+            write_durably(self._folder / COMPLETE, mark)
+        with disk(self._folder / ASIDE, "remove"):
+            (self._folder / ASIDE).unlink(missing_ok=True)
+
+    def _sweep(self) -> None:
+        """Remove compressed files whose event was never written: they belong to no line."""
+        with disk(self._folder / FRAMES, "clear up"):
+            for frame in self._frames:
+                self._free_path(frame.path).unlink(missing_ok=True)
+
+
+def _check_file(frame: SessionFrame) -> None:
+    """Raise DataError unless a frame's file is, byte for byte, the one recorded."""
+    try:
+        data = read_file(frame.path)
+    except OSError as error:
+        raise DataError(
+            f"{frame.path}: cannot be read: {error.strerror}; restore or retake it"
+        ) from error
+    if len(data) != frame.bytes or sha256_of(data) != frame.file_sha256:
+        raise DataError(
+            f"{frame.path}: was changed since it was recorded; restore or retake it, then compact"
+        )
+
+
+def _was_complete(folder: Path, journal: Journal) -> bool:
+    """Tell whether a session without COMPLETE had one that a compaction set aside.
+
+    It had if the mark that was set aside fits a beginning of the journal after which nothing but
+    compactions were written.
+    """
+    aside = folder / ASIDE
+    if not aside.is_file() or leaves(aside, folder):
+        return False
+    with disk(aside, "read"):
+        mark = read_file(aside)
+    digest = hashlib.sha256()
+    for number, piece in enumerate(journal.text.splitlines(keepends=True), 1):
+        digest.update(piece)
+        if mark.startswith(digest.hexdigest().encode("ascii")):
+            return all(
+                isinstance(line, EventLine) and line.event in (COMPACTED, "reopened")
+                for line in journal.lines[number:]
+            )
+    return False

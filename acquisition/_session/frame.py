@@ -1,0 +1,93 @@
+"""One recorded frame: where it lies, what the journal says of it, and its pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._pixels.images import read_image
+from acquisition._plan.plan import Role
+from acquisition._session.journal import FrameLine
+from acquisition._storage import sha256_of
+from acquisition._values.lights import led_id
+
+
+@dataclass(frozen=True, eq=False)
+class SessionFrame:
+    """One recorded frame.
+
+    Parameters
+    ----------
+    path
+        The image file.
+    line
+        Its line in the journal.
+    bytes, file_sha256
+        Size and hash of the file as it is now; they differ from the line's after compaction.
+    shape
+        Array shape that the session states.
+    """
+
+    path: Path
+    line: FrameLine
+    bytes: int
+    file_sha256: str
+    shape: tuple[int, ...]
+
+    @property
+    def role(self) -> Role:
+        """``light``, ``dark``, ``ambient`` or ``flat``."""
+        return self.line.role
+
+    @property
+    def led(self) -> int | None:
+        """LED number from 0, None where none burned."""
+        return self.line.led
+
+    @property
+    def light_id(self) -> str:
+        """``L07`` for a frame lit by LED 7, otherwise the stem of the file."""
+        return Path(self.line.file).stem if self.led is None else led_id(self.led)
+
+    @property
+    def bracket(self) -> int:
+        """Index of the exposure from 0."""
+        return self.line.bracket
+
+    @property
+    def exposure_us(self) -> float | None:
+        """Exposure the camera reported, microseconds."""
+        return self.line.exposure_us
+
+    def read(self) -> npt.NDArray[np.uint16]:
+        """Return the pixels as the sensor gave them, ``(H, W)`` or ``(H, W, 3)`` uint16.
+
+        Raises
+        ------
+        DataError
+            If the file is missing or unreadable, or its pixels are not those recorded.
+        """
+        try:
+            pixels = read_image(self.path)
+        except MissingPathError as error:
+            raise DataError(f"{self.path}: is in the journal but not there; restore it") from error
+        if pixels.shape != self.shape or pixels.dtype != np.uint16:
+            raise DataError(
+                f"{self.path}: holds {pixels.dtype} pixels of shape {pixels.shape}, the session "
+                f"states uint16 of {self.shape}; restore the file"
+            )
+        raw = pixels.astype(np.uint16, copy=False)
+        if pixels_sha256(raw) != self.line.pixels_sha256:
+            raise DataError(
+                f"{self.path}: its pixels differ from those recorded; restore or retake it"
+            )
+        return raw
+
+
+def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:
+    """Hash samples as little-endian 16-bit, row by row from the top, channels innermost."""
+    return sha256_of(np.ascontiguousarray(pixels, dtype="<u2").data.cast("B"))

@@ -1,0 +1,135 @@
+"""The journal file while a session is written: lines are appended, flushed, and never changed."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from pydantic import ValidationError
+
+from acquisition._errors import DataError, StorageError
+from acquisition._session.journal import (
+    GENESIS,
+    EventLine,
+    Journal,
+    Line,
+    StartLine,
+    encode_line,
+    parse_journal,
+)
+from acquisition._storage import append_durably, disk, read_file, write_durably
+from rig import first_complaint
+
+Clock = Callable[[], datetime]
+AnyLine = TypeVar("AnyLine", bound=Line)
+
+
+class JournalFile:
+    """An open journal: `begin` a new one or `resume` one.
+
+    Every line gets the next number, the time of the clock, and the chain.
+    """
+
+    def __init__(self, path: Path, clock: Clock) -> None:
+        self.path = path
+        self._clock = clock
+        self._seq = 0
+        self._previous = GENESIS
+        self._descriptor = -1
+        self._unsure = False
+
+    @classmethod
+    def begin(cls, path: Path, toml_sha256: str, clock: Clock) -> Self:
+        """Write the first line. The file appears with the line in it or not at all."""
+        file = cls(path, clock)
+        _, sealed, own = file._seal(StartLine, {"session_toml_sha256": toml_sha256})
+        write_durably(path, sealed)
+        file._open(own)
+        return file
+
+    @classmethod
+    def resume(cls, path: Path, found: Journal, clock: Clock, details: Mapping[str, Any]) -> Self:
+        """Go on after the whole lines of ``found`` with a ``reopened`` event.
+
+        The file is replaced as a whole: a torn last line is in its place or in the event's
+        ``torn``, at every moment.
+        """
+        file = cls(path, clock)
+        file._seq, file._previous = len(found.lines), found.last_sha256
+        values = {"event": "reopened", "details": {**details, "torn": found.torn.decode("latin-1")}}
+        _, sealed, own = file._seal(EventLine, values)
+        write_durably(path, found.text + sealed)
+        file._open(own)
+        return file
+
+    def append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
+        """Append a line; on return it is safe on disk.
+
+        Raises
+        ------
+        DataError
+            If the values do not fit the line.
+        StorageError
+            If the disk refuses, or refused before: the end of the file is not known then, and the
+            session must be reopened.
+        """
+        self.check_open()
+        line, sealed, own = self._seal(kind, values)
+        # Cleared only when file and state agree again: after an error, or an interrupt in between,
+        # a further line would be chained to the wrong one.
+        self._unsure = True
+        append_durably(self._descriptor, self.path, sealed)
+        self._seq, self._previous = self._seq + 1, own
+        self._unsure = False
+        return line
+
+    @property
+    def sound(self) -> bool:
+        """False where the end of the file is not known: nothing more may be appended."""
+        return not self._unsure
+
+    def check_open(self) -> None:
+        """Raise StorageError where no line can be appended."""
+        if self._descriptor < 0:
+            raise StorageError(f"{self.path}: is closed; reopen the session to go on")
+        if self._unsure:
+            raise StorageError(f"{self.path}: an earlier write was cut short; reopen the session")
+
+    def read_back(self) -> bytes:
+        """Return the file's bytes, checked to be what was written."""
+        self.check_open()
+        with disk(self.path, "read"):
+            data = read_file(self.path)
+        found = parse_journal(data)
+        if found.text != data or found.last_sha256 != self._previous:
+            raise StorageError(f"{self.path}: was changed by another program; verify the session")
+        return data
+
+    def close(self) -> None:
+        """Close the file; harmless when repeated."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def _seal(self, kind: type[AnyLine], values: Mapping[str, Any]) -> tuple[AnyLine, bytes, str]:
+        time_utc = self._clock().isoformat(timespec="microseconds")
+        try:
+            line = kind(seq=self._seq, time_utc=time_utc, **values)
+            return line, *encode_line(_record(line), self._previous)
+        except ValidationError as error:
+            reason = first_complaint(error)
+        except ValueError as error:
+            reason = str(error)
+        raise DataError(f"{self.path}: a line would not be understood: {reason}")
+
+    def _open(self, own: str) -> None:
+        with disk(self.path, "open"):
+            self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+        self._seq, self._previous = self._seq + 1, own
+
+
+def _record(line: Line) -> dict[str, Any]:
+    return {"kind": line.kind, **line.model_dump(mode="json")}

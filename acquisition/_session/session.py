@@ -1,0 +1,319 @@
+"""Sessions on disk, read: what was recorded, what counts, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._plan.plan import PlannedShot
+from acquisition._session.frame import SessionFrame
+from acquisition._session.journal import EventLine, FrameLine, Journal, StartLine, parse_journal
+from acquisition._session.manifest import Manifest, parse_manifest
+from acquisition._storage import is_part, read_file, sha256_of
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
+
+MANIFEST = "session.toml"
+JOURNAL = "journal.jsonl"
+COMPLETE = "COMPLETE"
+FRAMES = "frames"
+DERIVED = "derived"
+# Not part of the recording, but read with it.
+MASK = f"{DERIVED}/mask.png"
+TRUE_MASK = f"{DERIVED}/truth/mask.png"
+TRUE_NORMALS = f"{DERIVED}/truth/normals.exr"
+COMPACTED = "compacted"
+# COMPLETE as it was before a compaction that has not ended: it tells a complete session whose
+# compaction was cut off from a recording that never came to its end.
+ASIDE = f"{DERIVED}/{COMPLETE}"
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A recording.
+
+    Parameters
+    ----------
+    folder
+        Where it lies.
+    manifest
+        ``session.toml``.
+    recorded
+        Every frame of the journal, in order of recording, retaken and rejected ones too.
+    frames
+        Those that count, one per shot: the last whole take that was not rejected.
+    events
+        Event lines in order.
+    complete
+        True where the recording was brought to its end.
+    missing
+        Planned shots without a frame that counts, but for those left out.
+    left_out
+        Planned shots without a frame that counts whose LED died: they are not demanded.
+    warnings
+        What was tolerated, one line each.
+    """
+
+    folder: Path
+    manifest: Manifest
+    recorded: tuple[SessionFrame, ...]
+    frames: tuple[SessionFrame, ...]
+    events: tuple[EventLine, ...]
+    complete: bool
+    missing: tuple[PlannedShot, ...]
+    left_out: tuple[PlannedShot, ...]
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Session:
+        """Open a session, complete or not. Frames are read and checked when asked for.
+
+        Raises
+        ------
+        MissingPathError
+            If the folder does not exist.
+        DataError
+            If it is no session, of another format version, or damaged.
+        """
+        found = examine(Path(folder))
+        if found.session is None or found.problems:
+            raise DataError(found.problems[0])
+        return found.session
+
+    @property
+    def camera_model(self) -> CameraModel | None:
+        """The camera as geometry, where known."""
+        record = self.manifest.camera_model
+        return None if record is None else record.value()
+
+    @property
+    def sensor(self) -> NoiseModel | None:
+        """The sensor's noise model, where known."""
+        record = self.manifest.sensor
+        return None if record is None else record.value()
+
+    @property
+    def lights(self) -> Lights | None:
+        """The calibrated lights stored with the session, where known."""
+        record = self.manifest.lights
+        return None if record is None else record.value()
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A session as found, with everything wrong about it but the contents of its frame files.
+
+    ``session`` is None where too little can be read to make one; ``toml_sha256`` is the hash of
+    ``session.toml`` as it is.
+    """
+
+    session: Session | None
+    journal: Journal
+    toml_sha256: str
+    problems: tuple[str, ...]
+
+
+def is_session(folder: Path) -> bool:
+    """Tell a session from other folders."""
+    return (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
+
+
+def examine(folder: Path) -> Examination:
+    """Read a session and collect what is wrong instead of stopping at the first.
+
+    Raises
+    ------
+    MissingPathError
+        If the folder does not exist.
+    DataError
+        If it is not a session, or cannot be read.
+    """
+    try:
+        return _examine(folder)
+    except OSError as error:
+        where = error.filename or folder
+        raise DataError(f"{where}: cannot be read: {error.strerror}; check the disk") from error
+
+
+def leaves(path: Path, folder: Path) -> bool:
+    """Tell whether a path leads out of a folder, links followed."""
+    try:
+        return not path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):  # links in a circle
+        return True
+
+
+def _examine(folder: Path) -> Examination:
+    if not folder.exists():
+        raise MissingPathError(f"{folder}: no such folder")
+    if not is_session(folder):
+        raise DataError(f"{folder}: is not a session: it holds no {MANIFEST}")
+    problems: list[str] = []
+    warnings: list[str] = []
+    manifest, toml_sha256 = _manifest(folder, problems)
+    data = _bytes(folder / JOURNAL)
+    journal = parse_journal(data or b"")
+    _check_journal(folder, journal, toml_sha256, problems, warnings)
+    complete = _completion(folder, data, journal, problems, warnings)
+    if manifest is None:
+        return Examination(None, journal, toml_sha256, tuple(problems))
+    recorded = _recorded(folder, manifest, journal, problems)
+    counted = {frame.line.key: frame for frame in recorded if frame.line.status == "ok"}
+    planned = manifest.plan.shots() if manifest.plan is not None else ()
+    if manifest.plan is not None:
+        keys = {shot.key for shot in planned}
+        problems += [
+            f"{frame.path}: is not in the plan of {folder / MANIFEST}"
+            for frame in recorded
+            if frame.line.key not in keys
+        ]
+    events = tuple(line for line in journal.lines if isinstance(line, EventLine))
+    # Version 1 knows no such event.
+    tells = events if manifest.format_version > 1 else ()
+    dead = frozenset[int]().union(*(line.left_out for line in tells))
+    absent = [shot for shot in planned if shot.key not in counted]
+    missing = tuple(shot for shot in absent if shot.lit_led not in dead)
+    if complete and missing and journal.damage is None:
+        problems.append(
+            f"{folder / COMPLETE}: is there although {len(missing)} planned frames are not, "
+            f"first {missing[0].file}"
+        )
+    session = Session(
+        folder=folder,
+        manifest=manifest,
+        recorded=recorded,
+        frames=tuple(counted.values()),
+        events=events,
+        complete=complete,
+        missing=missing,
+        left_out=tuple(shot for shot in absent if shot.lit_led in dead),
+        warnings=tuple(warnings),
+    )
+    return Examination(session, journal, toml_sha256, tuple(problems))
+
+
+def _bytes(path: Path) -> bytes | None:
+    """Return a file's bytes, None where there is none."""
+    try:
+        return read_file(path)
+    except FileNotFoundError:
+        return None
+
+
+def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
+    path = folder / MANIFEST
+    data = _bytes(path)
+    if data is None:
+        problems.append(f"{path}: is missing; restore it")
+        return None, ""
+    try:
+        return parse_manifest(data, path), sha256_of(data)
+    except DataError as error:
+        problems.append(str(error))
+        return None, sha256_of(data)
+
+
+def _check_journal(
+    folder: Path, journal: Journal, toml_sha256: str, problems: list[str], warnings: list[str]
+) -> None:
+    path = folder / JOURNAL
+    if journal.damage is not None:
+        problems.append(f"{path}: {journal.damage}; restore the file, its frames may be whole")
+    if journal.torn:
+        warnings.append(
+            f"{path}: the last line was cut off while being written ({len(journal.torn)} bytes); "
+            "it does not count"
+        )
+    if journal.unterminated:
+        warnings.append(f"{path}: the last line lacks its newline but is whole; it counts")
+    if journal.lines:
+        start = journal.lines[0]
+        if isinstance(start, StartLine) and toml_sha256 != start.session_toml_sha256:
+            problems.append(
+                f"{folder / MANIFEST}: is not the one the journal began with; restore it"
+            )
+    elif journal.damage is None:
+        # Killed between the two first writes: nothing was recorded yet.
+        if (folder / COMPLETE).exists() or any(_names(folder / FRAMES)):
+            problems.append(f"{path}: is missing or empty though frames are there; restore it")
+        else:
+            warnings.append(f"{path}: the recording ended before its first line")
+
+
+def _completion(
+    folder: Path, data: bytes | None, journal: Journal, problems: list[str], warnings: list[str]
+) -> bool:
+    path = folder / COMPLETE
+    mark = _bytes(path)
+    if mark is None:
+        if (folder / ASIDE).is_file():
+            warnings.append(f"{folder}: a compaction was cut off: run `capture compact` on it")
+        return False
+    if mark != completion_mark(data or b""):
+        problems.append(
+            f"{path}: does not name the journal beside it; one of the two was changed, restore it"
+        )
+    elif journal.torn or journal.unterminated:
+        problems.append(f"{folder / JOURNAL}: ends in a part of a line though it was completed")
+    return True
+
+
+def completion_mark(journal: bytes) -> bytes:
+    """Return what COMPLETE must hold; the form is that of sha256sum."""
+    return f"{sha256_of(journal)}  {JOURNAL}\n".encode("ascii")
+
+
+def _names(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder that are not rests of unfinished writes, if it exists."""
+    if folder.is_dir():
+        yield from sorted(path for path in folder.iterdir() if not is_part(path))
+
+
+def _recorded(
+    folder: Path, manifest: Manifest, journal: Journal, problems: list[str]
+) -> tuple[SessionFrame, ...]:
+    frames: dict[int, SessionFrame] = {}
+    for line in journal.lines:
+        if isinstance(line, FrameLine):
+            facts = (line.file, line.bytes, line.file_sha256)
+            seq, of = line.seq, line
+        elif isinstance(line, EventLine) and line.event == COMPACTED:
+            compacted = _compacted(line, frames)
+            if compacted is None:
+                problems.append(f"{folder / JOURNAL}: line {line.seq + 1} compacts no frame")
+                continue
+            seq, facts = compacted
+            of = frames[seq].line
+        else:
+            continue
+        path = folder / facts[0]
+        if leaves(path, folder):
+            problems.append(f"{path}: is a link that leaves the session; put the file itself there")
+        frames[seq] = SessionFrame(path, of, facts[1], facts[2], manifest.camera.shape)
+    return tuple(frames.values())
+
+
+def _compacted(
+    line: EventLine, frames: dict[int, SessionFrame]
+) -> tuple[int, tuple[str, int, str]] | None:
+    """Return which frame an event compacted, and its file, size and hash since."""
+    details = line.details
+    seq = details.get("frame_seq")
+    if not isinstance(seq, int) or seq not in frames:
+        return None
+    known = frames[seq].line
+    try:
+        changed = {
+            "file": details["file"],
+            "bytes": details["bytes"],
+            "file_sha256": details["file_sha256"],
+        }
+        new = FrameLine.model_validate({**known.model_dump(), **changed})
+    except (KeyError, ValidationError):
+        return None
+    return seq, (new.file, new.bytes, new.file_sha256)

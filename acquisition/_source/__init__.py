@@ -1,0 +1,1 @@
+"""Anything that holds frames and lights, read as one kind of source."""

@@ -1,0 +1,97 @@
+"""Object folders as the DiLiGenT benchmark has them (Shi et al., 2016)."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+from acquisition._source.images import images_source, with_ignored
+from acquisition._source.source import Source
+from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.lights import read_lights
+from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+
+_TRUTH_FILE = "Normal_gt.mat"
+_TRUTH_VARIABLE = "Normal_gt"
+
+
+def is_diligent(folder: Path) -> bool:
+    """Tell a DiLiGenT folder from other folders."""
+    return (folder / FILENAMES_FILE).is_file() or (folder / DIRECTIONS_FILE).is_file()
+
+
+def read_diligent(folder: Path, mask_path: Path | None = None) -> Source:
+    """Read an object folder: the images of filenames.txt with lights, mask and true normals.
+
+    Raises
+    ------
+    DataError
+        If a file is missing, the counts disagree, or mask or normals have another size.
+    """
+    if not (folder / FILENAMES_FILE).is_file():
+        raise DataError(f"{folder}: holds {DIRECTIONS_FILE} but no {FILENAMES_FILE}: restore it")
+    names = [name for _, name in numbered_lines(read_text(folder / FILENAMES_FILE))]
+    if not names:
+        raise DataError(f"{folder / FILENAMES_FILE}: an empty file: list the images")
+    for name in names:
+        if names.count(name) > 1:
+            raise DataError(f"{folder / FILENAMES_FILE}: {name} is there twice: remove one")
+        if not (folder / name).is_file():
+            raise DataError(f"{folder / FILENAMES_FILE}: lists {name}, which is not there")
+    mask = mask_path or folder / "mask.png"
+    masks = [mask] if mask_path or mask.exists() else []
+    source = images_source(folder, [folder / name for name in names], masks)
+    lights = read_lights(folder) if (folder / DIRECTIONS_FILE).is_file() else None
+    truth = folder / _TRUTH_FILE
+    others = [FILENAMES_FILE, _TRUTH_FILE]
+    if lights is not None:
+        others += [DIRECTIONS_FILE, INTENSITIES_FILE]
+    warnings = source.warnings
+    if lights is not None and not (folder / INTENSITIES_FILE).is_file():
+        warnings += (f"{folder}: no {INTENSITIES_FILE}: all lights are taken as equally strong",)
+    source = replace(
+        source,
+        kind="diligent",
+        warnings=warnings,
+        lights=lights,
+        normals_truth=_true_normals(truth, source.size) if truth.exists() else None,
+        files=(*source.files, *(folder / name for name in others if (folder / name).exists())),
+    )
+    return with_ignored(source, folder)
+
+
+def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    # SciPy's readers take as long to import as the rest of this package.
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        found = loadmat(path, variable_names=[_TRUTH_VARIABLE])
+        normals = np.asarray(found[_TRUTH_VARIABLE], np.float64)
+    except (
+        MatReadError,
+        OSError,
+        ValueError,
+        TypeError,
+        KeyError,
+        IndexError,
+        NotImplementedError,
+        EOFError,
+        zlib.error,
+    ) as error:
+        raise DataError(f"{path}: no variable {_TRUTH_VARIABLE} can be read: restore it") from error
+    if normals.shape != (*size, 3):
+        raise DataError(
+            f"{path}: normals of shape {normals.shape}, but the images have {size[1]} x {size[0]} "
+            "pixels"
+        )
+    length = np.linalg.norm(normals, axis=2, keepdims=True)
+    known = np.isfinite(length) & (length > 0.5)
+    unit = np.divide(normals, length, out=np.zeros_like(normals), where=known)
+    truth: npt.NDArray[np.float32] = unit.astype(np.float32)
+    return truth

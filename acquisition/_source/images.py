@@ -1,0 +1,181 @@
+"""Plain folders of images, and images with an .lp."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._pixels.images import Image, image_form
+from acquisition._pixels.mask_files import read_mask
+from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._source.source import Frame, Source
+from acquisition._suffixes import IMAGE_SUFFIXES
+from acquisition._value_files.lights import read_lights
+from acquisition._values.lights import light_id
+
+
+def read_images(folder: Path, mask_path: Path | None = None) -> Source:
+    """Read a plain folder: its largest series of numbered images, in natural order."""
+    files = _files(folder)
+    masks = [path for path in files if _is_mask(path)]
+    series = numbered_series([path for path in files if path not in masks])
+    if not series:
+        raise DataError(
+            f"{folder}: no numbered images (such as name.0.png, name.1.png): name another folder"
+        )
+    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    return with_ignored(source, folder)
+
+
+def lp_files(folder: Path) -> list[Path]:
+    """Return the .lp files of a folder."""
+    return [path for path in _files(folder) if path.suffix.lower() == ".lp"]
+
+
+def read_lp_folder(folder: Path, lp: Path, mask_path: Path | None = None) -> Source:
+    """Read the images that an .lp lists, or if it names none of them, the numbered ones."""
+    lights = read_lights(lp)
+    files = _files(folder)
+    masks = [path for path in files if _is_mask(path)]
+    images = [path for path in files if _is_image(path) and path not in masks]
+    by_name = {path.name.casefold(): path for path in images}
+    by_stem = {light_id(path.name): path for path in images}
+    listed = {
+        name: by_name.get(name.casefold()) or by_stem.get(light_id(name)) for name in lights.ids
+    }
+    found = [path for path in listed.values() if path is not None]
+    if found and len(set(found)) < len(listed):
+        absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
+        raise DataError(
+            f"{lp}: lists {len(listed)} images, {len(set(found))} of them are there, {absent} is "
+            "not: add the image or remove its line"
+        )
+    series = found or numbered_series(images)
+    if not series:
+        raise DataError(f"{folder}: no images for the {len(lights)} lights of {lp.name}")
+    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
+    return with_ignored(source, folder)
+
+
+def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()) -> Source:
+    """Build a source from image files that belong together.
+
+    Parameters
+    ----------
+    path
+        What was named.
+    series
+        The images, in order.
+    masks
+        Their mask, if any; more than one cannot be meant.
+
+    Raises
+    ------
+    DataError
+        If an image cannot be read or differs from the first in size or type, or the mask does not
+        fit or is one of several.
+    """
+    cfa, black = None, 0.0
+    if is_raw(series[0]):
+        raw = read_raw(series[0])
+        shape, cfa, black, white = raw.pixels.shape, raw.cfa, raw.black_level_dn, raw.white_level_dn
+        frames = tuple(
+            Frame(file, file.stem, shape, load=partial(_raw_pixels, file)) for file in series
+        )
+    else:
+        shape, dtype = _same_form(series)
+        white = np.inf if dtype.kind == "f" else float(np.iinfo(dtype.name).max)
+        frames = tuple(Frame(file, file.stem, shape) for file in series)
+    if len(masks) > 1:
+        raise DataError(
+            f"{path}: {masks[0].name} and {masks[1].name} are both masks: say which one is meant"
+        )
+    return Source(
+        path=path,
+        kind="images",
+        frames=frames,
+        mask=read_mask(masks[0], (shape[0], shape[1])) if masks else None,
+        cfa=cfa,
+        black_level=black,
+        white_level=white,
+        files=(*series, *masks),
+    )
+
+
+def with_ignored(source: Source, folder: Path) -> Source:
+    """Name what the folder holds and the source does not use."""
+    used = {path for file in source.files for path in (file, *file.parents)}
+    return replace(source, ignored=tuple(path.name for path in _files(folder) if path not in used))
+
+
+def numbered_series(files: Sequence[Path]) -> list[Path]:
+    """Return the images that differ only in one number, the most numerous such, by that number.
+
+    Raises
+    ------
+    DataError
+        If two series are equally long.
+    """
+    series: dict[str, list[tuple[int, Path]]] = defaultdict(list)
+    for path in files:
+        if _is_image(path):
+            for run in re.finditer(r"[0-9]+", path.stem):
+                name = f"{path.stem[: run.start()]}#{path.stem[run.end() :]}{path.suffix}"
+                series[name.casefold()].append((int(run.group()), path))
+    if not series:
+        return []
+    longest = max(len(members) for members in series.values())
+    ties = {name: sorted(each) for name, each in series.items() if len(each) == longest}
+    first, *rest = ties.items()
+    for other in rest:
+        if {path for _, path in other[1]} != {path for _, path in first[1]}:
+            raise DataError(
+                f"{first[1][0][1].parent}: {longest} images {first[0]} and as many {other[0]}: put "
+                "each series into a folder of its own"
+            )
+    return [path for _, path in first[1]]
+
+
+def _raw_pixels(path: Path) -> Image:
+    return read_raw(path).pixels
+
+
+def _same_form(series: Sequence[Path]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    first = image_form(series[0])
+    for path in series[1:]:
+        form = image_form(path)
+        if form != first:
+            raise DataError(
+                f"{path}: {_describe(*form)}, but {series[0].name} is {_describe(*first)}: one "
+                "recording has images of one kind"
+            )
+    return first
+
+
+def _describe(shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> str:
+    return f"{shape[1]} x {shape[0]} {'grey' if len(shape) == 2 else 'RGB'} {dtype}"
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return what a folder holds, without hidden files."""
+    try:
+        return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise DataError(f"{folder}: cannot be listed ({error.strerror})") from error
+
+
+def _is_image(path: Path) -> bool:
+    return (path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)) and path.is_file()
+
+
+def _is_mask(path: Path) -> bool:
+    stem = path.stem.casefold()
+    return (stem == "mask" or stem.endswith(".mask")) and _is_image(path)

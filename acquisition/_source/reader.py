@@ -1,0 +1,100 @@
+"""One way in for recordings of every kind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from acquisition._errors import DataError, MissingPathError
+from acquisition._session.session import is_session
+from acquisition._source.diligent import is_diligent, read_diligent
+from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
+from acquisition._source.session import read_session
+from acquisition._source.source import Source
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+
+
+def read_source(
+    path: str | Path,
+    *,
+    lights: Lights | None = None,
+    mask_path: Path | None = None,
+    camera: CameraModel | None = None,
+) -> Source:
+    """Find out what a recording is and read all but its pixels.
+
+    Parameters
+    ----------
+    path
+        A session, a DiLiGenT object folder, a folder of images with an .lp (or the .lp itself), a
+        plain folder of images, or one image file. In a plain folder the frames are the images
+        that differ in one number only, in natural order; ``mask.*`` and ``*.mask.*`` is the mask.
+    lights
+        Lights to use instead of those of the source: matched by id, else by order with a warning.
+    mask_path
+        Mask to use instead of that of the source.
+    camera
+        Camera to use instead of that of the source.
+
+    Returns
+    -------
+    Source
+        Its frames are read one by one when asked for.
+
+    Raises
+    ------
+    MissingPathError
+        If ``path`` or ``mask_path`` does not exist.
+    DataError
+        If it is none of these, or its parts disagree: counts of images and lights, sizes of
+        images, mask, camera and true normals.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingPathError(f"{path}: no such file or folder")
+    source = _dispatch(path, mask_path)
+    if camera is not None:
+        source = replace(source, camera=camera)
+    if source.camera is not None and source.camera.size != source.size:
+        height, width = source.size
+        raise DataError(
+            f"{path}: images of {width} x {height} pixels, but a camera of {source.camera.width} x "
+            f"{source.camera.height}: give the camera that took them"
+        )
+    return _with_matched_lights(source, lights or source.lights)
+
+
+def _dispatch(path: Path, mask_path: Path | None) -> Source:
+    if path.suffix.lower() == ".lp" and path.is_file():
+        return read_lp_folder(path.parent, path, mask_path)
+    if not path.is_dir():
+        return images_source(path, [path], [mask_path] if mask_path else [])
+    if is_session(path):
+        return read_session(path, mask_path)
+    if is_diligent(path):
+        return read_diligent(path, mask_path)
+    lps = lp_files(path)
+    if len(lps) > 1:
+        raise DataError(f"{path}: {lps[0].name} and {lps[1].name}: name the .lp that is meant")
+    if lps:
+        return read_lp_folder(path, lps[0], mask_path)
+    return read_images(path, mask_path)
+
+
+def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
+    """Put one light to each light id of the frames, in their order and under their ids."""
+    ids = source.light_ids
+    if lights is None or not ids:
+        return replace(source, lights=None)
+    try:
+        indices, by_name = lights.match(ids)
+    except DataError as error:
+        raise DataError(f"{source.path}: {error}") from error
+    warnings = source.warnings
+    if not by_name:
+        warnings += (
+            f"{source.path}: lights are matched to images by order, as their names differ "
+            f"({lights.ids[0]} to {ids[0]} and so on)",
+        )
+    return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)

@@ -1,0 +1,120 @@
+"""A session as a source."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.mask_files import read_mask
+from acquisition._session.frame import SessionFrame
+from acquisition._session.session import (
+    COMPLETE,
+    JOURNAL,
+    MANIFEST,
+    MASK,
+    TRUE_MASK,
+    TRUE_NORMALS,
+    Session,
+)
+from acquisition._source.source import Frame, Source
+from rig import Mounting
+
+
+def read_session(folder: Path, mask_path: Path | None = None) -> Source:
+    """Read a session, complete or not: what is missing becomes a warning.
+
+    Frames are turned upright as they are read, and everything else is of the upright image: mask
+    and true normals, which are those in ``derived/``, where they are, camera and filter pattern.
+
+    Raises
+    ------
+    DataError
+        If it is damaged or holds no frame.
+    """
+    session = Session.open(folder)
+    device, mounting = session.manifest.camera, session.manifest.mounting
+    # The session's own reader checks the hash of the pixels.
+    frames = tuple(
+        Frame(
+            recorded.path,
+            recorded.light_id,
+            mounting.upright_shape(recorded.shape),
+            recorded.role,
+            recorded.bracket,
+            recorded.exposure_us,
+            _upright(recorded, mounting),
+        )
+        for recorded in session.frames
+    )
+    if not frames:
+        raise DataError(f"{folder}: a session without any frame: record or resume it")
+    warnings = list(session.warnings)
+    if not session.complete:
+        warnings.append(f"{folder}: the recording was not brought to its end")
+    if session.missing:
+        warnings.append(
+            f"{folder}: {len(session.missing)} planned frames are missing, first "
+            f"{session.missing[0].file}"
+        )
+    if session.left_out:
+        leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+        warnings.append(
+            f"{folder}: {len(session.left_out)} planned frames were left out, as LED "
+            f"{', '.join(leds)} died"
+        )
+    height, width, *_ = mounting.upright_shape((device.height, device.width))
+    size = (height, width)
+    if mask_path is None:
+        masks = (folder / MASK, folder / TRUE_MASK)
+        mask_path = next((path for path in masks if path.exists()), None)
+    truth = folder / TRUE_NORMALS
+    others = [folder / name for name in (MANIFEST, JOURNAL, COMPLETE)] + [truth]
+    return Source(
+        path=folder,
+        kind="session",
+        frames=frames,
+        lights=session.lights,
+        mask=read_mask(mask_path, size) if mask_path else None,
+        camera=session.camera_model,
+        normals_truth=_true_normals(truth, size) if truth.exists() else None,
+        cfa=_upright_cfa(session, folder),
+        black_level=device.black_level_dn,
+        white_level=device.white_dn,
+        files=(
+            *(frame.path for frame in frames),
+            *([mask_path] if mask_path else []),
+            *(path for path in others if path.exists()),
+        ),
+        warnings=tuple(warnings),
+    )
+
+
+def _upright(recorded: SessionFrame, mounting: Mounting) -> Callable[[], Image]:
+    if mounting == Mounting():
+        return recorded.read
+    return lambda: mounting.upright(recorded.read())
+
+
+def _upright_cfa(session: Session, folder: Path) -> str | None:
+    device, mounting = session.manifest.camera, session.manifest.mounting
+    if device.cfa is None or mounting == Mounting():
+        return device.cfa
+    try:
+        return mounting.upright_cfa(device.cfa, (device.height, device.width))
+    except ValueError as error:
+        raise DataError(f"{folder / MANIFEST}: {error}: correct cfa in [camera]") from error
+
+
+def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+    normals = read_image(path)
+    if normals.dtype != np.float32 or normals.shape != (*size, 3):
+        raise DataError(
+            f"{path}: {normals.dtype} of shape {normals.shape} are no normals of images of "
+            f"{size[1]} x {size[0]} pixels: delete the file"
+        )
+    return normals.astype(np.float32, copy=False)

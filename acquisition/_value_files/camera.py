@@ -1,0 +1,188 @@
+"""Files of camera models: ours, OpenCV's, COLMAP's, and a bare 3 x 3 matrix."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from pydantic import ValidationError
+
+from acquisition._errors import DataError
+from acquisition._session.manifest import CameraModelRecord
+from acquisition._storage import write_durably
+from acquisition._text_files import numbered_lines, read_text
+from acquisition._values.camera_model import CameraModel
+from rig import first_complaint
+
+# Where each COLMAP model keeps fx, fy, cx, cy, k1, k2, p1, p2 among its parameters.
+_COLMAP = {
+    "SIMPLE_PINHOLE": (0, 0, 1, 2),
+    "PINHOLE": (0, 1, 2, 3),
+    "SIMPLE_RADIAL": (0, 0, 1, 2, 3),
+    "RADIAL": (0, 0, 1, 2, 3, 4),
+    "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7),
+}
+_COLMAP_PIXEL_CENTRE = 0.5
+_OPENCV_SUFFIXES = {".yml", ".yaml", ".xml"}
+
+
+class _CameraFile(CameraModelRecord):
+    format: Literal["sgp-camera"] = "sgp-camera"
+    version: Literal[1] = 1
+    distortion: tuple[float, ...] = ()
+
+
+def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> CameraModel:
+    """Read a camera model.
+
+    Parameters
+    ----------
+    path
+        ``.json`` (ours); ``.yml``, ``.yaml`` or ``.xml`` of OpenCV with camera_matrix,
+        distortion_coefficients, image_width, image_height and, ours, working_distance_mm; a text
+        file with a 3 x 3 matrix; or COLMAP's cameras.txt with one camera, whose principal point
+        counts from the corner of the first pixel and is moved by half a pixel.
+    size
+        (height, width) of the images, for files that hold none.
+
+    Returns
+    -------
+    CameraModel
+        Without working distance unless the file has one.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is not understood, has no image size and none is given, or another one than given.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        if path.suffix.lower() == ".json":
+            camera = _parse_json(text, path)
+        elif path.suffix.lower() in _OPENCV_SUFFIXES:
+            camera = _parse_opencv(text, path, size)
+        else:
+            camera = _parse_text(text, path, size)
+    except DataError as error:
+        named = str(error).startswith(str(path))
+        raise (error if named else DataError(f"{path}: {error}")) from error
+    if size is not None and camera.size != size:
+        raise DataError(
+            f"{path}: a camera of {camera.width} x {camera.height} pixels, but the images have "
+            f"{size[1]} x {size[0]}: give the camera that took them"
+        )
+    return camera
+
+
+def write_camera(path: str | Path, camera: CameraModel) -> None:
+    """Write a camera model as ``.json`` or as ``.yml``, ``.yaml`` of OpenCV; both keep everything.
+
+    Raises
+    ------
+    DataError
+        If the suffix is another.
+    StorageError
+        If the disk refuses the write.
+    """
+    path = Path(path)
+    match path.suffix.lower():
+        case ".json":
+            record = _CameraFile.model_validate(CameraModelRecord.of(camera).model_dump())
+            text = record.model_dump_json(indent=1, exclude_none=True) + "\n"
+        case ".yml" | ".yaml":
+            text = _opencv_text(camera)
+        case _:
+            raise DataError(f"{path}: cameras are written as .json, .yml or .yaml: choose one")
+    write_durably(path, text.encode())
+
+
+def _parse_json(text: str, path: Path) -> CameraModel:
+    try:
+        return _CameraFile.model_validate_json(text).value()
+    except ValidationError as error:
+        raise DataError(f"{path}: {first_complaint(error)}") from error
+
+
+def _parse_opencv(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
+    try:
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
+        K = storage.getNode("camera_matrix").mat()
+        distortion = storage.getNode("distortion_coefficients").mat()
+        sides = [storage.getNode(name) for name in ("image_height", "image_width")]
+        if all(side.isInt() for side in sides):
+            size = int(sides[0].real()), int(sides[1].real())
+        distance = storage.getNode("working_distance_mm")
+        distance_mm = distance.real() if distance.isInt() or distance.isReal() else None
+    except (cv2.error, SystemError) as error:
+        raise DataError(f"{path}: not a camera file of OpenCV: write it by FileStorage") from error
+    if K is None:
+        raise DataError(f"{path}: camera_matrix is missing: write it by FileStorage")
+    coefficients = np.asarray([] if distortion is None else distortion, np.float64).ravel()
+    if np.any(coefficients[5:]):
+        raise DataError(f"{path}: more than five distortion coefficients: calibrate with five")
+    height, width = _known(size, path)
+    return CameraModel(np.asarray(K), width, height, distance_mm, coefficients[:5])
+
+
+def _opencv_text(camera: CameraModel) -> str:
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
+    storage.write("camera_matrix", camera.K)
+    storage.write("distortion_coefficients", camera.distortion[None])
+    if camera.working_distance_mm is not None:
+        storage.write("working_distance_mm", camera.working_distance_mm)
+    return storage.releaseAndGetString()
+
+
+def _parse_text(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
+    lines = [(number, line) for number, line in numbered_lines(text) if not line.startswith("#")]
+    tokens = [line.replace(",", " ").split() for _, line in lines]
+    if len(tokens) == 3 and all(len(row) == 3 for row in tokens):
+        number = lines[0][0]
+        K = np.reshape(_floats([word for row in tokens for word in row], path, number), (3, 3))
+        height, width = _known(size, path)
+        return CameraModel(K, width, height)
+    if not lines or len(tokens[0]) < 4 or not tokens[0][1].isidentifier():
+        raise DataError(f"{path}: neither a 3 x 3 matrix nor a cameras.txt of COLMAP")
+    if len(lines) > 1:
+        raise DataError(f"{path}: {len(lines)} cameras: leave only the one that took the images")
+    (number, _), (_, model, *words) = lines[0], tokens[0]
+    if model not in _COLMAP:
+        raise DataError(
+            f"{path} line {number}: model {model} is not understood: use one of "
+            + ", ".join(_COLMAP)
+        )
+    values = _floats(words, path, number)
+    places = _COLMAP[model]
+    if len(values) != 2 + max(places) + 1:
+        raise DataError(
+            f"{path} line {number}: {model} has {max(places) + 1} parameters after the size, "
+            f"not {len(values) - 2}"
+        )
+    fx, fy, cx, cy, *distortion = (values[2 + place] for place in places)
+    cx, cy = cx - _COLMAP_PIXEL_CENTRE, cy - _COLMAP_PIXEL_CENTRE
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return CameraModel(K, int(values[0]), int(values[1]), None, np.array(distortion))
+
+
+def _floats(words: list[str], path: Path, number: int) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = [np.nan]
+    if not np.isfinite(values).all():
+        text = " ".join(words)[:40]
+        raise DataError(f"{path} line {number}: '{text}' are not all finite numbers")
+    return values
+
+
+def _known(size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
+    if size is None:
+        raise DataError(f"{path}: the file has no image size: give it along with the images")
+    return size

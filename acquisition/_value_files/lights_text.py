@@ -1,0 +1,144 @@
+"""Lights as text: the .lp of RTI and tables of three numbers a line, as DiLiGenT has them."""
+
+from __future__ import annotations
+
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._text_files import numbered_lines, read_text
+from acquisition._values.lights import Array, Lights
+
+DIRECTIONS_FILE = "light_directions.txt"
+INTENSITIES_FILE = "light_intensities.txt"
+FILENAMES_FILE = "filenames.txt"
+
+
+def parse_lp(text: str, path: Path) -> Lights:
+    """Build lights from the text of an .lp: the count, then ``file x y z`` a line.
+
+    File names may hold spaces and Windows folders (both dropped from the ids), numbers a decimal
+    comma, vectors any length.
+
+    Raises
+    ------
+    DataError
+        If count or rows are not that; the message names ``path`` and the line.
+    """
+    lines = numbered_lines(text)
+    if not lines:
+        raise DataError(f"{path}: an empty file: the first line of an .lp is the number of lights")
+    first, count = lines[0]
+    if not (count.isascii() and count.isdecimal()):
+        raise DataError(
+            f"{path} line {first}: '{count[:40]}' is no count: the first line of an .lp is the "
+            "number of lights"
+        )
+    if int(count) != len(lines) - 1 or len(lines) == 1:
+        raise DataError(
+            f"{path} line {first}: {count} lights are announced and {len(lines) - 1} follow: "
+            "correct the count or the rows"
+        )
+    names, vectors = [], []
+    for number, line in lines[1:]:
+        parts = line.rsplit(maxsplit=3)
+        if len(parts) != 4:
+            raise DataError(f"{path} line {number}: '{line[:40]}' is not 'file x y z'")
+        name = PureWindowsPath(parts[0]).name
+        if name in names:
+            raise DataError(f"{path} line {number}: {name} is there twice: remove one line")
+        names.append(name)
+        vectors.append(_numbers([part.replace(",", ".") for part in parts[1:]], path, number))
+        _refuse_zero(vectors[-1], path, number)
+    return Lights(directions=np.array(vectors), ids=tuple(names))
+
+
+def lp_text(lights: Lights) -> str:
+    """Lay out ids and unit directions as the text of an .lp."""
+    rows = [
+        f"{light} {x:.9f} {y:.9f} {z:.9f}\n"
+        for light, (x, y, z) in zip(lights.ids, lights.unit_directions, strict=True)
+    ]
+    return f"{len(lights)}\n{''.join(rows)}"
+
+
+def parse_directions(text: str, path: Path) -> Lights:
+    """Build lights from N rows of three numbers, under a count or not.
+
+    A file called light_directions.txt is taken for DiLiGenT's: light_intensities.txt and
+    filenames.txt beside it add intensities and ids.
+
+    Raises
+    ------
+    DataError
+        If a row is not a vector, or the files disagree; the message names file and line.
+    """
+    rows = _table(text, path)
+    for number, vector in rows:
+        _refuse_zero(vector, path, number)
+    ids: tuple[str, ...] = ()
+    intensities: Array | None = None
+    if path.name == DIRECTIONS_FILE:
+        names, strengths = path.with_name(FILENAMES_FILE), path.with_name(INTENSITIES_FILE)
+        if names.exists():
+            ids = tuple(name for _, name in numbered_lines(read_text(names)))
+            _same_count(path, len(rows), names, len(ids))
+        if strengths.exists():
+            intensities = _intensities(strengths)
+            _same_count(path, len(rows), strengths, len(intensities))
+    return Lights(
+        directions=np.array([vector for _, vector in rows]), intensities=intensities, ids=ids
+    )
+
+
+def _intensities(path: Path) -> Array:
+    rows = _table(read_text(path), path)
+    for number, values in rows:
+        if min(values) <= 0:
+            raise DataError(
+                f"{path} line {number}: an intensity that is not positive: leave that light out"
+            )
+    return np.array([values for _, values in rows])
+
+
+def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
+    lines = numbered_lines(text)
+    if lines and lines[0][1] == str(len(lines) - 1):
+        lines = lines[1:]
+    if not lines:
+        raise DataError(f"{path}: an empty file: three numbers a line are expected")
+    # With points about, commas are separators; without, they are decimal.
+    return [
+        (number, _numbers(line.replace(",", " " if "." in line else ".").split(), path, number))
+        for number, line in lines
+    ]
+
+
+def _numbers(parts: list[str], path: Path, number: int) -> list[float]:
+    try:
+        values = [float(part) for part in parts]
+    except ValueError:
+        values = []
+    if len(values) != 3:
+        raise DataError(
+            f"{path} line {number}: '{' '.join(parts)[:40]}' is not three numbers: correct the line"
+        )
+    if not np.isfinite(values).all():
+        raise DataError(f"{path} line {number}: not finite: leave that light out or measure it")
+    return values
+
+
+def _refuse_zero(vector: list[float], path: Path, number: int) -> None:
+    if np.linalg.norm(vector) < 1e-9:
+        raise DataError(
+            f"{path} line {number}: a zero vector is no direction: leave that light out"
+        )
+
+
+def _same_count(path: Path, count: int, other: Path, other_count: int) -> None:
+    if count != other_count:
+        raise DataError(
+            f"{path}: {count} lights, but {other.name} beside it has {other_count}: one line per "
+            "light in both"
+        )

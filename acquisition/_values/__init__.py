@@ -1,0 +1,1 @@
+"""Lights, camera model and noise model: the values that calibration estimates."""

@@ -1,0 +1,1 @@
+"""Shape and detail of normal maps: separated, measured, transferred."""

@@ -1,0 +1,189 @@
+"""A part of one surface, such as a face, set into another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._detail.rotation import rotate_from_z
+from processing._detail.seam import SeamSteps, blend_detail, seam_steps
+from processing._detail.separation import separate_by
+from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.similarity import Similarity
+from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
+from processing._normal_map import NormalMap
+
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalTransferResult:
+    """A local transfer; what it cost is measured when it is asked for.
+
+    Parameters
+    ----------
+    normal_map
+        The target with the part set in; known over the target's mask.
+    target
+        As it was given.
+    region
+        ``(H, W)`` bool, the pixels of the target that received the part.
+    placed
+        The source as it lies over the target, its normals turned with it.
+    placement
+        How it came there.
+    shape_filter
+        The filter that separated both.
+    amplitude
+        Factor on the slopes of the detail.
+    """
+
+    normal_map: NormalMap
+    target: NormalMap
+    region: Mask
+    placed: NormalMap
+    placement: Similarity
+    shape_filter: ShapeFilter
+    amplitude: float
+
+    @cached_property
+    def fidelity(self) -> TransferFidelity:
+        """Errors in the region, the blending included, by the filter that separated the maps."""
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
+
+    @cached_property
+    def fidelity_paper(self) -> TransferFidelity:
+        """The same by the paper's filter (a Gaussian of order 1)."""
+        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
+
+    @cached_property
+    def seam(self) -> SeamSteps:
+        """Angular steps across the seam and inside the region."""
+        return seam_steps(self.normal_map, self.region)
+
+    def _placed_detail(self, by: ShapeFilter) -> NormalMap:
+        detail = scale_slopes(separate_by(by, self.placed).detail, self.amplitude)
+        return _cut(detail, self.region)
+
+
+def transfer_local(
+    source: NormalMap,
+    target: NormalMap,
+    *,
+    source_mask: Mask | None = None,
+    target_mask: Mask | None = None,
+    at: tuple[float, float] | None = None,
+    scale: float = 1.0,
+    rotate_deg: float = 0.0,
+    mirror: bool = False,
+    amplitude: float = 1.0,
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: int = 8,
+    w: int = 10,
+    reach_px: float | None = None,
+) -> LocalTransferResult:
+    """Set a part of a source into a target: its detail at a coarse granularity, without a seam.
+
+    The source is laid over the target and separated there, so that `w` counts pixels of the target:
+    the larger it is, the coarser are the features that come along. Its detail goes onto the
+    target's shape inside the region; the difference to the target's own detail along the seam is
+    taken up by a membrane (see `blend_detail`). Outside the region the target stays as it is.
+
+    Parameters
+    ----------
+    source
+        The map the part is taken of.
+    target
+        The map that receives it.
+    source_mask
+        ``(H, W)`` bool of the source's size, the part. Default: all of it.
+    target_mask
+        ``(H, W)`` bool of the target's size, where it may go. Default: everywhere.
+    at
+        Column and row of the target where the middle of the source mask's bounding box goes.
+        Default: the middle of the target mask's; without one, and with maps of one size, the part
+        stays where it is.
+    scale, rotate_deg, mirror
+        See `Similarity`.
+    amplitude
+        Factor on the slopes of the detail.
+    filter, order, w
+        The shape filter; see `ShapeFilter`.
+    reach_px
+        Distance from the seam at which 1/e of the difference is left. Default: `w`.
+
+    Returns
+    -------
+    LocalTransferResult
+        The map, and its errors and seam on demand.
+
+    Raises
+    ------
+    DataError
+        If a mask does not fit its map, the masks do not overlap, maps of different size come
+        without a place, the filter does not fit, or a number is out of range.
+    """
+    shape_filter = ShapeFilter(filter, order, w)
+    reach = float(w) if reach_px is None else reach_px
+    if not 0 < reach < np.inf:
+        raise DataError(f"a blending reach of {reach} px is not possible: give a number above 0")
+    part = _checked(source_mask, source, "source") & source.mask
+    room = _checked(target_mask, target, "target") & target.mask
+    for name, mask in (("source", part), ("target", room)):
+        if not mask.any():
+            raise DataError(f"the {name} mask and the {name}'s normals do not overlap")
+    if at is None and target_mask is None and source.size != target.size:
+        raise DataError(
+            f"a source of {_text(source)} pixels has no place on a target of {_text(target)}: say "
+            "where by a position or a target mask"
+        )
+    anchor = _middle(part)
+    if at is None:
+        at = anchor if target_mask is None else _middle(room)
+    placement = Similarity(anchor, at, scale, rotate_deg, mirror)
+    placed = placement.place(source, target.size)
+    region = placement.place_mask(part, target.size) & room
+    if placed is None or not (region & placed.mask).any():
+        raise DataError(
+            f"the source mask put at {at[0]:g},{at[1]:g} does not overlap the target mask: choose "
+            "another place, scale or mask"
+        )
+    region &= placed.mask
+    detail = scale_slopes(separate_by(shape_filter, placed).detail, amplitude)
+    ground = separate_by(shape_filter, target)
+    blended = blend_detail(detail, ground.detail, region, reach)
+    turned = rotate_from_z(blended, ground.shape.normals)
+    normals = np.where(region[..., None], turned, target.normals)
+    return LocalTransferResult(
+        NormalMap(normals, target.mask), target, region, placed, placement, shape_filter, amplitude
+    )
+
+
+def _checked(mask: Mask | None, normal_map: NormalMap, name: str) -> Mask:
+    if mask is None:
+        return np.ones(normal_map.size, np.bool_)
+    if mask.dtype != np.bool_ or mask.shape != normal_map.size:
+        raise DataError(
+            f"a {name} mask of {mask.dtype} and shape {mask.shape} does not fit a {name} of "
+            f"{_text(normal_map)} pixels"
+        )
+    return mask
+
+
+def _middle(mask: Mask) -> tuple[int, int]:
+    """Return the (column, row) in the middle of a mask's bounding box."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return int(columns[0] + columns[-1]) // 2, int(rows[0] + rows[-1]) // 2
+
+
+def _cut(normal_map: NormalMap, region: Mask) -> NormalMap:
+    return NormalMap(np.where(region[..., None], normal_map.normals, 0), region)
+
+
+def _text(normal_map: NormalMap) -> str:
+    return f"{normal_map.size[1]} x {normal_map.size[0]}"

@@ -1,0 +1,133 @@
+"""Shortest-arc rotations between unit vectors, applied to whole maps in closed form.
+
+The rotation that brings a shape component to z is the paper's 3 x 3 matrix (Rodrigues' formula).
+It is applied row by row and never stored. The arithmetic is float64 and the pole is renormalised,
+so that the only error of a round trip is the rounding of the float32 map between.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._detail.separation_kernels import turn
+
+Normals = npt.NDArray[np.float32]
+
+
+def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
+    flat = (vectors.shape[0], -1)
+    out = np.zeros(vectors.shape, np.float32)
+    turn(
+        np.ascontiguousarray(vectors, np.float32).reshape(flat),
+        np.ascontiguousarray(poles, np.float32).reshape(flat),
+        sign,
+        out.reshape(flat),
+    )
+    return out
+
+
+def rotate_to_z(vectors: Normals, poles: Normals) -> Normals:
+    """Apply to each vector the shortest rotation that brings its pole to z = (0, 0, 1).
+
+    With the shape component as pole this is the detail component (eq. ``eq_detail_form`` and
+    ``eq_detail_rotCal`` of the paper), also known as reoriented normal mapping (Barre-Brisebois
+    and Hill, 2012).
+
+    Parameters
+    ----------
+    vectors
+        ``(H, W, 3)`` float32.
+    poles
+        ``(H, W, 3)`` float32 unit vectors. Where a pole is zero the result is zero; at
+        (0, 0, -1), where no arc is shortest, the half turn diag(1, -1, -1) is taken.
+
+    Returns
+    -------
+    Normals
+        ``(H, W, 3)`` float32, of the length of `vectors`.
+    """
+    return _turned(vectors, poles, 1.0)
+
+
+def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
+    """Apply to each vector the shortest rotation that brings z to its pole.
+
+    The inverse of `rotate_to_z` (eq. ``eq_transfer``): the round trip stays below 5e-5 degree for
+    every pole, (0, 0, -1) among them.
+
+    Parameters
+    ----------
+    vectors
+        ``(H, W, 3)`` float32.
+    poles
+        ``(H, W, 3)`` float32 unit vectors. Where a pole is zero the result is zero.
+
+    Returns
+    -------
+    Normals
+        ``(H, W, 3)`` float32, of the length of `vectors`.
+    """
+    return _turned(vectors, poles, -1.0)
+
+
+@numba.njit(parallel=True, cache=True)
+def _rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
+    height, width = vectors.shape[:2]
+    out = np.zeros((height, width, 3), np.float32)
+    for r in numba.prange(height):
+        for c in range(width):
+            ax, ay, az = float(starts[r, c, 0]), float(starts[r, c, 1]), float(starts[r, c, 2])
+            bx, by, bz = float(ends[r, c, 0]), float(ends[r, c, 1]), float(ends[r, c, 2])
+            lengths = math.sqrt(ax * ax + ay * ay + az * az) * math.sqrt(
+                bx * bx + by * by + bz * bz
+            )
+            if lengths == 0:
+                continue
+            x, y, z = float(vectors[r, c, 0]), float(vectors[r, c, 1]), float(vectors[r, c, 2])
+            vx = (ay * bz - az * by) / lengths
+            vy = (az * bx - ax * bz) / lengths
+            vz = (ax * by - ay * bx) / lengths
+            cosine = (ax * bx + ay * by + az * bz) / lengths
+            sine2 = vx * vx + vy * vy + vz * vz
+            if cosine < 0 and sine2 < 1e-24:
+                # Opposite: a half turn about any axis across; start from the smallest component.
+                if abs(ax) <= abs(ay) and abs(ax) <= abs(az):
+                    vx, vy, vz = 0.0, az, -ay
+                elif abs(ay) <= abs(az):
+                    vx, vy, vz = -az, 0.0, ax
+                else:
+                    vx, vy, vz = ay, -ax, 0.0
+                along = 2 * (vx * x + vy * y + vz * z) / (vx * vx + vy * vy + vz * vz)
+                out[r, c, 0] = along * vx - x
+                out[r, c, 1] = along * vy - y
+                out[r, c, 2] = along * vz - z
+                continue
+            k = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / sine2
+            along = k * (vx * x + vy * y + vz * z)
+            out[r, c, 0] = cosine * x + vy * z - vz * y + along * vx
+            out[r, c, 1] = cosine * y + vz * x - vx * z + along * vy
+            out[r, c, 2] = cosine * z + vx * y - vy * x + along * vz
+    return out
+
+
+def rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
+    """Apply to each vector the shortest rotation that brings its start to its end.
+
+    Parameters
+    ----------
+    vectors
+        ``(H, W, 3)`` float32.
+    starts, ends
+        ``(H, W, 3)`` float32 unit vectors. Where one is zero the result is zero; where they are
+        opposite a half turn is taken.
+
+    Returns
+    -------
+    Normals
+        ``(H, W, 3)`` float32, of the length of `vectors`.
+    """
+    return np.asarray(_rotate_between(vectors, starts, ends))

@@ -1,0 +1,115 @@
+"""A normal map as two parts: its shape component and its detail component."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._detail.rotation import rotate_from_z
+from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+
+
+@dataclass(frozen=True, eq=False)
+class Separation:
+    """The shape and detail components of one normal map; `combine` puts them together again.
+
+    Parameters
+    ----------
+    shape
+        The low-pass filtered normals.
+    detail
+        The normals in the frame whose z is the shape's normal; (0, 0, 1) where there is none.
+    shape_filter
+        The filter that separated them.
+    """
+
+    shape: NormalMap
+    detail: NormalMap
+    shape_filter: ShapeFilter
+
+    @cached_property
+    def separability_map_deg(self) -> npt.NDArray[np.float32]:
+        """``(H, W)`` angle between the detail's own shape and z, NaN outside the mask.
+
+        0 would be a detail with no shape left in it at all (the paper's detail separability).
+        """
+        mask = self.detail.mask
+        left = self.shape_filter.shape(self.detail).normals
+        angles = np.full(mask.shape, np.nan, np.float32)
+        angles[mask] = angle_deg(left[mask], (0.0, 0.0, 1.0))
+        return angles
+
+    @property
+    def separability_deg(self) -> float:
+        """Mean of `separability_map_deg` over the mask."""
+        return float(np.mean(self.separability_map_deg[self.detail.mask], dtype=np.float64))
+
+
+def separate(
+    normal_map: NormalMap,
+    *,
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: int = 8,
+    w: int = 5,
+) -> Separation:
+    """Separate a normal map into shape and detail.
+
+    Parameters
+    ----------
+    normal_map
+        The map; outside its mask both parts are 0.
+    filter, order, w
+        The shape filter; see `ShapeFilter`. ``order=1`` is the paper's.
+
+    Returns
+    -------
+    Separation
+        `combine` of its parts gives the map back to 5e-5 degree.
+
+    Raises
+    ------
+    DataError
+        If the filter is unknown or its window larger than the map.
+    """
+    return separate_by(ShapeFilter(filter, order, w), normal_map)
+
+
+def separate_by(shape_filter: ShapeFilter, normal_map: NormalMap) -> Separation:
+    """Separate a normal map into shape and detail by a filter that exists already."""
+    return Separation(*shape_filter.split(normal_map), shape_filter)
+
+
+def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
+    """Put a detail component onto a shape component (eq. ``eq_transfer`` of the paper).
+
+    Parameters
+    ----------
+    shape, detail
+        Maps of the same size, of one map or of two.
+
+    Returns
+    -------
+    NormalMap
+        Known where both are.
+
+    Raises
+    ------
+    DataError
+        If the sizes differ or the masks do not overlap.
+    """
+    if shape.size != detail.size:
+        raise DataError(
+            f"a shape of {shape.size[1]} x {shape.size[0]} pixels and a detail of "
+            f"{detail.size[1]} x {detail.size[0]} do not combine: they must be of one size"
+        )
+    mask = shape.mask & detail.mask
+    if not mask.any():
+        raise DataError("the masks of shape and detail do not overlap: nothing to combine")
+    # Where one of them is 0 the result is.
+    return NormalMap(rotate_from_z(detail.normals, shape.normals), mask)

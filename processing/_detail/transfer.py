@@ -1,0 +1,207 @@
+"""Detail of one surface put onto the shape of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._detail.placement import Placement, fill, place_at
+from processing._detail.rotation import rotate_between, rotate_from_z
+from processing._detail.separation import Separation, separate_by
+from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._metrics import angle_deg
+from processing._normal_map import NormalMap
+
+Float = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class TransferFidelity:
+    """How well a result holds the shape and the detail it was made of, by one filter.
+
+    Parameters
+    ----------
+    shape
+        The target's shape component.
+    detail
+        The detail as it was put onto the target.
+    result
+        The result, separated again by the same filter.
+    """
+
+    shape: NormalMap
+    detail: NormalMap
+    result: Separation
+
+    @cached_property
+    def shape_error_deg(self) -> Float:
+        """``(H, W)`` angle between the shape that was meant and the result's, NaN outside."""
+        return _angles_deg(self.shape, self.result.shape, self.detail.mask)
+
+    @cached_property
+    def detail_error_deg(self) -> Float:
+        """``(H, W)`` angle between the detail that was meant and the result's, NaN outside."""
+        return _angles_deg(self.detail, self.result.detail, self.detail.mask)
+
+    @property
+    def shape_mae_deg(self) -> float:
+        """Mean shape error over every pixel that received detail."""
+        return float(np.mean(self.shape_error_deg[self.detail.mask], dtype=np.float64))
+
+    @property
+    def detail_mae_deg(self) -> float:
+        """Mean detail error over every pixel that received detail."""
+        return float(np.mean(self.detail_error_deg[self.detail.mask], dtype=np.float64))
+
+
+def fidelity_of(
+    result: NormalMap,
+    target: NormalMap,
+    placed_detail: Callable[[ShapeFilter], NormalMap],
+    shape_filter: ShapeFilter,
+) -> TransferFidelity:
+    """Hold a result against its target's shape and the detail put onto it, by one filter."""
+    return TransferFidelity(
+        shape_filter.shape(target), placed_detail(shape_filter), separate_by(shape_filter, result)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class TransferResult:
+    """A transfer; what it cost is measured when it is asked for.
+
+    Parameters
+    ----------
+    normal_map
+        The target with the source's detail; known over the target's mask.
+    source, target
+        What it was made of.
+    shape_filter
+        The filter that separated them.
+    amplitude
+        Factor on the slopes of the detail.
+    placement
+        Which part of the source went where.
+    """
+
+    normal_map: NormalMap
+    source: NormalMap
+    target: NormalMap
+    shape_filter: ShapeFilter
+    amplitude: float
+    placement: Placement
+
+    @cached_property
+    def fidelity(self) -> TransferFidelity:
+        """Shape and detail errors by the filter that separated them."""
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
+
+    @cached_property
+    def fidelity_paper(self) -> TransferFidelity:
+        """The same by the paper's filter (a Gaussian of order 1)."""
+        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
+
+    def _placed_detail(self, by: ShapeFilter) -> NormalMap:
+        detail = self.placement.place(separate_by(by, self.source).detail, self.target)
+        return scale_slopes(detail, self.amplitude)
+
+
+def transfer(
+    source: NormalMap,
+    target: NormalMap,
+    *,
+    keep_target_detail: bool = False,
+    amplitude: float = 1.0,
+    refine: int = 0,
+    filter: FilterKind = "gaussian",  # noqa: A002
+    order: int = 8,
+    w: int = 5,
+    at: tuple[int, int] | None = None,
+) -> TransferResult:
+    """Put the detail of a source onto the shape of a target (eq. ``eq_transfer`` of the paper).
+
+    Neither map is ever resized. Without `at` the largest rectangle inside the source's mask fills
+    the target: its middle where it is larger, side by side repeated where it is smaller.
+
+    Parameters
+    ----------
+    source
+        The map whose detail is taken.
+    target
+        The map whose shape is kept.
+    keep_target_detail
+        Put the detail onto the target's own normals, its detail included, instead of onto its
+        shape. This is what the paper's transfer table shows.
+    amplitude
+        Factor on the slopes of the detail: 0 none, 1 as it is, negative inverts the relief.
+    refine
+        Number of corrections that turn every normal by the rotation from the shape of the result to
+        the shape of the target. One step about halves the shape error and raises the detail
+        error by half. It diverges with a wide box.
+    filter, order, w
+        The shape filter; see `ShapeFilter`.
+    at
+        Column and row of the target where the source's first pixel goes (they may be negative).
+        Target pixels that no source pixel inside its mask reaches keep their normals.
+
+    Returns
+    -------
+    TransferResult
+        The map, and its errors on demand.
+
+    Raises
+    ------
+    DataError
+        If the filter does not fit one of the maps, a number is out of range, or with `at` the masks
+        do not overlap.
+    """
+    if refine < 0:
+        raise DataError(f"the number of refinement steps cannot be negative: {refine}")
+    shape_filter = ShapeFilter(filter, order, w)
+    placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)
+    detail = placement.place(separate_by(shape_filter, source).detail, target)
+    detail = scale_slopes(detail, amplitude)
+    received = detail.mask
+    shape = shape_filter.shape(target)
+    ground = target if keep_target_detail else shape
+    normals = np.where(
+        received[..., None], rotate_from_z(detail.normals, ground.normals), target.normals
+    )
+    for _ in range(refine):
+        found = shape_filter.shape(NormalMap(normals, target.mask))
+        turned = rotate_between(normals, found.normals, shape.normals)
+        normals = np.where(received[..., None], turned, normals)
+    result = NormalMap(normals, target.mask)
+    return TransferResult(result, source, target, shape_filter, amplitude, placement)
+
+
+def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
+    """Return a detail with its slopes multiplied.
+
+    Raises
+    ------
+    DataError
+        If the amplitude is not finite.
+    """
+    if not np.isfinite(amplitude):
+        raise DataError(
+            f"a detail amplitude of {amplitude} is no number: use 1 for the detail as is"
+        )
+    if amplitude == 1:
+        return detail
+    scaled = detail.normals * np.array([amplitude, amplitude, 1.0], np.float32)
+    # A horizontal normal has nothing left at amplitude 0; no detail is z.
+    scaled[detail.mask & ~scaled.any(axis=2)] = (0, 0, 1)
+    return NormalMap.from_vectors(scaled, detail.mask)
+
+
+def _angles_deg(a: NormalMap, b: NormalMap, mask: npt.NDArray[np.bool_]) -> Float:
+    angles = np.full(mask.shape, np.nan, np.float32)
+    angles[mask] = angle_deg(a.normals[mask], b.normals[mask])
+    return angles

@@ -1,0 +1,1 @@
+"""Normal maps from meshes and point clouds."""

@@ -1,0 +1,227 @@
+"""A point cloud: normals fitted on neighbourhoods, and drawn into a frame of pixels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from calibration import EstimateError
+from processing._projection.point_cloud_kernels import splat
+from processing._projection.point_cloud_orient import orient
+from processing._projection.rasterize import NEAR_SHARE, Drawn
+from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
+from processing._projection.view import Frame
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# Points whose neighbours are looked at together: bounds the memory.
+_CHUNK = 100_000
+# Spread across a neighbourhood, relative to that along it, under which it is a line.
+_LINE = 1e-6
+# Weight of a coefficient of the quadric beside that of the neighbours.
+_RIDGE = 1e-6
+# Points within a disc, as many as leave no hole where points lie at random.
+_POINTS_IN_DISC = 8
+# A lone point gets no larger disc than this many times the usual one.
+_LARGEST_DISC = 3.0
+# Cosine of the line of sight to the normal above which a visible point's normal is sure to face
+# the viewer.
+_SURELY_FACING = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Surfels:
+    """Points with the small discs that stand for the surface around them.
+
+    Parameters
+    ----------
+    points_mm
+        ``(N, 3)``.
+    normals
+        ``(N, 3)`` float64 unit vectors, of either sign.
+    bends_per_mm
+        ``(N, 3, 3)`` how the normal turns per mm of the way along the surface.
+    radii_mm
+        ``(N,)`` of discs that hold eight points each.
+    warnings
+        What the reader should know, a line each.
+    """
+
+    points_mm: Double
+    normals: Double
+    bends_per_mm: Double
+    radii_mm: Double
+    warnings: tuple[str, ...]
+
+
+def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: int = 16) -> Surfels:
+    """Fit the surface around every point to its nearest neighbours.
+
+    A plane across the direction of least spread (Hoppe et al., Surface reconstruction from
+    unorganized points, 1992), then a quadric over that plane, whose slope corrects the normal and
+    whose curvature says how it turns (Cazals and Pouget, Estimating differential quantities using
+    polynomial fitting of osculating jets, 2005).
+
+    Parameters
+    ----------
+    points_mm
+        ``(N, 3)`` finite.
+    normals
+        ``(N, 3)`` unit vectors that are known already; then nothing is fitted.
+    neighbours
+        How many points a surface is fitted to, the point itself included. More is smoother.
+
+    Returns
+    -------
+    Surfels
+        Without duplicates, and without points whose neighbours lie on a line; both are told.
+
+    Raises
+    ------
+    EstimateError
+        If fewer than three points differ, or all of them lie on a line.
+    """
+    points, index = np.unique(points_mm, axis=0, return_index=True)
+    warnings = []
+    if len(points) < len(points_mm):
+        warnings.append(f"{len(points_mm) - len(points)} duplicate points are left out")
+    if len(points) < 3:
+        raise EstimateError(
+            f"{len(points)} different points make no surface: a normal needs three at least"
+        )
+    count = min(neighbours, len(points))
+    tree = cKDTree(points)
+    fitted = np.zeros(points.shape)
+    bends = np.zeros((len(points), 3, 3))
+    reach = np.zeros(len(points))
+    sound = np.zeros(len(points), np.bool_)
+    for begin in range(0, len(points), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        distance, near = map(np.asarray, tree.query(points[part], count))
+        reach[part] = distance[:, -1]
+        offset = points[near] - points[part, None]
+        weight = np.exp(-2 * (distance / np.maximum(distance[:, -1:], 1e-300)) ** 2)
+        spread, axes = _plane(offset, weight)
+        sound[part] = spread[:, 1] > _LINE**2 * spread[:, 2]
+        fitted[part], bends[part] = _quadric(offset, weight, axes)
+    if normals is not None:
+        agree = np.where((fitted * normals[index]).sum(axis=1) < 0, -1.0, 1.0)
+        fitted, bends = normals[index], bends * agree[:, None, None]
+        sound[:] = True
+    if not sound.any():
+        raise EstimateError("the points lie on a line: no normal can be fitted")
+    if not sound.all():
+        warnings.append(f"{int((~sound).sum())} points lie on lines and are left out")
+    radii = reach * math.sqrt(_POINTS_IN_DISC / count)
+    radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
+    return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
+
+
+def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
+    """Return the spreads ``(n, 3)``, rising, and axes ``(n, 3, 3)`` of neighbourhoods."""
+    weight = (weight / weight.sum(axis=1, keepdims=True))[..., None]
+    centred = offset - (weight * offset).sum(axis=1, keepdims=True)
+    spread, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", weight * centred, centred))
+    return np.maximum(spread, 0), axes
+
+
+def _quadric(offset: Double, weight: Double, axes: Double) -> tuple[Double, Double]:
+    """Return normals ``(n, 3)`` and bends ``(n, 3, 3)`` of quadrics over the planes."""
+    normal, u, v = axes[:, :, 0], axes[:, :, 1], axes[:, :, 2]
+    # Heights and ways in units of the neighbourhood's size, which keeps the systems alike.
+    size = np.maximum(np.abs(offset).max(axis=(1, 2)), 1e-300)
+    x, y, z = (np.einsum("nki,ni->nk", offset, axis) / size[:, None] for axis in (u, v, normal))
+    terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
+    weighted = weight[..., None] * terms
+    system = np.einsum("nki,nkj->nij", weighted, terms)
+    # What few neighbours leave open becomes 0.
+    system += _RIDGE * weight.sum(axis=1)[:, None, None] * np.eye(6)
+    right = np.einsum("nki,nk->ni", weighted, z)
+    _, p, q, xx, xy, yy = np.linalg.solve(system, right[..., None])[..., 0].T
+    normal = normal - p[:, None] * u - q[:, None] * v
+    length = np.linalg.norm(normal, axis=1)
+    bend = np.zeros((len(u), 3, 3))
+    for a, b, curvature in ((u, u, xx), (u, v, xy), (v, u, xy), (v, v, yy)):
+        bend -= (curvature / (length * size))[:, None, None] * a[:, :, None] * b[:, None, :]
+    return normal / length[:, None], bend
+
+
+def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
+    """Draw the discs nearest to the viewer, blended where they overlap.
+
+    Parameters
+    ----------
+    surfels
+        Points in the house frame. Normals of what is seen are turned toward the viewer; points
+        that face away, as their way round from there tells, are not drawn.
+    frame
+        The pixels. Discs are widened to cover one pixel at least.
+
+    Returns
+    -------
+    Drawn
+        The object's outline reaches past its last points by up to one disc.
+
+    Raises
+    ------
+    EstimateError
+        If all points lie behind the camera.
+    """
+    points, warnings = surfels.points_mm, list(surfels.warnings)
+    normals, bends, radii = surfels.normals, surfels.bends_per_mm, surfels.radii_mm
+    toward = np.array([0.0, 0.0, 1.0])
+    scale_px = np.full(len(points), 1 / frame.mm_per_px)
+    if frame.camera is not None:
+        depth = frame.eye_mm - points[:, 2]
+        before = depth > NEAR_SHARE * frame.eye_mm
+        if not before.all():
+            warnings.append(f"{int((~before).sum())} points lie behind the camera: left out")
+        if not before.any():
+            raise EstimateError("every point lies behind the camera: none can be drawn")
+        points, normals, bends = points[before], normals[before], bends[before]
+        radii = radii[before]
+        toward = np.array([0.0, 0.0, frame.eye_mm]) - points
+        scale_px = frame.eye_mm / (depth[before] * frame.mm_per_px)
+    facing = np.where((normals * toward).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    normals, bends = facing * normals, facing[:, :, None] * bends
+    radii = np.maximum(radii, 0.75 / scale_px)
+    pixels, _ = frame.pixels(points)
+    rows, columns = frame.size
+    # Toward the corners of a wide image a disc grows beyond its scale in the middle.
+    reach_px = radii * scale_px * (1.0 if frame.camera is None else 1.5) + 1
+    inside = (np.abs(pixels[:, 0] - (columns - 1) / 2) < columns / 2 + reach_px) & (
+        np.abs(pixels[:, 1] - (rows - 1) / 2) < rows / 2 + reach_px
+    )
+    first = (np.clip(pixels[:, 1] - reach_px, 0, rows - 1) // BAND_ROWS).astype(np.int16)
+    last = (np.clip(pixels[:, 1] + reach_px, 0, rows - 1) // BAND_ROWS).astype(np.int16)
+    sights = frame.sights()
+
+    def blend(shown: npt.NDArray[np.bool_]) -> tuple[Float, Float]:
+        members, begin = sort_into_bands(
+            np.where(shown, first, np.int16(1)),
+            np.where(shown, last, np.int16(0)),
+            -(-rows // BAND_ROWS),
+        )
+        out = np.zeros((rows, columns, 3), np.float32)
+        height = np.full((rows, columns), np.nan, np.float32)
+        splat(
+            points, normals, bends, radii, pixels, reach_px, members, begin, BAND_ROWS, *sights,
+            frame.eye_mm, out, height,
+        )  # fmt: skip
+        return out, height
+
+    out, height = blend(inside)
+    cosine = (normals * toward).sum(axis=1) / np.linalg.norm(toward, axis=-1)
+    row = np.clip(np.rint(pixels[:, 1]), 0, rows - 1).astype(np.intp)
+    column = np.clip(np.rint(pixels[:, 0]), 0, columns - 1).astype(np.intp)
+    nearest = np.nan_to_num(height[row, column], nan=np.inf)
+    front = inside & (cosine > _SURELY_FACING) & (points[:, 2] >= nearest - radii)
+    if front.any():
+        # What lies round the edge of the object would show its inside there.
+        out, height = blend(inside & ((orient(points, normals, front) * toward).sum(axis=1) >= 0))
+    return Drawn(out, height, tuple(warnings))

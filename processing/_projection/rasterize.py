@@ -1,0 +1,95 @@
+"""A triangle mesh drawn into a frame of pixels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration import EstimateError
+from processing._projection import rasterize_kernels as kernels
+from processing._projection.view import Frame
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int32]
+
+# Share of the working distance under which a point is too close to the camera to be drawn.
+NEAR_SHARE = 1e-3
+# Pixels that see the back of a face: a few lie on silhouettes of any mesh.
+_BACK_SHARE = 0.01
+
+
+class Drawn(NamedTuple):
+    """Normals ``(H, W, 3)``, 0 where nothing is seen; heights (mm), NaN there; warnings."""
+
+    normals: Float
+    height: Float
+    warnings: tuple[str, ...]
+
+
+def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool = True) -> Drawn:
+    """Draw the nearest face at each pixel's centre.
+
+    Coverage follows the top-left rule on corners rounded to 1 / 2^14 pixel: two faces that share
+    an edge leave no hole and hit no pixel twice. Normal and height are those where the pixel's own
+    line of sight meets the face, as a ray caster finds them. With a distorted camera the edges of
+    faces stay straight in the image, which matters for faces of many pixels only.
+
+    Parameters
+    ----------
+    vertices_mm
+        ``(V, 3)`` in the house frame.
+    faces
+        ``(F, 3)``. Both sides of a face are seen; a back shows its normal turned to the viewer.
+    frame
+        The pixels.
+    smooth
+        Blend the area-weighted normals of the corners over a face; else faces are flat.
+
+    Returns
+    -------
+    Drawn
+        With a warning for faces without area (left out), faces that reach behind the camera (left
+        out), and backs that are seen.
+
+    Raises
+    ------
+    EstimateError
+        If no face can be drawn.
+    """
+    warnings = []
+    vertex_normal, thin = kernels.vertex_normals(vertices_mm, faces)
+    if thin:
+        warnings.append(f"{thin} of {len(faces)} faces have no area and are left out")
+        faces = faces[kernels.sound_faces(vertices_mm, faces)]
+    if frame.camera is not None:
+        behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * frame.eye_mm
+        if behind.any():
+            before = ~behind[faces].any(axis=1)
+            warnings.append(f"{int((~before).sum())} faces reach behind the camera: left out")
+            faces = faces[before]
+            vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
+    if not len(faces):
+        raise EstimateError(f"no face can be drawn: {'; '.join(warnings)}")
+    rows, columns = frame.size
+    screen = kernels.snap(*frame.pixels(vertices_mm))
+    bands = kernels.face_bands(screen, faces, rows, columns)
+    members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
+    nearest = np.full((rows, columns), -np.inf, np.float32)
+    seen = np.full((rows, columns), -1, np.int32)
+    kernels.draw(screen, faces, members, begin, nearest, seen)
+    normals = np.zeros((rows, columns, 3), np.float32)
+    height = np.full((rows, columns), np.nan, np.float32)
+    back = kernels.shade(
+        seen, vertices_mm, faces, vertex_normal, smooth, *frame.sights(), frame.eye_mm,
+        normals, height,
+    )  # fmt: skip
+    share = back.sum() / max(np.count_nonzero(seen >= 0), 1)
+    if share > _BACK_SHARE:
+        warnings.append(
+            f"{share:.0%} of the pixels see the back of a face: their normals are turned toward "
+            "the viewer; if the mesh should be closed, make its faces wind one way"
+        )
+    return Drawn(normals, height, tuple(warnings))

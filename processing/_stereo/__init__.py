@@ -1,0 +1,1 @@
+"""Photometric stereo: frames under known lights to normals and albedo."""

@@ -1,0 +1,218 @@
+"""Normals and albedo from images under known lights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+from calibration import EstimateError
+from processing._normal_map import NormalMap
+from processing._stereo.kernels import MAX_CONDITION, solve_rows
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+Method = Literal["ls", "cauchy"]
+
+# Rows between two reports of progress.
+_BAND = 64
+
+
+@dataclass(frozen=True, eq=False)
+class PhotometricStereoResult:
+    """What photometric stereo found.
+
+    Parameters
+    ----------
+    normal_map
+        Normals; its mask is the part of the given mask where they could be determined.
+    albedo
+        ``(H, W)`` float32, radiance under a light of intensity 1 that the surface faces, in the
+        unit of the values; 0 outside the normal map's mask.
+    residual
+        ``(H, W)`` float32, root mean square of ``value - albedo * (l . n)`` over the samples used,
+        in the same unit; 0 outside. Shadows and highlights are part of it.
+    used
+        ``(H, W)`` uint16, number of samples a pixel had, also where they were too few; 0 outside
+        the given mask.
+    warnings
+        One line each.
+    """
+
+    normal_map: NormalMap
+    albedo: Float
+    residual: Float
+    used: npt.NDArray[np.uint16]
+    warnings: tuple[str, ...]
+
+
+def photometric_stereo(
+    values: npt.ArrayLike,
+    lights: Lights,
+    mask: Mask,
+    *,
+    method: Method = "ls",
+    points_mm: npt.ArrayLike | None = None,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> PhotometricStereoResult:
+    """Estimate normals and albedo per pixel from images under known lights.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` float32 linear radiance, one channel, already divided by the lights'
+        intensities. Samples that are not finite (saturated, unmeasured) are left out.
+    lights
+        The N lights in the order of the images.
+    mask
+        ``(H, W)`` bool, the object.
+    method
+        ``ls``: least squares over all samples, attached shadows included (Woodham, 1980).
+        ``cauchy``: least squares reweighted up to 10 times by ``1 / (1 + (r / s)^2)`` with s from
+        the median of ``|r|``; shadows, highlights and other outliers lose their weight.
+    points_mm
+        ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
+        vectors are those of `Lights.vectors_at`. Ignored for distant lights.
+    on_progress
+        Called with (rows done, rows in all). What it raises ends the computation.
+
+    Returns
+    -------
+    PhotometricStereoResult
+        Normals that point away from the viewer (n_z < 0) are kept: perspective sees a few of them
+        near outlines, and elsewhere they tell of wrong lights.
+
+    Raises
+    ------
+    DataError
+        If shapes and counts disagree, the mask is empty, or near lights come without points.
+    EstimateError
+        With fewer than 3 lights, lights in one plane, or no pixel that can be determined.
+    """
+    if method not in ("ls", "cauchy"):
+        raise DataError(f"{method!r} is not a method of photometric stereo: use ls or cauchy")
+    stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
+    _check_inputs(stack, lights, mask)
+    points = _checked_points(points_mm, lights, mask)
+    _check_lights(lights, _typical_point(points, mask) if lights.near else np.zeros(3))
+    height, width = mask.shape
+    directions = lights.unit_directions
+    inverse = np.linalg.pinv(directions.T @ directions).astype(np.float64)
+    positions, axes, mu, reference = _near_model(lights)
+    normals = np.zeros((height, width, 3), np.float32)
+    albedo = np.zeros((height, width), np.float32)
+    residual = np.zeros((height, width), np.float32)
+    used = np.zeros((height, width), np.uint16)
+    for first in range(0, height, _BAND):
+        last = min(first + _BAND, height)
+        solve_rows(
+            stack, mask, first, last,
+            directions, inverse,
+            lights.near, positions, axes, mu, reference, points,
+            method == "cauchy",
+            normals, albedo, residual, used,
+        )  # fmt: skip
+        if on_progress is not None:
+            on_progress(last, height)
+    known = albedo > 0
+    if not known.any():
+        raise EstimateError(_why_nothing(stack, mask))
+    asked = int(np.count_nonzero(mask))
+    lost = asked - int(np.count_nonzero(known))
+    warnings = (
+        f"{lost} of {asked} pixels of the mask have no normal: black, or too few usable samples",
+    )
+    return PhotometricStereoResult(
+        normal_map=NormalMap(normals, known),
+        albedo=albedo,
+        residual=residual,
+        used=used,
+        warnings=warnings if lost else (),
+    )
+
+
+def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
+    if stack.ndim != 3:
+        raise DataError(
+            f"photometric stereo needs a stack (N, H, W) of one channel, not {stack.shape}"
+        )
+    if len(stack) != len(lights):
+        raise DataError(
+            f"{len(stack)} images for {len(lights)} lights: every image needs its light"
+        )
+    if mask.dtype != np.bool_ or mask.shape != stack.shape[1:]:
+        raise DataError(
+            f"a mask of {mask.dtype} and shape {mask.shape} does not fit images of shape "
+            f"{stack.shape[1:]}"
+        )
+    if not mask.any():
+        raise DataError("the mask is empty: no pixel to compute")
+
+
+def _checked_points(points_mm: npt.ArrayLike | None, lights: Lights, mask: Mask) -> Double:
+    if not lights.near:
+        return np.zeros((1, 1, 3))
+    if points_mm is None:
+        raise DataError(
+            "lights with positions need surface points: give a camera with a working distance, or "
+            "take the lights as distant"
+        )
+    points = np.ascontiguousarray(points_mm, np.float64)
+    if points.shape != (*mask.shape, 3):
+        raise DataError(f"points of shape {points.shape} do not fit a mask of shape {mask.shape}")
+    return points
+
+
+def _typical_point(points: Double, mask: Mask) -> Double:
+    """Return the middle of the object, from a thousand of its points."""
+    inside = np.flatnonzero(mask)
+    some = points.reshape(-1, 3)[inside[:: 1 + len(inside) // 1000]]
+    finite = some[np.isfinite(some).all(axis=1)]
+    if not len(finite):
+        raise DataError("the surface points inside the mask are not finite: check the camera")
+    middle: Double = np.median(finite, axis=0)
+    return middle
+
+
+def _check_lights(lights: Lights, point_mm: Double) -> None:
+    """Refuse lights that leave a direction of the normal undetermined."""
+    if len(lights) < 3:
+        raise EstimateError(
+            f"{len(lights)} lights do not determine a normal: at least 3 are needed"
+        )
+    vectors = lights.vectors_at(point_mm)
+    strength = np.linalg.svd(vectors, compute_uv=False)
+    condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
+    if not condition <= MAX_CONDITION:
+        raise EstimateError(
+            f"the {len(lights)} lights lie too nearly in one plane to determine normals (condition "
+            f"number {condition:.3g}, at most {MAX_CONDITION:g} is usable): add lights beside it"
+        )
+
+
+def _near_model(lights: Lights) -> tuple[Double, Double, Double, Double]:
+    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``, the last for unit irradiance at 0."""
+    if not lights.near:
+        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    positions, axes, mu = (
+        np.array(x, np.float64) for x in (lights.positions_mm, lights.axes, lights.mu)
+    )
+    distance = np.linalg.norm(positions, axis=1)
+    cosine = -np.sum(positions * axes, axis=1) / distance
+    reference: Double = distance**2 / cosine**mu
+    return positions, axes, mu, reference
+
+
+def _why_nothing(stack: Float, mask: Mask) -> str:
+    finite = np.isfinite(stack).sum(axis=0)[mask]
+    if not (finite >= 3).any():
+        return "no pixel of the mask has 3 samples that are not saturated: record shorter exposures"
+    if not np.any(np.nan_to_num(stack[:, mask], posinf=0.0, neginf=0.0)):
+        return "all images are black inside the mask: check the exposure and the mask"
+    return "no pixel of the mask is reached by 3 lights that are not in one plane: check the lights"

@@ -1,0 +1,129 @@
+"""Normals to wanted steps along pixel edges, by the chord rule.
+
+Between two neighbouring surface points the chord is taken to be at right angles to the sum of
+their normals: (n_i + n_j) . (P_j - P_i) = 0. This is exact on planes and on spheres. Where the mean
+normal makes an angle of cosine c with the line of sight, an error e of the normal moves the step by
+up to e / c^2: the weight of an edge is the inverse of that variance, c^4. Steep edges, which also
+hide most occlusions, count little.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Edges less than this cosine (0.6 degree) from grazing, or seen from behind, are dropped.
+_GRAZING = 1e-2
+# Squared length of the sum of two normals 120 degrees apart: no chord joins what differs more.
+_OPPOSED = 1.0
+
+
+@numba.njit(parallel=True, cache=True)
+def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
+    """Return the edges between pixels of a mask and their height steps in pixels.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    mask
+        ``(H, W)`` bool.
+
+    Returns
+    -------
+    right, down
+        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing._surface.grid_graph`).
+    step_right, step_down
+        ``(H+2, W+2)`` float64 height of the right (lower) pixel above this one.
+    """
+    rows, columns = mask.shape
+    right = np.zeros((rows + 2, columns + 2), np.float32)
+    down = np.zeros((rows + 2, columns + 2), np.float32)
+    step_right = np.zeros((rows + 2, columns + 2), np.float64)
+    step_down = np.zeros((rows + 2, columns + 2), np.float64)
+    for r in numba.prange(rows):
+        for c in range(columns):
+            if not mask[r, c]:
+                continue
+            for vertical in range(2):
+                q, d = r + vertical, c + 1 - vertical
+                if q >= rows or d >= columns or not mask[q, d]:
+                    continue
+                x = float(normals[r, c, 0]) + float(normals[q, d, 0])
+                y = float(normals[r, c, 1]) + float(normals[q, d, 1])
+                z = float(normals[r, c, 2]) + float(normals[q, d, 2])
+                length2 = x * x + y * y + z * z
+                cosine2 = z * z / length2 if length2 > _OPPOSED else 0.0
+                if z <= 0 or cosine2 <= _GRAZING * _GRAZING:
+                    continue
+                if vertical:
+                    down[r + 1, c + 1] = cosine2 * cosine2
+                    step_down[r + 1, c + 1] = y / z
+                else:
+                    right[r + 1, c + 1] = cosine2 * cosine2
+                    step_right[r + 1, c + 1] = -x / z
+    return right, down, step_right, step_down
+
+
+@numba.njit(parallel=True, cache=True)
+def perspective_edges(
+    normals: Float, mask: Mask, rays: Double
+) -> tuple[Float, Float, Double, Double]:
+    """Return the edges between pixels of a mask and their steps in logarithmic depth.
+
+    With P = C + d r the chord rule reads d_j / d_i = (m . r_i) / (m . r_j), m = n_i + n_j.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    mask
+        ``(H, W)`` bool.
+    rays
+        ``(H, W, 3)`` float64 directions from the camera that the pixels see, with z = -1.
+
+    Returns
+    -------
+    right, down
+        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing._surface.grid_graph`).
+    step_right, step_down
+        ``(H+2, W+2)`` float64 logarithm of the right (lower) pixel's depth over this one's.
+    """
+    rows, columns = mask.shape
+    right = np.zeros((rows + 2, columns + 2), np.float32)
+    down = np.zeros((rows + 2, columns + 2), np.float32)
+    step_right = np.zeros((rows + 2, columns + 2), np.float64)
+    step_down = np.zeros((rows + 2, columns + 2), np.float64)
+    for r in numba.prange(rows):
+        for c in range(columns):
+            if not mask[r, c]:
+                continue
+            for vertical in range(2):
+                q, d = r + vertical, c + 1 - vertical
+                if q >= rows or d >= columns or not mask[q, d]:
+                    continue
+                near, far = 0.0, 0.0
+                length2, sight2 = 0.0, 0.0
+                for k in range(3):
+                    m = float(normals[r, c, k]) + float(normals[q, d, k])
+                    near -= m * rays[r, c, k]
+                    far -= m * rays[q, d, k]
+                    length2 += m * m
+                    sight2 += rays[r, c, k] * rays[r, c, k]
+                cosine2 = near * far / (length2 * sight2) if length2 > _OPPOSED else 0.0
+                if min(near, far) <= 0 or cosine2 <= _GRAZING * _GRAZING:
+                    continue
+                if vertical:
+                    down[r + 1, c + 1] = cosine2 * cosine2
+                    step_down[r + 1, c + 1] = math.log(near / far)
+                else:
+                    right[r + 1, c + 1] = cosine2 * cosine2
+                    step_right[r + 1, c + 1] = math.log(near / far)
+    return right, down, step_right, step_down

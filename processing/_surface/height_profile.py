@@ -1,0 +1,102 @@
+"""The heights of a result read along the sorted heights of its target, as the paper plots them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._surface.integration import HeightMap
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+_WINDOW_PX = 5
+
+
+@dataclass(frozen=True, eq=False)
+class HeightProfile:
+    """Heights of the pixels that two surfaces share, in ascending order of the target's.
+
+    Parameters
+    ----------
+    target
+        ``(N,)`` float32 in `unit`, ascending.
+    result
+        ``(N,)`` float32, the result's height at the same pixels.
+    smoothed
+        ``(N,)`` float32, the result averaged over 5 x 5 pixels.
+    unit
+        ``mm`` or ``px``.
+    """
+
+    target: Float
+    result: Float
+    smoothed: Float
+    unit: str
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of result less target."""
+        return _rms(self.result, self.target)
+
+    @property
+    def smoothed_rms(self) -> float:
+        """Root mean square of the smoothed result less the target."""
+        return _rms(self.smoothed, self.target)
+
+    @property
+    def target_range(self) -> float:
+        """Difference of the target's highest and lowest pixel."""
+        return float(np.ptp(self.target))
+
+
+def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
+    """Read a result's heights along its target's.
+
+    Each connected part of a surface is free in height: the result's parts are set to the mean
+    height of the target there.
+
+    Parameters
+    ----------
+    target, result
+        Surfaces of one size and unit.
+
+    Raises
+    ------
+    DataError
+        If sizes or units disagree or the masks do not overlap.
+    """
+    if target.mask.shape != result.mask.shape or target.unit != result.unit:
+        raise DataError("two surfaces of different size or unit do not compare")
+    both = target.mask & result.mask
+    if not both.any():
+        raise DataError("the surfaces of target and result do not overlap")
+    # Pairs of parts, in case one surface hangs together where the other does not.
+    pair = target.parts[both].astype(np.int64) * (result.parts.max() + 1) + result.parts[both]
+    _, part = np.unique(pair, return_inverse=True)
+    off = result.height[both].astype(np.float64) - target.height[both]
+    off_mean = np.bincount(part, off) / np.bincount(part)
+    height = np.zeros(both.shape)
+    height[both] = result.height[both] - off_mean[part]
+    weight = _average(both.astype(np.float64))
+    smoothed = _average(height)[both] / weight[both]
+    order = np.argsort(target.height[both], kind="stable")
+    return HeightProfile(
+        target=target.height[both][order],
+        result=height[both][order].astype(np.float32),
+        smoothed=smoothed[order].astype(np.float32),
+        unit=target.unit,
+    )
+
+
+def _average(image: Double) -> Double:
+    size = (_WINDOW_PX, _WINDOW_PX)
+    return np.asarray(cv2.blur(image, size, borderType=cv2.BORDER_CONSTANT), np.float64)
+
+
+def _rms(a: Float, b: Float) -> float:
+    return float(np.sqrt(np.mean((a.astype(np.float64) - b) ** 2)))

@@ -1,0 +1,231 @@
+"""The surface that a normal map describes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError
+from calibration import EstimateError
+from processing._normal_map import NormalMap
+from processing._surface.chord_rule import orthographic_edges, perspective_edges
+from processing._surface.grid_graph import divergence, label_parts
+from processing._surface.multigrid import Solution, solve
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# A depth that varies by more than this factor is no surface in front of a camera.
+_DEPTH_RANGE = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """A surface over the pixels of an image.
+
+    Parameters
+    ----------
+    height
+        ``(H, W)`` float32 along +Z toward the camera, in `unit`, NaN outside the mask. Without a
+        camera the mean over each part is 0; with one it is the working distance less the depth.
+    depth
+        ``(H, W)`` float32 distance from the camera along the optical axis, in `unit`, NaN outside
+        the mask; None for an orthographic surface.
+    mask
+        ``(H, W)`` bool, where the height is known.
+    parts
+        ``(H, W)`` int32 number of the connected part a pixel belongs to, from 0; -1 outside the
+        mask. How parts lie relative to each other is not known.
+    unit
+        ``mm``, or ``px`` where no scale is known.
+    pixel_size
+        Distance of neighbouring pixels in `unit`; with a camera, at the working distance.
+    camera
+        The camera of a perspective surface.
+    iterations, relative_residual
+        Of the linear solver.
+    warnings
+        What the reader should know, a line each.
+    """
+
+    height: Float
+    depth: Float | None
+    mask: npt.NDArray[np.bool_]
+    parts: npt.NDArray[np.int32]
+    unit: Literal["mm", "px"]
+    pixel_size: float
+    camera: CameraModel | None
+    iterations: int
+    relative_residual: float
+    warnings: tuple[str, ...]
+
+    def points(self) -> Float:
+        """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
+        rows, columns = self.mask.shape
+        points = np.full((rows, columns, 3), np.nan, np.float32)
+        points[..., 2] = self.height
+        if self.camera is not None and self.depth is not None:
+            rays = self.camera.pixel_rays()
+            points[..., :2] = rays[..., :2] * self.depth[..., None]
+        else:
+            x = (np.arange(columns) - (columns - 1) / 2) * self.pixel_size
+            y = ((rows - 1) / 2 - np.arange(rows)) * self.pixel_size
+            points[..., 0] = np.where(self.mask, x[None, :], np.nan)
+            points[..., 1] = np.where(self.mask, y[:, None], np.nan)
+        return points
+
+
+def integrate(
+    normal_map: NormalMap,
+    *,
+    camera: CameraModel | None = None,
+    pixel_mm: float | None = None,
+) -> HeightMap:
+    """Integrate a normal map into a height map by weighted least squares on its mask.
+
+    Each pair of neighbouring pixels inside the mask asks for a height step by the chord rule (see
+    `processing._surface.chord_rule`); the surface that meets all of them best solves a Poisson
+    problem on the mask, by multigrid-preconditioned conjugate gradients.
+
+    Parameters
+    ----------
+    normal_map
+        The normals. Nothing is assumed outside its mask.
+    camera
+        A perspective camera of the same image size; without one the view is orthographic.
+    pixel_mm
+        Distance of neighbouring pixels on the object. With a camera it gives the working distance,
+        if the camera does not know it. Without any scale the result is in pixels: a perspective
+        surface then has a mean depth of one focal length.
+
+    Returns
+    -------
+    HeightMap
+        With the mean of each connected part fixed: height 0 (orthographic), or depth equal to the
+        working distance (perspective). Pixels that no edge reaches, isolated or grazing, are left
+        out of its mask and told in its warnings.
+
+    Raises
+    ------
+    DataError
+        If the camera is of another image size, the pixel size is no positive length, or both
+        a pixel size and a working distance are given.
+    EstimateError
+        If no two neighbouring normals face the camera, or the depths come out absurd.
+    """
+    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
+        raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
+    window = _bounding_box(normal_map.mask)
+    normals, inside = normal_map.normals[window], normal_map.mask[window]
+    if camera is None:
+        edges = orthographic_edges(normals, inside)
+    else:
+        if camera.size != normal_map.size:
+            raise DataError(
+                f"a camera of {camera.width} x {camera.height} pixels does not fit a normal map of "
+                f"{normal_map.size[1]} x {normal_map.size[0]}: crop or replace the camera"
+            )
+        y, x = np.mgrid[window]
+        edges = perspective_edges(normals, inside, camera.rays(np.stack([x, y], axis=-1)))
+    right, down, step_right, step_down = edges
+    labels, count = label_parts(right, down)
+    if count == 0:
+        raise EstimateError(
+            "no two neighbouring pixels of the normal map face the camera: nothing to integrate; "
+            "check the map's axes (Z toward the camera) and its mask"
+        )
+    b = divergence(right, down, step_right, step_down)
+    del step_right, step_down, edges
+    solution = solve(right, down, b)
+    parts = np.full(normal_map.size, -1, np.int32)
+    parts[window] = labels[1:-1, 1:-1]
+    mask = parts >= 0
+    u = solution.u[labels >= 0]
+    members = parts[mask]
+    height = np.full(normal_map.size, np.nan, np.float32)
+    depth: Float | None = None
+    unit, pixel_size, distance = _scale(camera, pixel_mm)
+    if camera is None:
+        height[mask] = pixel_size * (u - _part_means(u, members, count)[members])
+    else:
+        depths = distance * _relative_depth(u, members, count)
+        depth = np.full(normal_map.size, np.nan, np.float32)
+        depth[mask] = depths
+        height[mask] = distance - depths
+    isolated = int(np.count_nonzero(normal_map.mask & ~mask))
+    return HeightMap(
+        height=height,
+        depth=depth,
+        mask=mask,
+        parts=parts,
+        unit=unit,
+        pixel_size=pixel_size,
+        camera=camera,
+        iterations=solution.iterations,
+        relative_residual=solution.relative_residual,
+        warnings=_warnings(count, isolated, solution),
+    )
+
+
+def _bounding_box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+
+def _scale(
+    camera: CameraModel | None, pixel_mm: float | None
+) -> tuple[Literal["mm", "px"], float, float]:
+    """Return unit, pixel size and, with a camera, the working distance in that unit."""
+    if camera is None:
+        return ("px", 1.0, 0.0) if pixel_mm is None else ("mm", pixel_mm, 0.0)
+    focal_px = math.sqrt(camera.K[0, 0] * camera.K[1, 1])
+    distance = camera.working_distance_mm
+    if distance is None:
+        return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
+    if pixel_mm is not None:
+        raise DataError(
+            f"a pixel size of {pixel_mm} mm was given beside a camera at {distance} mm: leave one "
+            "of them out"
+        )
+    return "mm", distance / focal_px, distance
+
+
+def _part_means(values: Double, members: npt.NDArray[np.int32], count: int) -> Double:
+    sums = np.bincount(members, values, minlength=count)
+    return np.asarray(sums / np.bincount(members, minlength=count), np.float64)
+
+
+def _relative_depth(u: Double, members: npt.NDArray[np.int32], count: int) -> Double:
+    """Return depths of mean 1 over each part from logarithmic ones."""
+    u = u - _part_means(u, members, count)[members]
+    if np.abs(u).max() > math.log(_DEPTH_RANGE):
+        raise EstimateError(
+            f"the depth would vary by more than a factor of {_DEPTH_RANGE:g}: the camera matrix "
+            "does not belong to this normal map, or its axes are turned"
+        )
+    relative = np.exp(u)
+    return np.asarray(relative / _part_means(relative, members, count)[members], np.float64)
+
+
+def _warnings(count: int, isolated: int, solution: Solution) -> tuple[str, ...]:
+    warnings = []
+    if count > 1:
+        warnings.append(
+            f"the surface falls into {count} parts that no pair of pixels connects: each has its "
+            "own mean height, and how they lie relative to each other is not known"
+        )
+    if isolated:
+        warnings.append(
+            f"{isolated} pixels of the mask stand alone or face away from the camera and have no "
+            "height"
+        )
+    if not solution.converged:
+        warnings.append(
+            f"the solver stopped at a relative residual of {solution.relative_residual:.1e} after "
+            f"{solution.iterations} iterations: heights may be off over long distances"
+        )
+    return tuple(warnings)

@@ -1,0 +1,283 @@
+"""Surfaces as triangle meshes, and the files other programs read them from.
+
+Every format is written straight from arrays, with the same bytes for the same surface.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, StorageError
+from processing._normal_map import NormalMap
+from processing._surface.integration import HeightMap
+
+Float = npt.NDArray[np.float32]
+
+# glTF wants metres.
+_METRES = 1e-3
+# Lines of text formatted at once: bounds the memory of an .obj.
+_TEXT_LINES = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh.
+
+    Parameters
+    ----------
+    vertices
+        ``(V, 3)`` float32.
+    faces
+        ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the camera.
+    normals
+        ``(V, 3)`` float32 unit vectors, or None.
+    colours
+        ``(V, 3)`` uint8 RGB, or None.
+    """
+
+    vertices: Float
+    faces: npt.NDArray[np.int32]
+    normals: Float | None = None
+    colours: npt.NDArray[np.uint8] | None = None
+
+
+def height_mesh(
+    height_map: HeightMap,
+    *,
+    normals: NormalMap | None = None,
+    colours: npt.NDArray[np.uint8] | None = None,
+) -> Mesh:
+    """Make a mesh of a height map: one vertex per pixel of its mask, in reading order.
+
+    Four neighbouring pixels make two triangles along the shorter diagonal in space, three of four
+    make one. No triangle joins two parts of the surface.
+
+    Parameters
+    ----------
+    height_map
+        The surface.
+    normals
+        Normals of the vertices; the map must cover the height map's mask.
+    colours
+        ``(H, W, 3)`` uint8 RGB of the vertices.
+
+    Returns
+    -------
+    Mesh
+        In the height map's unit, normals toward the camera.
+
+    Raises
+    ------
+    DataError
+        If normals or colours do not fit the height map, or it makes no triangle.
+    """
+    mask = height_map.mask
+    if normals is not None and (normals.size != mask.shape or np.any(mask & ~normals.mask)):
+        raise DataError(
+            "the normals do not cover the height map: give the normal map it was integrated from"
+        )
+    if colours is not None and (colours.shape != (*mask.shape, 3) or colours.dtype != np.uint8):
+        raise DataError(
+            f"vertex colours must be uint8 of shape {(*mask.shape, 3)}, not {colours.dtype} of "
+            f"shape {colours.shape}"
+        )
+    vertices = height_map.points()[mask]
+    faces = _faces(height_map.parts, vertices)
+    if not len(faces):
+        raise DataError("the surface is nowhere two pixels wide: it makes no triangle")
+    return Mesh(
+        vertices,
+        faces,
+        None if normals is None else normals.normals[mask],
+        None if colours is None else colours[mask],
+    )
+
+
+def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int32]:
+    inside = parts >= 0
+    number = np.full(parts.shape, -1, np.int32)
+    number[inside] = np.arange(len(vertices), dtype=np.int32)
+    # Corners of each square of pixels: a b over d e.
+    a, b, d, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+
+    part_of = parts[inside]
+
+    def joined(*corners: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        # Missing corners (-1) look up the last vertex and are ruled out all the same.
+        first = part_of[corners[0]]
+        whole = np.ones(first.shape, np.bool_)
+        for corner in corners:
+            whole &= (corner >= 0) & (part_of[corner] == first)
+        return whole
+
+    adb, bde, ade, aeb = joined(a, d, b), joined(b, d, e), joined(a, d, e), joined(a, e, b)
+    quads = adb & bde
+    shorter_bd = np.zeros_like(quads)
+    shorter_bd[quads] = _distance2(vertices, b[quads], d[quads]) <= _distance2(
+        vertices, a[quads], e[quads]
+    )
+    split_ae = quads & ~shorter_bd
+    # Squares of three corners have one triangle that fits; squares of four choose a diagonal.
+    triangles = [
+        (adb & ~split_ae, (a, d, b)),
+        (bde & ~split_ae, (b, d, e)),
+        (ade & (split_ae | ~quads), (a, d, e)),
+        (aeb & (split_ae | ~quads), (a, e, b)),
+    ]
+    return np.concatenate(
+        [np.stack([corner[where] for corner in corners], axis=1) for where, corners in triangles]
+    )
+
+
+def _distance2(vertices: Float, a: npt.NDArray[np.int32], b: npt.NDArray[np.int32]) -> Float:
+    step = vertices[a] - vertices[b]
+    return np.asarray(np.einsum("ij,ij->i", step, step), np.float32)
+
+
+def write_mesh(
+    path: str | os.PathLike[str],
+    height_map: HeightMap,
+    *,
+    normals: NormalMap | None = None,
+    colours: npt.NDArray[np.uint8] | None = None,
+) -> None:
+    """Write a surface as a triangle mesh; the suffix chooses the format.
+
+    Parameters
+    ----------
+    path
+        ``.ply`` (binary), ``.obj`` (text), ``.stl`` (binary, neither vertex normals nor colours) or
+        ``.glb`` (glTF 2.0, thousandths of the unit: metres where it is mm). An existing file is
+        replaced.
+    height_map
+        The surface; all but .glb are in its unit.
+    normals, colours
+        Of the vertices; see `height_mesh`.
+
+    Raises
+    ------
+    DataError
+        If the suffix is unknown, or `height_mesh` refuses the surface.
+    StorageError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    encode = {".ply": _ply, ".obj": _obj, ".stl": _stl, ".glb": _glb}.get(path.suffix.lower())
+    if encode is None:
+        raise DataError(f"{path}: no mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb")
+    chunks = encode(height_mesh(height_map, normals=normals, colours=colours))
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with part.open("wb") as file:
+            file.writelines(chunks)
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise StorageError(f"{path}: cannot write the mesh: {error.strerror}") from error
+
+
+def _ply(mesh: Mesh) -> list[bytes]:
+    vertex = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    columns = [mesh.vertices]
+    if mesh.normals is not None:
+        vertex += [("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4")]
+        columns.append(mesh.normals)
+    colour = [("red", "u1"), ("green", "u1"), ("blue", "u1")] if mesh.colours is not None else []
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
+    header += [f"property float {name}" for name, _ in vertex]
+    header += [f"property uchar {name}" for name, _ in colour]
+    header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
+    header += ["end_header", ""]
+    rows = np.zeros(
+        len(mesh.vertices), [("floats", "<f4", (3 * len(columns),)), ("rgb", "u1", (len(colour),))]
+    )
+    rows["floats"] = np.concatenate(columns, axis=1)
+    if mesh.colours is not None:
+        rows["rgb"] = mesh.colours
+    faces = np.zeros(len(mesh.faces), [("count", "u1"), ("index", "<i4", (3,))])
+    faces["count"], faces["index"] = 3, mesh.faces
+    return ["\n".join(header).encode("ascii"), rows.tobytes(), faces.tobytes()]
+
+
+def _stl(mesh: Mesh) -> list[bytes]:
+    corners = mesh.vertices[mesh.faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
+    facets = np.zeros(
+        len(mesh.faces), [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
+    facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
+    facets["corners"] = corners
+    # The first five letters must not be "solid": that would announce a text file.
+    header = b"binary triangle mesh".ljust(80) + np.uint32(len(facets)).astype("<u4").tobytes()
+    return [header, facets.tobytes()]
+
+
+def _obj(mesh: Mesh) -> list[bytes]:
+    colour = () if mesh.colours is None else (mesh.colours / 255,)
+    chunks = _text("v" + " %.7g" * 3 + " %.4g" * 3 * len(colour), mesh.vertices, *colour)
+    corner = "%d"
+    index = mesh.faces.astype(np.int64) + 1
+    if mesh.normals is not None:
+        chunks += _text("vn %.5g %.5g %.5g", mesh.normals)
+        corner, index = "%d//%d", np.repeat(index, 2, axis=1)
+    return chunks + _text(f"f {corner} {corner} {corner}", index)
+
+
+def _text(line: str, *columns: npt.NDArray[np.generic]) -> list[bytes]:
+    table = np.concatenate(columns, axis=1)
+    return [
+        ((line + "\n") * len(part) % tuple(part.ravel().tolist())).encode("ascii")
+        for part in np.split(table, range(_TEXT_LINES, len(table), _TEXT_LINES))
+    ]
+
+
+def _glb(mesh: Mesh) -> list[bytes]:
+    positions = mesh.vertices * np.float32(_METRES)
+    views: list[tuple[bytes, int, dict[str, object]]] = []
+    attributes = {"POSITION": 0}
+    bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
+    vectors = {"componentType": 5126, "type": "VEC3", "count": len(positions)}
+    views.append((positions.astype("<f4").tobytes(), 34962, vectors | bounds))
+    if mesh.normals is not None:
+        attributes["NORMAL"] = len(views)
+        views.append((mesh.normals.astype("<f4").tobytes(), 34962, vectors))
+    if mesh.colours is not None:
+        attributes["COLOR_0"] = len(views)
+        # Each vertex of a buffer must start at a multiple of four bytes: RGB wants an alpha.
+        rgba = np.pad(mesh.colours, ((0, 0), (0, 1)), constant_values=255)
+        accessor = {
+            "componentType": 5121, "type": "VEC4", "count": len(rgba), "normalized": True,
+        }  # fmt: skip
+        views.append((rgba.tobytes(), 34962, accessor))
+    primitive = {"attributes": attributes, "indices": len(views)}
+    scalars = {"componentType": 5125, "type": "SCALAR", "count": mesh.faces.size}
+    views.append((mesh.faces.astype("<u4").tobytes(), 34963, scalars))
+    offsets = np.cumsum([0] + [len(data) for data, _, _ in views]).tolist()
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "buffers": [{"byteLength": offsets[-1]}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": offset, "byteLength": len(data), "target": target}
+            for offset, (data, target, _) in zip(offsets, views, strict=False)
+        ],
+        "accessors": [
+            {"bufferView": number} | accessor for number, (_, _, accessor) in enumerate(views)
+        ],
+    }
+    text = json.dumps(document, separators=(",", ":")).encode("ascii")
+    text += b" " * (-len(text) % 4)
+    total = 12 + 8 + len(text) + 8 + offsets[-1]
+    words = np.array([0x46546C67, 2, total, len(text), 0x4E4F534A], "<u4").tobytes()
+    binary = np.array([offsets[-1], 0x004E4942], "<u4").tobytes()
+    return [words, text, binary, *(data for data, _, _ in views)]

@@ -1,0 +1,192 @@
+"""Graph Laplacians on the pixel grid solved by multigrid-preconditioned conjugate gradients.
+
+Matrix-free: a level is two arrays of edge weights. Coarse levels gather 2 x 2 pixels into one
+(plain aggregation; edge weights add up and are halved, which makes up for the stiffness of
+piecewise constant corrections, Braess 1995). The cycle runs in float32 with red-black Gauss-Seidel,
+the conjugate gradients around it in float64.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+import processing._surface.multigrid_kernels as kernels
+from processing._surface.grid_graph import apply_laplacian
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# Smoothing sweeps before and after the coarse correction.
+_SWEEPS = 2
+# Below this many pixels threads cost more than they bring.
+_SERIAL_PIXELS = 1 << 14
+# The coarsest grid, solved exactly by its pseudo-inverse.
+_COARSEST_PIXELS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A solved graph Laplacian.
+
+    Parameters
+    ----------
+    u
+        ``(H+2, W+2)`` float64, free up to a constant on each connected part.
+    iterations
+        Of the conjugate gradients.
+    relative_residual
+        2-norm of b - L u over that of b.
+    converged
+        Whether that met the tolerance.
+    """
+
+    u: Double
+    iterations: int
+    relative_residual: float
+    converged: bool
+
+
+def solve(
+    right: Float, down: Float, b: Double, *, tolerance: float = 1e-6, max_iterations: int = 500
+) -> Solution:
+    """Solve L u = b for the graph Laplacian L of a weighted pixel grid.
+
+    L is singular, constants on each connected part are its null space. Nothing is added to its
+    diagonal: b must sum to 0 over each part, then so does every residual, and the free constants
+    are left to the caller.
+
+    Parameters
+    ----------
+    right, down
+        ``(H+2, W+2)`` float32 edge weights with an empty border, 0 or more, as in
+        `processing._surface.grid_graph`.
+    b
+        ``(H+2, W+2)`` right-hand side, 0 on pixels without edges.
+    tolerance
+        Relative residual to stop at.
+    max_iterations
+        Where to give up.
+
+    Returns
+    -------
+    Solution
+        With the residual reached.
+    """
+    u = np.zeros_like(b)
+    norm_b = math.sqrt(np.vdot(b, b))
+    if norm_b == 0:
+        return Solution(u, 0, 0.0, converged=True)
+    # The cycle computes in float32: a right-hand side of any scale must fit it.
+    scale = float(np.abs(b).max())
+    levels = _coarsen(right, down)
+    residual = b / scale
+    target = tolerance * norm_b / scale
+    direction, product = np.zeros_like(b), np.zeros_like(b)
+    gamma, norm_r, iteration = 0.0, norm_b / scale, 0
+    while norm_r > target and iteration < max_iterations:
+        correction = _cycle(levels, residual)
+        gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
+        kernels.add_scaled(direction, correction, gamma / previous if iteration else 0.0)
+        curvature = float(apply_laplacian(right, down, direction, product).sum())
+        if not curvature > 0:  # only rounding is left of the residual
+            break
+        norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
+        iteration += 1
+    u *= scale
+    return Solution(u, iteration, norm_r * scale / norm_b, converged=norm_r <= target)
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """One grid: edge weights, inverse diagonal, and room for the cycle's unknown and right side."""
+
+    right: Float
+    down: Float
+    inverse: Float
+    x: Float
+    b: Float
+    serial: bool
+    # Pseudo-inverse of the coarsest level's Laplacian, in its inner pixels.
+    dense: Float | None
+
+
+def _coarsen(right: Float, down: Float) -> list[_Level]:
+    levels: list[_Level] = []
+    while True:
+        inner = (right.shape[0] - 2) * (right.shape[1] - 2)
+        last = inner <= _COARSEST_PIXELS
+        levels.append(
+            _Level(
+                right,
+                down,
+                _inverse_diagonal(right, down),
+                np.zeros_like(right),
+                np.zeros_like(right),
+                inner < _SERIAL_PIXELS,
+                _pseudo_inverse(right, down) if last else None,
+            )
+        )
+        if last:
+            return levels
+        right, down = kernels.aggregate(right, down)
+
+
+def _cycle(levels: list[_Level], residual: Double) -> Float:
+    """Return one V-cycle's correction for a residual: a symmetric positive operator."""
+    levels[0].b[...] = residual
+    for fine, coarse in pairwise(levels):
+        smooth, restrict = (
+            (kernels.smooth_serial, kernels.restrict_serial)
+            if fine.serial
+            else (kernels.smooth, kernels.restrict)
+        )
+        fine.x[...] = 0
+        for colour in (0, 1) * _SWEEPS:
+            smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
+        restrict(fine.right, fine.down, fine.b, fine.x, coarse.b)
+    last = levels[-1]
+    if last.dense is not None:
+        inner = last.b[1:-1, 1:-1]
+        last.x[1:-1, 1:-1] = (last.dense @ inner.ravel()).reshape(inner.shape)
+    for fine, coarse in zip(levels[-2::-1], levels[:0:-1], strict=True):
+        smooth, prolong = (
+            (kernels.smooth_serial, kernels.prolong_serial)
+            if fine.serial
+            else (kernels.smooth, kernels.prolong)
+        )
+        prolong(coarse.x, fine.inverse, fine.x)
+        # The colours in reverse order make the cycle symmetric, as conjugate gradients need it.
+        for colour in (1, 0) * _SWEEPS:
+            smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
+    return levels[0].x
+
+
+def _pseudo_inverse(right: Float, down: Float) -> Float:
+    rows, columns = right.shape[0] - 2, right.shape[1] - 2
+    node = np.arange(rows * columns).reshape(rows, columns)
+    matrix = np.zeros((rows * columns, rows * columns))
+    for weight, a, b in (
+        (right[1:-1, 1:-2], node[:, :-1], node[:, 1:]),
+        (down[1:-2, 1:-1], node[:-1], node[1:]),
+    ):
+        matrix[a, b] -= weight
+        matrix[b, a] -= weight
+    diagonal = -matrix.sum(axis=1)
+    np.fill_diagonal(matrix, diagonal)
+    inverse = np.linalg.pinv(matrix, rcond=1e-10, hermitian=True)
+    # Pixels without edges stay exactly 0.
+    inverse[diagonal == 0] = 0
+    return np.asarray(inverse, np.float32)
+
+
+def _inverse_diagonal(right: Float, down: Float) -> Float:
+    diagonal = right + down
+    diagonal[:, 1:] += right[:, :-1]
+    diagonal[1:] += down[:-1]
+    inverse: Float = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    return inverse

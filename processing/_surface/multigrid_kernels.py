@@ -1,0 +1,166 @@
+"""The loops of the multigrid solver over pixels.
+
+Arrays are those of `processing._surface.grid_graph`, with an empty border of one pixel: float32
+inside the cycle, float64 in the conjugate gradients.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+
+@numba.njit(cache=True)
+def aggregate(right: Float, down: Float) -> tuple[Float, Float]:
+    """Return the edge weights of the next coarser level."""
+    rows, columns = (right.shape[0] - 1) // 2, (right.shape[1] - 1) // 2
+    coarse_right = np.zeros((rows + 2, columns + 2), np.float32)
+    coarse_down = np.zeros((rows + 2, columns + 2), np.float32)
+    half = np.float32(0.5)
+    # Coarse pixel R holds the fine rows 2R-1 and 2R; an odd last row has the empty border as mate.
+    for R in range(1, rows + 1):
+        r = 2 * R - 1
+        for C in range(1, columns + 1):
+            c = 2 * C - 1
+            if c + 1 < right.shape[1] - 1:
+                coarse_right[R, C] = half * (right[r, c + 1] + right[r + 1, c + 1])
+            if r + 1 < right.shape[0] - 1:
+                coarse_down[R, C] = half * (down[r + 1, c] + down[r + 1, c + 1])
+    return coarse_right, coarse_down
+
+
+# The kernels below come in two drivers, parallel for fine levels and serial for coarse ones, over
+# one body for a row.
+
+
+@numba.njit(cache=True)
+def _smooth_row(
+    right: Float, down: Float, inverse: Float, b: Float, x: Float, r: int, first: int
+) -> None:
+    for c in range(first, right.shape[1] - 1, 2):
+        x[r, c] = inverse[r, c] * (
+            b[r, c]
+            + right[r, c - 1] * x[r, c - 1]
+            + right[r, c] * x[r, c + 1]
+            + down[r - 1, c] * x[r - 1, c]
+            + down[r, c] * x[r + 1, c]
+        )
+
+
+@numba.njit(parallel=True, cache=True)
+def smooth(right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int) -> None:
+    """Relax the pixels of one colour of the checkerboard (Gauss-Seidel)."""
+    for r in numba.prange(1, right.shape[0] - 1):
+        _smooth_row(right, down, inverse, b, x, r, 1 + (r + colour) % 2)
+
+
+@numba.njit(cache=True)
+def smooth_serial(
+    right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int
+) -> None:
+    """Do as `smooth` on one thread."""
+    for r in range(1, right.shape[0] - 1):
+        _smooth_row(right, down, inverse, b, x, r, 1 + (r + colour) % 2)
+
+
+@numba.njit(cache=True)
+def _residual_at(right: Float, down: Float, b: Float, x: Float, r: int, c: int) -> float:
+    here = x[r, c]
+    residual: float = (
+        b[r, c]
+        - right[r, c - 1] * (here - x[r, c - 1])
+        - right[r, c] * (here - x[r, c + 1])
+        - down[r - 1, c] * (here - x[r - 1, c])
+        - down[r, c] * (here - x[r + 1, c])
+    )
+    return residual
+
+
+@numba.njit(cache=True)
+def _restrict_row(right: Float, down: Float, b: Float, x: Float, coarse: Float, R: int) -> None:
+    rows, columns = right.shape
+    for C in range(1, coarse.shape[1] - 1):
+        total = np.float32(0)
+        for r in range(2 * R - 1, min(2 * R + 1, rows - 1)):
+            for c in range(2 * C - 1, min(2 * C + 1, columns - 1)):
+                total += _residual_at(right, down, b, x, r, c)
+        coarse[R, C] = total
+
+
+@numba.njit(parallel=True, cache=True)
+def restrict(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
+    """Sum the residual b - L x over 2 x 2 pixels into `coarse`."""
+    for R in numba.prange(1, coarse.shape[0] - 1):
+        _restrict_row(right, down, b, x, coarse, R)
+
+
+@numba.njit(cache=True)
+def restrict_serial(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
+    """Do as `restrict` on one thread."""
+    for R in range(1, coarse.shape[0] - 1):
+        _restrict_row(right, down, b, x, coarse, R)
+
+
+@numba.njit(cache=True)
+def _prolong_row(coarse: Float, inverse: Float, x: Float, r: int) -> None:
+    for c in range(1, x.shape[1] - 1):
+        # Pixels without edges stay 0.
+        if inverse[r, c] > 0:
+            x[r, c] += coarse[(r + 1) // 2, (c + 1) // 2]
+
+
+@numba.njit(parallel=True, cache=True)
+def prolong(coarse: Float, inverse: Float, x: Float) -> None:
+    """Add the coarse correction to the 2 x 2 pixels under each coarse one."""
+    for r in numba.prange(1, x.shape[0] - 1):
+        _prolong_row(coarse, inverse, x, r)
+
+
+@numba.njit(cache=True)
+def prolong_serial(coarse: Float, inverse: Float, x: Float) -> None:
+    """Do as `prolong` on one thread."""
+    for r in range(1, x.shape[0] - 1):
+        _prolong_row(coarse, inverse, x, r)
+
+
+# Vector work of the conjugate gradients. Sums are returned row by row, so that a total does not
+# depend on the number of threads.
+
+
+@numba.njit(parallel=True, cache=True)
+def dot(a: Double, b: Float) -> Double:
+    """Return the products of a and b, summed row by row."""
+    sums = np.zeros(len(a), np.float64)
+    for r in numba.prange(len(a)):
+        total = 0.0
+        for c in range(a.shape[1]):
+            total += a[r, c] * b[r, c]
+        sums[r] = total
+    return sums
+
+
+@numba.njit(parallel=True, cache=True)
+def add_scaled(direction: Double, correction: Float, factor: float) -> None:
+    """Set the direction to the correction plus `factor` times itself."""
+    for r in numba.prange(len(direction)):
+        for c in range(direction.shape[1]):
+            direction[r, c] = correction[r, c] + factor * direction[r, c]
+
+
+@numba.njit(parallel=True, cache=True)
+def step(u: Double, residual: Double, direction: Double, product: Double, length: float) -> Double:
+    """Take a step and return the square of the new residual, row by row."""
+    sums = np.zeros(len(u), np.float64)
+    for r in numba.prange(len(u)):
+        total = 0.0
+        for c in range(u.shape[1]):
+            u[r, c] += length * direction[r, c]
+            value = residual[r, c] - length * product[r, c]
+            residual[r, c] = value
+            total += value * value
+        sums[r] = total
+    return sums

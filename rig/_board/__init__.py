@@ -1,0 +1,1 @@
+"""The LED board: its protocol, its line, its client."""

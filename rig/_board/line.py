@@ -1,0 +1,265 @@
+"""The serial line to the LED board: a command out, its reply back, whatever happens between."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import time
+from dataclasses import dataclass
+
+import serial
+
+from rig._board.protocol import (
+    BAUD_RATE,
+    SEQUENCE_NUMBERS,
+    Command,
+    LineBuffer,
+    LineError,
+    Reply,
+    decode_reply,
+    encode_command,
+)
+from rig._board.replies import Outcome, lost, overtaken, silent
+from rig._errors import BoardError
+
+# An unplugged port shows as any of these; SerialException is an OSError.
+try:
+    import termios
+
+    _LINE_FAILURES: tuple[type[Exception], ...] = (OSError, termios.error)
+except ImportError:  # Windows
+    _LINE_FAILURES = (OSError,)
+# pyserial refuses some names with a ValueError, and reads from a closed port with a TypeError.
+_OPEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError)
+_DARKEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError, TypeError)
+
+REPLY_TIMEOUT_S = 0.25
+ATTEMPTS = 3
+_WRITE_TIMEOUT_S = 1.0
+
+
+@dataclass
+class _Begun:
+    """A command that takes a while, when it was sent, and how often `darken` had been called."""
+
+    command: Command
+    lasts_s: float
+    began_s: float
+    darkened: int
+    reply: Reply | None = None
+
+
+class BoardLine:
+    """An open serial port on which commands are sent, and repeated until they are answered.
+
+    A repetition carries the same sequence number, so that the board does not act twice. For one
+    thread, except `darken`.
+
+    Parameters
+    ----------
+    port
+        Device path of the serial port.
+
+    Raises
+    ------
+    BoardError
+        If the port is absent or busy.
+    """
+
+    def __init__(self, port: str) -> None:
+        self.port = port
+        self._lines = LineBuffer()
+        self._unread: list[bytes] = []
+        self._rejected = b""
+        # A random start keeps the late replies of an earlier program from fitting.
+        self._seq = secrets.randbelow(SEQUENCE_NUMBERS)
+        self._begun: _Begun | None = None
+        self._darkened = 0
+        try:
+            self._serial = serial.Serial(
+                port,
+                BAUD_RATE,
+                timeout=REPLY_TIMEOUT_S,
+                write_timeout=_WRITE_TIMEOUT_S,
+                exclusive=True,
+            )
+        except _OPEN_FAILURES as error:
+            raise BoardError(
+                f"LED board on {port}: the port cannot be opened ({error}); check the cable, "
+                "the name, your permissions and that no other program uses it"
+            ) from error
+
+    def clear(self) -> None:
+        """Drop what has arrived, and end whatever an earlier program left half sent.
+
+        Raises
+        ------
+        BoardError
+            If the line is lost.
+        """
+        try:
+            self._serial.reset_input_buffer()
+            self._serial.write(b"\n")
+        except _LINE_FAILURES as error:
+            raise lost(self.port, Command(0, "ID"), error) from error
+
+    def ask(self, verb: str, *args: str, attempts: int = ATTEMPTS) -> Outcome:
+        """Send a command until it is answered, and return the answer, which may be a refusal.
+
+        Raises
+        ------
+        BoardError
+            If the line is lost, nobody answers, or `darken` was called meanwhile.
+        """
+        command, darkened = self._next(verb, args), self._darkened
+        for _ in range(attempts):
+            self._send(command, darkened)
+            reply = self._await(command, REPLY_TIMEOUT_S)
+            if reply is not None:
+                return Outcome(self.port, command, reply)
+        raise silent(self.port, command, attempts * REPLY_TIMEOUT_S, self._rejected)
+
+    def begin(self, lasts_s: float, verb: str, *args: str) -> None:
+        """Send a command that is answered after some time; others may be asked meanwhile.
+
+        Parameters
+        ----------
+        lasts_s
+            How long the board takes for it.
+        verb, args
+            The command.
+
+        Raises
+        ------
+        BoardError
+            If the line is lost.
+        """
+        command = self._next(verb, args)
+        self._begun = _Begun(command, lasts_s, time.monotonic(), self._darkened)
+        self._send(command, self._begun.darkened)
+
+    def begun(self) -> Outcome | None:
+        """Return the answer to what was begun, if it has been read already."""
+        if self._begun is None or self._begun.reply is None:
+            return None
+        return Outcome(self.port, self._begun.command, self._begun.reply)
+
+    def finish(self) -> Outcome:
+        """Return the answer to what was begun; where it does not come, ask for it again.
+
+        Raises
+        ------
+        BoardError
+            As `ask`.
+        """
+        begun, self._begun = self._begun, None
+        if begun is None:
+            raise BoardError(f"LED board on {self.port}: nothing was begun that could be finished")
+        timeout_s = begun.lasts_s + REPLY_TIMEOUT_S
+        left_s = begun.began_s + timeout_s - time.monotonic()
+        reply = begun.reply or self._await(begun.command, left_s)
+        again = reply is None
+        for _ in range(ATTEMPTS - 1):
+            if reply is None:
+                # A board that has not heard it yet takes its whole time from now.
+                self._send(begun.command, begun.darkened)
+                reply = self._await(begun.command, timeout_s)
+        if reply is None:
+            raise silent(self.port, begun.command, ATTEMPTS * timeout_s, self._rejected)
+        return Outcome(self.port, begun.command, reply, again=again)
+
+    def abandon(self) -> None:
+        """Await no answer to what was begun."""
+        self._begun = None
+
+    def darken(self) -> None:
+        """Send one OFF, now, and wait for nothing; raise nothing.
+
+        May be called from a signal handler or another thread, between any two steps of the other
+        methods. What they were about to send, or to repeat, is not sent any more, except OFF.
+        """
+        self._darkened += 1
+        # A number apart: the OFF of the main path is no repetition of this one, so it does not
+        # name an LED as burning that this one has put out.
+        apart = (self._seq + SEQUENCE_NUMBERS // 2) % SEQUENCE_NUMBERS
+        with contextlib.suppress(*_DARKEN_FAILURES):
+            # The line end before it ends a command that was half written.
+            self._write_now(b"\n" + encode_command(Command(apart, "OFF")))
+
+    def close(self) -> None:
+        """Give the port back.
+
+        Raises
+        ------
+        BoardError
+            If that fails.
+        """
+        try:
+            self._serial.close()
+        except _LINE_FAILURES as error:
+            raise BoardError(f"LED board on {self.port}: closing failed ({error})") from error
+
+    def _next(self, verb: str, args: tuple[str, ...]) -> Command:
+        self._seq = (self._seq + 1) % SEQUENCE_NUMBERS
+        self._rejected = b""
+        return Command(self._seq, verb, args)
+
+    def _send(self, command: Command, darkened: int) -> None:
+        if command.verb != "OFF" and darkened != self._darkened:
+            raise overtaken(self.port, command)
+        try:
+            self._serial.write(encode_command(command))
+        except _LINE_FAILURES as error:
+            raise lost(self.port, command, error) from error
+        if command.verb != "OFF" and darkened != self._darkened:
+            # The OFF may have gone out before this command did.
+            self.darken()
+            raise overtaken(self.port, command)
+
+    def _await(self, command: Command, timeout_s: float) -> Reply | None:
+        """Return the reply to a command, dropping what is damaged or answers others."""
+        deadline = time.monotonic() + timeout_s
+        late = False
+        while True:
+            while self._unread:
+                reply = self._read(self._unread.pop(0))
+                if reply is not None and _answers(reply, command):
+                    return reply
+                if reply is not None and self._begun and _answers(reply, self._begun.command):
+                    self._begun.reply = reply
+            if late:
+                return None
+            # After the deadline what has already arrived is still looked at, once.
+            left_s = deadline - time.monotonic()
+            late = left_s <= 0
+            try:
+                self._serial.timeout = max(0.0, left_s)
+                data = self._serial.read(1)
+                data += self._serial.read(self._serial.in_waiting)
+            except _LINE_FAILURES as error:
+                raise lost(self.port, command, error) from error
+            self._unread += self._lines.feed(data)
+
+    def _read(self, line: bytes) -> Reply | None:
+        try:
+            return decode_reply(line)
+        except LineError:
+            self._rejected = line
+            return None
+
+    def _write_now(self, data: bytes) -> None:
+        fd = getattr(self._serial, "fd", None)
+        if fd is None:  # Windows
+            self._serial.write(data)
+            return
+        try:
+            os.write(fd, data)
+        except BlockingIOError:
+            # The board does not read: what waits to be sent is worth less than this.
+            self._serial.reset_output_buffer()
+            os.write(fd, data)
+
+
+def _answers(reply: Reply, command: Command) -> bool:
+    return reply.seq == command.seq and reply.verb == command.verb

@@ -1,0 +1,124 @@
+"""Which serial port the LED board is on: every one is asked who is there."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from serial.tools import list_ports
+
+from rig._board.board import Board
+from rig._board.values import BoardIdentity
+from rig._errors import BoardError
+
+# A board that resets when its port opens may sit in its boot loader for two seconds.
+DISCOVERY_TIMEOUT_S = 3.0
+# What opening and closing a port may take beyond that.
+_GRACE_S = 2.0
+
+
+@dataclass(frozen=True)
+class FoundPort:
+    """A serial port and what is behind it.
+
+    Parameters
+    ----------
+    port
+        Device path.
+    identity
+        The LED board that answered, None where none did.
+    complaint
+        What is wrong with the port where no board answered, else empty.
+    """
+
+    port: str
+    identity: BoardIdentity | None
+    complaint: str
+
+
+def find_boards(
+    ports: Iterable[str] | None = None, *, timeout_s: float = DISCOVERY_TIMEOUT_S
+) -> tuple[FoundPort, ...]:
+    """Ask every port, all at the same time, for the board behind it.
+
+    A device of another kind receives an empty line and the protocol's ``ID``, a few times.
+
+    Parameters
+    ----------
+    ports
+        Device paths; None for every serial port of this computer.
+    timeout_s
+        How long a board may take to answer.
+
+    Returns
+    -------
+    tuple of FoundPort
+        In the order of ``ports``. A port that is silent, chatters, is busy or has vanished has a
+        complaint; nothing is raised for it, and none is waited for much longer than ``timeout_s``.
+    """
+    if ports is None:
+        ports = sorted(port.device for port in list_ports.comports())
+    found: dict[str, FoundPort] = {}
+
+    def ask(port: str) -> None:
+        try:
+            board = Board(port, handshake_timeout_s=timeout_s)
+            found[port] = FoundPort(port, board.identity, "")
+            board.close()
+        except BoardError as error:
+            found.setdefault(port, FoundPort(port, None, str(error)))
+
+    # Daemons: a port whose driver never returns must not keep the program from ending.
+    threads = {
+        port: threading.Thread(target=ask, args=(port,), daemon=True)
+        for port in dict.fromkeys(ports)
+    }
+    for thread in threads.values():
+        thread.start()
+    ends_s = time.monotonic() + timeout_s + _GRACE_S
+    for thread in threads.values():
+        thread.join(max(0.0, ends_s - time.monotonic()))
+    stuck = "LED board on {}: the port takes longer than {:g} s to open or close; check its driver"
+    return tuple(
+        found.get(port) or FoundPort(port, None, stuck.format(port, timeout_s + _GRACE_S))
+        for port in threads
+    )
+
+
+def find_board(
+    ports: Iterable[str] | None = None,
+    *,
+    name: str | None = None,
+    timeout_s: float = DISCOVERY_TIMEOUT_S,
+) -> str:
+    """Return the port of the one LED board.
+
+    Parameters
+    ----------
+    ports, timeout_s
+        See `find_boards`.
+    name
+        Only a board whose firmware has this name counts.
+
+    Raises
+    ------
+    BoardError
+        If there is none, with what was found at each port, or more than one, with their ports.
+    """
+    found = find_boards(ports, timeout_s=timeout_s)
+    boards = {port.port: port.identity for port in found if port.identity is not None}
+    wanted = [port for port, board in boards.items() if name in (None, board.name)]
+    if len(wanted) == 1:
+        return wanted[0]
+    called = "" if name is None else f" named {name}"
+    if wanted:
+        raise BoardError(
+            f"{len(wanted)} LED boards{called} found, on {', '.join(wanted)}: say which port is "
+            "meant, or unplug the others"
+        )
+    others = [f"{board.name} is on {port}" for port, board in boards.items()]
+    complaints = [port.complaint for port in found if port.complaint]
+    reasons = "; ".join(others + complaints) or "this computer has no serial port"
+    raise BoardError(f"no LED board{called} found: {reasons}; check cable and power")

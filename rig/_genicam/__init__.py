@@ -1,0 +1,1 @@
+"""A GenICam camera, driven through harvesters."""

@@ -1,0 +1,277 @@
+"""A GenICam camera behind any GenTL producer, as a `Camera`."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rig._camera import CameraFrame, Trigger
+from rig._errors import CameraError, FrameTimeoutError
+from rig._genicam.acquisition import Acquisition, ReceivedFrame
+from rig._genicam.automatics import turn_off_automatics
+from rig._genicam.count import BlockCount
+from rig._genicam.nodes import Nodes
+from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.setup import CameraOptions, check_needs, set_up
+from rig._genicam.system import OpenDevice, open_device
+from rig._genicam.trigger import TriggerControl
+
+_POLL_S = 0.001
+_WAITING_EVERY_S = 0.1
+_TEMPERATURE_EVERY_S = 2.0
+# Devices of GigE Vision 1 count frames with 16 bits: acquisition starts anew before they run out.
+_MOST_TRIGGERS = 60_000
+
+
+class GenICamCamera:
+    """A camera that harvesters found. Made by `open_genicam`.
+
+    Parameters
+    ----------
+    device
+        Open camera; closed with this one, and where it cannot be set up.
+    options
+        How to set it up.
+
+    Raises
+    ------
+    CameraError
+        If the camera lacks a needed node, an automatic refuses to be turned off, or an option
+        cannot be had. By any method if the camera fails or has been closed.
+    """
+
+    def __init__(self, device: OpenDevice, options: CameraOptions) -> None:
+        self._device = device
+        self._options = options
+        self._name = device.found.serial or device.found.model
+        self._free = "trigger" not in options.needs
+        self._armed: Trigger | None = None
+        self._closed = False
+        # The last fetch failed: what is under way is thrown away before the next trigger.
+        self._stale = False
+        # Ids: of the next trigger, of the first since acquisition started, of the next to fetch.
+        self._next_id = 0
+        self._first_id = 0
+        self._unfetched_id = 0
+        self._temperature: tuple[float, float | None] = (-_TEMPERATURE_EVERY_S, None)
+        try:
+            self._nodes = Nodes(device.acquirer.remote_device.node_map, self._name)
+            self._acquisition = Acquisition(device.acquirer, self._name)
+            self._count = BlockCount()
+            self._trigger = TriggerControl(self._nodes, options.trigger_line)
+            check_needs(self._nodes, device.found, options.needs)
+            self._trigger.free()
+            changed = turn_off_automatics(self._nodes)
+            self._settings = Settings(self._nodes)
+            info, form = set_up(self._nodes, self._settings, device.found, options)
+            # Those of colour exist only now that the pixel format is chosen.
+            changed += turn_off_automatics(self._nodes)
+            self.info = replace(info, turned_off=tuple(dict.fromkeys(changed)))
+            self._acquisition.expect(form, (self.info.height, self.info.width))
+        except BaseException:
+            with contextlib.suppress(CameraError):
+                device.close()
+            raise
+
+    def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
+        """Set exposure and gain, armed or not, and return the exposure read back."""
+        self._check_open()
+        if self._acquisition.running and not self._nodes.can_set(EXPOSURE):
+            # Some cameras lock it while they wait for triggers; the next trigger arms again.
+            self._stale = True
+            self._acquisition.stop()
+        exposure_us = self._settings.set_exposure(exposure_us)
+        self._settings.set_gain(gain_db)
+        self.info = replace(self.info, frame_period_us=self._settings.frame_period_us())
+        return exposure_us
+
+    def arm(self, trigger: Trigger = "software") -> None:
+        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten."""
+        self._check_open()
+        self._armed = None
+        self._acquisition.stop()
+        if not self._free:
+            self._trigger.choose(trigger)
+        self._start()
+        self._armed = trigger
+
+    def trigger(self) -> int:
+        """Start one exposure by software and return, at once, the id that its frame will carry."""
+        frame_id = self._announce("software")
+        if not self._free:
+            # A command that failed may have been carried out.
+            self._stale = True
+            self._trigger.fire()
+            self._stale = False
+        return frame_id
+
+    def expect(self) -> int:
+        """Announce one pulse on the trigger line and return the id that its frame must carry."""
+        return self._announce("line")
+
+    def fetch(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
+    ) -> CameraFrame:
+        """Wait for the frame of this id; older ones that arrive late are thrown away."""
+        self._check_open()
+        under_way = max(self._first_id, self._unfetched_id) <= frame_id < self._next_id
+        if not under_way or not self._acquisition.running:
+            raise CameraError(f"camera {self._name}: no frame {frame_id} is under way")
+        self._stale = True
+        frame = self._await(frame_id, timeout_s, waiting)
+        self._stale = False
+        self._unfetched_id = frame_id + 1
+        return CameraFrame(
+            pixels=frame.pixels,
+            frame_id=frame_id,
+            timestamp_ns=frame.timestamp_ns,
+            exposure_us=self._settings.exposure_us,
+            gain_db=self._settings.gain_db,
+            temperature_c=self._temperature_c(),
+        )
+
+    def disarm(self) -> None:
+        """Stop taking triggers."""
+        self._check_open()
+        self._armed = None
+        self._acquisition.stop()
+
+    def close(self) -> None:
+        """Give the camera back; closing twice does nothing."""
+        if not self._closed:
+            self._closed = True
+            self._device.close()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise CameraError(f"camera {self._name} is closed")
+
+    def _announce(self, trigger: Trigger) -> int:
+        self._check_open()
+        if self._armed is None:
+            raise CameraError(f"camera {self._name} was triggered before it was armed")
+        if self._armed != trigger:
+            raise CameraError(
+                f"camera {self._name} is armed for triggers by {self._armed}, not {trigger}"
+            )
+        if self._stale or self._next_id - self._first_id >= _MOST_TRIGGERS:
+            self._acquisition.stop()
+            self._start()
+        elif self._next_id == self._unfetched_id:
+            self._refuse_strangers()
+        self._next_id += 1
+        return self._next_id - 1
+
+    def _start(self) -> None:
+        self._stale = True
+        self._acquisition.start()
+        self._count.started()
+        self._first_id = self._unfetched_id = self._next_id
+        self._stale = False
+
+    def _refuse_strangers(self) -> None:
+        """Refuse to go on where a frame came that nobody asked for: the next could be one too."""
+        self._stale = True
+        while self._acquisition.poll() is not None:
+            if not self._free:
+                raise CameraError(
+                    f"camera {self._name} took a frame without a trigger{self._on_line()}: check "
+                    "the wire for noise, then shoot again"
+                )
+        self._stale = False
+
+    def _on_line(self) -> str:
+        return f" on {self._options.trigger_line}" if self._armed == "line" else ""
+
+    def _await(
+        self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None
+    ) -> ReceivedFrame:
+        began_s = told_s = time.monotonic()
+        while True:
+            frame = self._acquisition.poll()
+            now_s = time.monotonic()
+            if frame is not None:
+                if self._is_awaited(frame, frame_id):
+                    return frame
+                continue
+            if now_s - began_s >= timeout_s:
+                self._settings.check_answers()
+                line = f", armed on {self._options.trigger_line}," if self._armed == "line" else ":"
+                raise FrameTimeoutError(
+                    f"camera {self._name}{line} frame {frame_id} did not come within "
+                    f"{timeout_s:g} s of waiting; check trigger and cable"
+                )
+            time.sleep(_POLL_S)
+            if waiting is not None and now_s - told_s >= _WAITING_EVERY_S:
+                waiting()
+                told_s = now_s
+
+    def _is_awaited(self, frame: ReceivedFrame, frame_id: int) -> bool:
+        """Tell whether it is this frame; False for an older one.
+
+        Raises
+        ------
+        CameraError
+            If it is a newer one, so that the awaited frame is lost, or its block id came before.
+        """
+        if self._free:
+            return True
+        place = self._count.place(frame.block, self._next_id - self._first_id)
+        if place is None:
+            raise CameraError(
+                f"camera {self._name}: awaiting frame {frame_id}, block {frame.block} came twice "
+                "or after a later one; it is thrown away, shoot again"
+            )
+        if self._first_id + place > frame_id:
+            raise CameraError(
+                f"camera {self._name}: frame {frame_id} was lost on its way, frame "
+                f"{self._first_id + place} came in its place; shoot again, and check cable and "
+                "network where it happens often"
+            )
+        return self._first_id + place == frame_id
+
+    def _temperature_c(self) -> float | None:
+        """Return the temperature, asked for now and then: it takes a command to the camera."""
+        now_s = time.monotonic()
+        if now_s - self._temperature[0] >= _TEMPERATURE_EVERY_S:
+            self._temperature = now_s, self._settings.temperature_c()
+        return self._temperature[1]
+
+
+def open_genicam(
+    cti: str | Path | Sequence[str | Path],
+    *,
+    serial: str | None = None,
+    model: str | None = None,
+    pixel_format: str | None = None,
+    trigger_line: str = "Line0",
+    frame_rate_hz: float | None = None,
+    black_level: float | None = None,
+    readout_us: float | None = None,
+    needs: Collection[str] = ("exposure", "trigger"),
+) -> GenICamCamera:
+    """Open the camera that a GenTL producer offers.
+
+    Parameters
+    ----------
+    cti
+        The producer (.cti file), or several to look through.
+    serial, model
+        As the camera states them; None where there is only one.
+    pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, needs
+        See `CameraOptions`.
+
+    Raises
+    ------
+    CameraError
+        If the producer cannot be used, no or several cameras are meant, or the camera cannot be
+        set up: see `GenICamCamera`.
+    """
+    options = CameraOptions(
+        pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, needs
+    )
+    ctis = [cti] if isinstance(cti, str | Path) else list(cti)
+    return GenICamCamera(open_device(ctis, serial=serial, model=model), options)

@@ -1,0 +1,209 @@
+"""Exposure, gain, black level, temperature and times, under the names that makers give them."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from rig._errors import CameraError
+from rig._genicam.nodes import Nodes
+
+EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
+GAIN = ("Gain", "GainAbs", "GainRaw")
+BLACK_LEVEL = ("BlackLevel", "BlackLevelAbs", "BlackLevelRaw")
+TEMPERATURE = ("DeviceTemperature", "DeviceTemperatureAbs")
+FRAME_RATE = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+FRAME_RATE_ENABLE = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+RESULTING_RATE = (
+    "ResultingFrameRate",
+    "ResultingFrameRateAbs",
+    "AcquisitionResultingFrameRate",
+    "AcquisitionFrameRateResult",
+)
+TRIGGER_DELAY = ("TriggerDelay", "TriggerDelayAbs")
+SHUTTER = ("SensorShutterMode", "ShutterMode")
+READOUT = ("SensorReadoutTime", "ReadoutTimeAbs", "ReadoutTime")
+
+# Which of several exposures, gains, ... the nodes above mean, the first that the camera offers.
+_SELECT = (
+    ("ExposureTimeSelector", ("Common",)),
+    ("GainSelector", ("All", "AnalogAll")),
+    ("BlackLevelSelector", ("All",)),
+    ("DeviceTemperatureSelector", ("Sensor", "SensorBoard", "Mainboard")),
+)
+_MICROSECONDS = {"": 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "ms": 1e3, "s": 1e6, "ns": 1e-3}
+# Symbols of the shutter modes, in lower case without underscores, that expose row after row.
+_ROLLING = ("rolling",)
+_GLOBAL = ("global",)
+
+
+class Settings:
+    """The adjustable values of a camera.
+
+    Parameters
+    ----------
+    nodes
+        Of the camera.
+    """
+
+    def __init__(self, nodes: Nodes) -> None:
+        self._nodes = nodes
+        self._exposure_us: float | None = None
+        self._gain_db = 0.0
+        for selector, wanted in _SELECT:
+            if nodes.can_set(selector):
+                offered = nodes.choices(selector)
+                for symbol in wanted:
+                    if symbol in offered:
+                        nodes.set_choice(selector, symbol)
+                        break
+
+    @property
+    def exposure_us(self) -> float:
+        """Exposure as last read back, NaN where the camera does not tell."""
+        if self._exposure_us is None:
+            self._exposure_us = self._time_us(EXPOSURE) if self._nodes.has(EXPOSURE) else math.nan
+        return self._exposure_us
+
+    @property
+    def gain_db(self) -> float:
+        """Gain as last read back; 0, the least, where the camera has none in dB."""
+        return self._gain_db
+
+    def exposure_range_us(self) -> tuple[float, float]:
+        """Return the range of exposures; (0, 0) where the camera does not tell."""
+        if not self._nodes.has(EXPOSURE):
+            return 0.0, 0.0
+        scale = self._us_per_unit(EXPOSURE)
+        low, high = self._nodes.limits(EXPOSURE)
+        return low * scale, high * scale
+
+    def set_exposure(self, exposure_us: float) -> float:
+        """Set the exposure and return it as read back."""
+        scale = self._us_per_unit(EXPOSURE)
+        self._exposure_us = None
+        unit = self._nodes.unit(EXPOSURE) or "us"
+        self._exposure_us = self._nodes.set_number(EXPOSURE, exposure_us / scale, unit) * scale
+        return self._exposure_us
+
+    def set_gain(self, gain_db: float) -> float:
+        """Set the gain and return it as read back.
+
+        Raises
+        ------
+        CameraError
+            If it is out of range; or not 0, which stands for the least, where the camera has no
+            gain in dB.
+        """
+        nodes = self._nodes
+        if nodes.has(GAIN) and nodes.unit(GAIN).lower() == "db":
+            self._gain_db = nodes.set_number(GAIN, gain_db, "dB")
+            return self._gain_db
+        if gain_db != 0:
+            raise CameraError(
+                f"camera {nodes.camera}, {nodes.name(GAIN)}: {gain_db:g} dB is wanted, but this "
+                "camera has no gain in dB; ask for 0, its least gain"
+            )
+        if nodes.can_set(GAIN):
+            nodes.set_number(GAIN, nodes.limits(GAIN)[0])
+        return 0.0
+
+    def set_black_level(self, value: float) -> float:
+        """Set the black level, in the camera's own unit, and return it as read back."""
+        return self._nodes.set_number(BLACK_LEVEL, value)
+
+    def set_frame_rate(self, rate_hz: float | None) -> None:
+        """Limit the rate of frames, or let the camera go as fast as it can."""
+        nodes = self._nodes
+        if nodes.can_set(FRAME_RATE_ENABLE):
+            nodes.set_flag(FRAME_RATE_ENABLE, on=rate_hz is not None)
+        if rate_hz is not None:
+            nodes.set_number(FRAME_RATE, rate_hz, "Hz")
+
+    def frame_period_us(self) -> float:
+        """Return the least time between triggers at the present exposure, 0 where not told."""
+        nodes = self._nodes
+        if nodes.has(RESULTING_RATE):
+            rate_hz = nodes.number(RESULTING_RATE)
+        elif not nodes.has(FRAME_RATE):
+            return 0.0
+        elif nodes.has(FRAME_RATE_ENABLE) and not nodes.flag(FRAME_RATE_ENABLE):
+            rate_hz = nodes.limits(FRAME_RATE)[1]
+        else:
+            rate_hz = nodes.number(FRAME_RATE)
+        return 1e6 / rate_hz if rate_hz > 0 else 0.0
+
+    def trigger_delay_us(self) -> float:
+        """Return the time from trigger to exposure, 0 where the camera has no such node."""
+        return self._time_us(TRIGGER_DELAY) if self._nodes.has(TRIGGER_DELAY) else 0.0
+
+    def temperature_c(self) -> float | None:
+        """Read the temperature, None where the camera does not tell."""
+        return self._nodes.number(TEMPERATURE) if self._nodes.has(TEMPERATURE) else None
+
+    def check_answers(self) -> None:
+        """Ask the camera for something that changes, so that nobody answers in its place.
+
+        Raises
+        ------
+        CameraError
+            If it does not answer.
+        """
+        self._nodes.number(TEMPERATURE if self._nodes.exists(TEMPERATURE) else "Width")
+
+    def shutter(self) -> Literal["global", "rolling"]:
+        """Return the kind of shutter; global where the camera has no such node.
+
+        Raises
+        ------
+        CameraError
+            If its rows begin together and end one after the other: no light fits that.
+        """
+        nodes = self._nodes
+        if not nodes.has(SHUTTER):
+            return "global"
+        mode = nodes.text(SHUTTER)
+        plain = mode.lower().replace("_", "")
+        if plain in _ROLLING:
+            return "rolling"
+        if plain in _GLOBAL:
+            return "global"
+        raise CameraError(
+            f"camera {nodes.camera}, {nodes.name(SHUTTER)}: in the mode {mode} rows are exposed "
+            "for different times; set it to Global or Rolling with the maker's program"
+        )
+
+    def readout_us(self) -> float:
+        """Return how long the readout of a rolling shutter takes.
+
+        Without a node for it, it is taken to last as long as the least frame period, which it
+        cannot exceed.
+
+        Raises
+        ------
+        CameraError
+            If the camera tells neither.
+        """
+        nodes = self._nodes
+        if nodes.has(READOUT):
+            return self._time_us(READOUT)
+        period_us = self.frame_period_us()
+        if period_us == 0:
+            raise CameraError(
+                f"camera {nodes.camera} has a rolling shutter and does not tell its readout time "
+                f"({nodes.name(READOUT)}): state readout_us in the rig file"
+            )
+        return period_us
+
+    def _time_us(self, names: tuple[str, ...]) -> float:
+        return self._nodes.number(names) * self._us_per_unit(names)
+
+    def _us_per_unit(self, names: tuple[str, ...]) -> float:
+        unit = self._nodes.unit(names)
+        # A raw integer counts ticks of a length that only its maker knows, unless it has a unit.
+        if unit not in _MICROSECONDS or (not unit and self._nodes.name(names).endswith("Raw")):
+            raise CameraError(
+                f"camera {self._nodes.camera}, {self._nodes.name(names)}: its unit "
+                f"{unit or '(none)'} is not one of time"
+            )
+        return _MICROSECONDS[unit]

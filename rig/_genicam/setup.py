@@ -1,0 +1,124 @@
+"""How a camera is set up when it is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from rig._camera import CameraInfo
+from rig._errors import CameraError
+from rig._genicam.nodes import Nodes
+from rig._genicam.pixels import PixelFormat, best_format
+from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.system import FoundCamera
+from rig._genicam.trigger import TRIGGER_NODES
+
+_NEEDED: tuple[tuple[str, ...], ...] = (
+    ("Width",),
+    ("Height",),
+    ("PixelFormat",),
+    ("AcquisitionStart",),
+    ("AcquisitionStop",),
+)
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """How a camera is to be set up when it is opened.
+
+    Parameters
+    ----------
+    pixel_format
+        Name of a raw format, for instance Mono12p; None for the best that the camera offers.
+    trigger_line
+        The camera's trigger source that the LED board is wired to.
+    frame_rate_hz
+        Limit of the frame rate; None lets the camera go as fast as it can.
+    black_level
+        In the camera's own unit; None leaves it.
+    readout_us
+        Of a rolling shutter; None asks the camera.
+    needs
+        What the camera must be able to do: "exposure", "trigger". One that need not be triggered
+        runs freely, and `GenICamCamera.trigger` then stands for its next frame: good for a look,
+        not for a recording.
+    """
+
+    pixel_format: str | None = None
+    trigger_line: str = "Line0"
+    frame_rate_hz: float | None = None
+    black_level: float | None = None
+    readout_us: float | None = None
+    needs: Collection[str] = ("exposure", "trigger")
+
+
+def check_needs(nodes: Nodes, found: FoundCamera, needs: Collection[str]) -> None:
+    """Check that a camera has all the nodes that what is wanted of it takes.
+
+    Raises
+    ------
+    CameraError
+        If it lacks any; the message names them all.
+    """
+    needed = list(_NEEDED)
+    if "exposure" in needs:
+        needed.append(EXPOSURE)
+    if "trigger" in needs:
+        needed += TRIGGER_NODES
+    lacking = [names[0] for names in needed if not nodes.exists(names)]
+    if lacking:
+        raise CameraError(
+            f"camera {found} cannot be used here, it lacks nodes: {', '.join(lacking)}"
+        )
+
+
+def set_up(
+    nodes: Nodes, settings: Settings, found: FoundCamera, options: CameraOptions
+) -> tuple[CameraInfo, PixelFormat]:
+    """Set what the options say, and return what the camera is then and how its pixels come.
+
+    Raises
+    ------
+    CameraError
+        If an option cannot be had.
+    """
+    form = _choose_format(nodes, options.pixel_format)
+    if options.black_level is not None:
+        settings.set_black_level(options.black_level)
+    settings.set_frame_rate(options.frame_rate_hz)
+    shutter = settings.shutter()
+    readout_us = 0.0
+    if shutter == "rolling":
+        stated_us = options.readout_us
+        readout_us = settings.readout_us() if stated_us is None else stated_us
+    low_us, high_us = settings.exposure_range_us()
+    info = CameraInfo(
+        vendor=found.vendor,
+        model=found.model,
+        serial=found.serial,
+        width=int(nodes.number("Width")),
+        height=int(nodes.number("Height")),
+        pixel_format=form.name,
+        bit_depth=form.depth,
+        cfa=form.cfa,
+        exposure_min_us=low_us,
+        exposure_max_us=high_us,
+        shutter=shutter,
+        readout_us=readout_us,
+        trigger_delay_us=settings.trigger_delay_us(),
+        frame_period_us=settings.frame_period_us(),
+    )
+    return info, form
+
+
+def _choose_format(nodes: Nodes, wanted: str | None) -> PixelFormat:
+    offered = nodes.choices("PixelFormat")
+    name = wanted or best_format(offered)
+    form = PixelFormat.of(name) if name is not None else None
+    if form is None:
+        raise CameraError(
+            f"camera {nodes.camera}, PixelFormat: wanted is a format of raw samples, such as "
+            f"Mono12 or BayerRG12p, not {name}; the camera offers {', '.join(offered)}"
+        )
+    nodes.set_choice("PixelFormat", form.name)
+    return form

@@ -1,0 +1,265 @@
+"""Life of the harvesters: one per GenTL producer and process, shared by all its open cameras.
+
+A second Harvester on the same producer sees no devices, and updating the list of devices ends every
+camera that is open. So there is one per producer, updated once, and reset when its last camera has
+been given back.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from genicam import gentl
+from harvesters.core import Harvester, ParameterKey, ParameterSet
+
+from rig._errors import CameraError
+from rig._genicam.cti import check_cti
+from rig._genicam.errors import GENICAM_ERRORS, in_words
+
+_BUFFERS = 4
+_TAKEN: tuple[type[Exception], ...] = (gentl.AccessDeniedException, gentl.ResourceInUseException)
+# harvesters takes for granted that the camera's XML was understood, and trips where it was not.
+_CREATION_ERRORS: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AssertionError, AttributeError)
+_log = logging.getLogger("rig.genicam")
+# Unless the application wants to hear of it: what matters comes as an exception.
+_log.addHandler(logging.NullHandler())
+
+
+@dataclass(frozen=True)
+class FoundCamera:
+    """A camera that a GenTL producer offers; what it does not tell is empty."""
+
+    cti: Path
+    vendor: str
+    model: str
+    serial: str
+
+    def __str__(self) -> str:
+        return f"{self.serial or '(no serial number)'} ({self.vendor} {self.model})"
+
+
+@dataclass
+class _System:
+    """The Harvester of one producer, and how many cameras of it are open."""
+
+    harvester: Any
+    users: int = 0
+    found: list[FoundCamera] = field(default_factory=list)
+
+
+_systems: dict[Path, _System] = {}
+# Reentrant: a signal handler that closes the rig may interrupt the thread that opens it.
+_lock = threading.RLock()
+
+
+class OpenDevice:
+    """An open camera of a producer: harvesters' image acquirer and its way back.
+
+    Attributes
+    ----------
+    acquirer
+        harvesters' ``ImageAcquirer``.
+    found
+        What the producer says of it.
+    """
+
+    def __init__(self, acquirer: Any, found: FoundCamera) -> None:
+        self.acquirer = acquirer
+        self.found = found
+        self._given_back = False
+
+    def close(self) -> None:
+        """Give the camera back; closing twice does nothing.
+
+        Raises
+        ------
+        CameraError
+            If the producer fails at it. Everything has been let go of then.
+        """
+        if self._given_back:
+            return
+        self._given_back = True
+        with _lock:
+            try:
+                _destroy(self.acquirer)
+            except GENICAM_ERRORS as error:
+                raise CameraError(
+                    f"camera {self.found.serial}: did not close properly ({in_words(error)})"
+                ) from error
+            finally:
+                system = _systems[self.found.cti]
+                # The harvester would keep it for as long as it lives.
+                with contextlib.suppress(ValueError):
+                    system.harvester.image_acquirers.remove(self.acquirer)
+                _release(self.found.cti)
+
+
+def open_device(
+    ctis: Sequence[str | Path], *, serial: str | None = None, model: str | None = None
+) -> OpenDevice:
+    """Open the one camera of these producers that has this serial number and model.
+
+    Parameters
+    ----------
+    ctis
+        GenTL producers (.cti files).
+    serial, model
+        As the camera states them; None for any.
+
+    Raises
+    ------
+    CameraError
+        If a producer cannot be used; if no camera, or more than one, is meant: the message lists
+        those found; or if the camera does not open.
+    """
+    paths = _resolved(ctis)
+    with _lock, contextlib.ExitStack() as used:
+        cameras: list[tuple[int, FoundCamera]] = []
+        for path in paths:
+            system = _use(path)
+            used.callback(_release, path)
+            cameras += enumerate(system.found)
+        index, found = _pick(cameras, paths, serial, model)
+        acquirer = _create(_systems[found.cti].harvester, index, found)
+        _systems[found.cti].users += 1
+        return OpenDevice(acquirer, found)
+
+
+def find_cameras(ctis: Sequence[str | Path]) -> tuple[FoundCamera, ...]:
+    """Return the cameras that these GenTL producers offer, opening none.
+
+    Raises
+    ------
+    CameraError
+        If a producer cannot be used.
+    """
+    paths = _resolved(ctis)
+    cameras: list[FoundCamera] = []
+    with _lock, contextlib.ExitStack() as used:
+        for path in paths:
+            system = _use(path)
+            used.callback(_release, path)
+            cameras += system.found
+    return tuple(cameras)
+
+
+def _resolved(ctis: Sequence[str | Path]) -> list[Path]:
+    return list(dict.fromkeys(Path(cti).expanduser().resolve() for cti in ctis))
+
+
+def _use(path: Path) -> _System:
+    system = _systems.get(path)
+    if system is None:
+        check_cti(path)
+        harvester = Harvester(config=ParameterSet({ParameterKey.LOGGER: _log}))
+        try:
+            harvester.add_file(str(path))
+            harvester.update()
+            found = [_found(path, info.property_dict) for info in harvester.device_info_list]
+        except GENICAM_ERRORS as error:
+            harvester.reset()
+            raise CameraError(f"{path}: this GenTL producer fails ({in_words(error)})") from error
+        system = _systems[path] = _System(harvester, found=found)
+    system.users += 1
+    return system
+
+
+def _release(path: Path) -> None:
+    system = _systems[path]
+    system.users -= 1
+    if system.users == 0:
+        del _systems[path]
+        try:
+            system.harvester.reset()
+        except GENICAM_ERRORS as error:
+            raise CameraError(
+                f"{path}: this GenTL producer did not close properly ({in_words(error)})"
+            ) from error
+
+
+def _found(path: Path, said: dict[str, Any]) -> FoundCamera:
+    vendor, model, serial = (
+        str(said.get(key) or "") for key in ("vendor", "model", "serial_number")
+    )
+    return FoundCamera(path, vendor, model, serial)
+
+
+def _pick(
+    cameras: Sequence[tuple[int, FoundCamera]],
+    paths: Sequence[Path],
+    serial: str | None,
+    model: str | None,
+) -> tuple[int, FoundCamera]:
+    where = ", ".join(map(str, paths))
+    if not cameras:
+        raise CameraError(
+            f"{where}: no camera found; check its cable and power, and that no other program has it"
+        )
+    meant = [
+        (index, camera)
+        for index, camera in cameras
+        if serial in (None, camera.serial) and model in (None, camera.model)
+    ]
+    if len(meant) == 1:
+        return meant[0]
+    listed = ", ".join(str(camera) for _, camera in cameras)
+    if meant:
+        raise CameraError(f"{where}: {len(meant)} cameras, say which by serial number: {listed}")
+    wanted = " ".join(part for part in (model, serial) if part is not None)
+    raise CameraError(f"{where}: no camera {wanted}; found: {listed}")
+
+
+def _create(harvester: Any, index: int, found: FoundCamera) -> Any:
+    config = ParameterSet(
+        {
+            ParameterKey.ENABLE_AUTO_CHUNK_DATA_UPDATE: False,
+            ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: _BUFFERS,
+        }
+    )
+    try:
+        with _handler_of_ctrl_c_kept():
+            acquirer = harvester.create(index, config=config)
+    except _TAKEN as error:
+        raise CameraError(
+            f"camera {found}: another program has it open; end that program"
+        ) from error
+    except _CREATION_ERRORS as error:
+        raise CameraError(f"camera {found}: cannot be opened ({in_words(error)})") from error
+    if not acquirer.is_valid():
+        # Ctrl-C came before its handler was back: harvesters then destroys the camera.
+        raise KeyboardInterrupt
+    return acquirer
+
+
+@contextlib.contextmanager
+def _handler_of_ctrl_c_kept() -> Iterator[None]:
+    """Put the handler of SIGINT back: on the main thread harvesters sets its own, for good."""
+    handler = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        # None stands for a handler that Python did not set and cannot put back.
+        if threading.current_thread() is threading.main_thread() and handler is not None:
+            signal.signal(signal.SIGINT, handler)
+
+
+def _destroy(acquirer: Any) -> None:
+    # genicam's chunk adapter is kept alive by its own finalizer, and with it a whole node map.
+    release = getattr(getattr(acquirer, "_chunk_adapter", None), "_finalizer", None)
+    # Of an unplugged camera, this fails and the rest does not.
+    with contextlib.suppress(*GENICAM_ERRORS):
+        acquirer.stop()
+    try:
+        # Its ``destroy`` alone would leave a finalizer behind that keeps it alive, too.
+        with acquirer:
+            pass
+    finally:
+        if release is not None:
+            release()

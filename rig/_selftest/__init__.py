@@ -1,0 +1,1 @@
+"""Which LEDs burn, and which are where the rig file says, by what the camera sees."""

@@ -1,0 +1,214 @@
+"""What is wrong with the LEDs of a rig, judged from one coarse image of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rig._selftest.finding import Finding
+from rig._selftest.led_places import burn_together, judge_places
+from rig._selftest.near_light import Array, Images, fit, misfits
+
+# Relative to the median LED.
+_DEAD = 0.02
+_DIM = 0.25
+_UNSTEADY = 0.04
+_FEWEST = 4
+_NOISES = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What was seen.
+
+    Parameters
+    ----------
+    leds
+        ``K`` LED numbers that were tried.
+    light
+        ``(2, K, B)`` coarse images of each LED in two passes, grey values above the dark frame's,
+        NaN where saturated.
+    dark
+        ``(B,)`` grey values that are due to light with all LEDs off.
+    places
+        ``(B, 2)`` x to the right and y up in widths of the upright image, from its centre.
+    positions_mm
+        ``(K, 3)`` of these LEDs, None where not known.
+    """
+
+    leds: tuple[int, ...]
+    light: Array
+    dark: Array
+    places: Array
+    positions_mm: Array | None = None
+
+
+def findings(evidence: Evidence) -> list[Finding]:
+    """Judge the LEDs; an empty list says that all is as it should be and could be told."""
+    judge = _Judge(evidence)
+    found = [*judge.brightness(), *judge.steadiness()]
+    if evidence.positions_mm is None:
+        found += judge.equals()
+        found.append(
+            Finding(
+                "not told apart",
+                (),
+                "whether LEDs are swapped cannot be told without their positions: give "
+                "led_positions_mm in the rig file",
+                fault=False,
+            )
+        )
+    elif judge.alive.sum() < _FEWEST:
+        found.append(
+            Finding(
+                "not told apart",
+                (),
+                f"whether LEDs are swapped can be told of {_FEWEST} that give light, not of "
+                f"{judge.alive.sum()}",
+                fault=False,
+            )
+        )
+    else:
+        found += judge.places(evidence.positions_mm)
+    return found
+
+
+class _Judge:
+    def __init__(self, evidence: Evidence) -> None:
+        self._seen = evidence
+        self._mean = _mean(evidence.light, axis=0)
+        # A place that the first LED saturates is compared by the others.
+        self._strength = _mean(self._mean, axis=1)
+        difference = evidence.light[0] - evidence.light[1]
+        spread = 1.4826 * np.nanmedian(np.abs(difference)) / np.sqrt(2)
+        self._noise = float(spread / np.sqrt(evidence.light.shape[2])) + 1e-3
+        least = max(_DEAD * float(np.median(self._strength)), _NOISES * self._noise)
+        self.alive = self._strength > least
+        self._typical = float(np.median(self._strength[self.alive])) if self.alive.any() else least
+        self._glow = _mean(evidence.dark, axis=0)
+        self._glows = bool(self._glow > least)
+
+    def _named(self, rows: Iterable[int]) -> tuple[int, ...]:
+        return tuple(sorted(self._seen.leds[row] for row in rows))
+
+    def _names(self, where: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+        return tuple(led for led, true in zip(self._seen.leds, where, strict=True) if true)
+
+    def brightness(self) -> list[Finding]:
+        found = []
+        burning = self._burning() if self._glows else None
+        if self._glows and burning is None:
+            share = self._glow / self._typical
+            found.append(
+                Finding(
+                    "room light",
+                    (),
+                    f"with all LEDs off there is {share:.0%} of an LED's light: darken the room, "
+                    "or look for a lamp or LED that the board does not switch",
+                    fault=False,
+                )
+            )
+        if burning is not None:
+            found.append(
+                Finding(
+                    "always on",
+                    (burning,),
+                    f"LED {burning} burns when all are off, and its command changes nothing: look "
+                    "for a short to ground on its wire, or a broken driver output",
+                )
+            )
+        found += [
+            Finding(
+                "dead",
+                (led,),
+                f"LED {led} gives no light: check its plug, polarity and solder joints, or list it "
+                "in dead_leds of the rig file",
+            )
+            for led in self._names(~self.alive)
+            if led != burning
+        ]
+        dim = self.alive & (self._strength < _DIM * self._typical)
+        for led in self._names(dim):
+            share = self._strength[self._seen.leds.index(led)] / self._typical
+            found.append(
+                Finding(
+                    "dim",
+                    (led,),
+                    f"LED {led} gives {share:.0%} of what the others give: clean it, check its "
+                    "resistor and whether something stands in its way",
+                )
+            )
+        return found
+
+    def steadiness(self) -> list[Finding]:
+        first, second = (_mean(each, axis=1) for each in self._seen.light)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.where(self.alive, np.abs(first - second) / self._strength, 0.0)
+        limit = np.maximum(_UNSTEADY, _NOISES * self._noise / np.maximum(self._strength, 1e-9))
+        return [
+            Finding(
+                "unsteady",
+                (led,),
+                f"LED {led} gave {change[self._seen.leds.index(led)]:.0%} more light in one of two "
+                "equal shots: check its plug and the supply",
+            )
+            for led in self._names(change > limit)
+        ]
+
+    def equals(self) -> list[Finding]:
+        """Find LEDs whose images do not differ, as those of LEDs in two places do."""
+        pairs, leds = self._pairs(), self._seen.leds
+        alike = {row for pair in pairs for row in pair}
+        # Faults are few: where many LEDs look alike, it is the view that does not tell them.
+        if len(alike) > max(_FEWEST, len(leds) / 3):
+            text = (
+                f"{len(alike)} LEDs look alike in this view: put something larger or less flat "
+                "under the camera"
+            )
+            return [Finding("not told apart", self._named(alike), text, fault=False)]
+        return [burn_together(leds[one], leds[other], sure=True) for one, other in pairs]
+
+    def places(self, positions: Array) -> list[Finding]:
+        """Find LEDs whose light comes from elsewhere, or from two places."""
+        rows = np.flatnonzero(self.alive)
+        made = fit(Images(self._mean[rows], self._seen.places), positions, rows)
+        return judge_places(self._seen.leds, made, self._pairs())
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Return pairs of rows whose images are equal within what two passes differ by."""
+        rows = np.flatnonzero(self.alive)
+        shape = self._mean[rows] / self._strength[rows, None]
+        each = self._seen.light[:, rows] / _mean(self._seen.light[:, rows], axis=2)[..., None]
+        again = np.nanmedian(np.abs(each[0] - each[1]), axis=1)
+        limit = 1.5 * float(np.median(again)) + 0.003
+        return [
+            (int(rows[j]), int(rows[i]))
+            for i in range(len(rows))
+            for j in range(i)
+            if np.nanmedian(np.abs(shape[i] - shape[j])) < limit
+        ]
+
+    def _burning(self) -> int | None:
+        """Return the LED that burns always: one that its command does not change."""
+        still = np.flatnonzero(~self.alive)
+        if len(still) == 0:
+            return None
+        positions = self._seen.positions_mm
+        if positions is None or self.alive.sum() < _FEWEST:
+            return self._seen.leds[int(still[0])] if len(still) == 1 else None
+        rows = np.flatnonzero(self.alive)
+        images = Images(self._mean[rows], self._seen.places)
+        made = fit(images, positions, rows)
+        misfit, _ = misfits((self._seen.dark / images.mean)[None], made.predicted)
+        best = int(misfit[0].argmin())
+        return self._seen.leds[best] if best in still else None
+
+
+def _mean(values: Array, axis: int) -> Array:
+    """Return the mean of what is known, 0 where nothing is."""
+    known = np.isfinite(values)
+    total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
+    return total

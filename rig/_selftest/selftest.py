@@ -1,0 +1,203 @@
+"""The rig looks at itself: which LEDs are dead, swapped, doubled or stuck, which wires missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from rig._config import RigConfig
+from rig._errors import RigError
+from rig._rig import Rig
+from rig._selftest.finding import Finding
+from rig._selftest.led_findings import Evidence, findings
+from rig._shooting.wires import Wires
+
+Array = npt.NDArray[np.float64]
+OnShot = Callable[[int], None]
+
+_COARSE = 20  # places along the longer side
+_FIRST_US = 20_000.0
+_LONGEST_US = 500_000.0
+# Share of the range that the brightest LED is to fill, and what passes for that.
+_FILL, _LEAST_FILL, _MOST_FILL = 0.6, 0.15, 0.95
+_BRIGHT_PERCENTILE = 99.0
+_PASSES = 8
+# The second dark frame is exposed for so much of the first one's time.
+_SHORT = 0.25
+# A place of which so much is saturated tells nothing.
+_CLIPPED = 0.05
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """What the self-test found.
+
+    Parameters
+    ----------
+    findings
+        What is wrong, and remarks on what cannot be judged.
+    leds
+        Those that were tried.
+    exposure_us
+        The exposure that suited the scene.
+    wires
+        What board and camera notice of each other.
+    """
+
+    findings: tuple[Finding, ...]
+    leds: tuple[int, ...]
+    exposure_us: float
+    wires: Wires
+
+    @property
+    def ok(self) -> bool:
+        """Whether nothing is wrong; remarks do not count."""
+        return not any(finding.fault for finding in self.findings)
+
+
+def selftest(rig: Rig, *, on_shot: OnShot = lambda count: None) -> SelfTest:
+    """Shoot every LED that is not listed as dead, twice, and judge what the camera sees.
+
+    Something matte should lie under the camera that fills most of its view: a card, or any object
+    that is not mostly black or mirror. Swaps are told only where the rig file has
+    ``led_positions_mm``.
+
+    Parameters
+    ----------
+    rig
+        Open rig; it stays open.
+    on_shot
+        Called after each shot with the count of shots so far.
+
+    Raises
+    ------
+    RigError
+        If board or camera fail, which is not a finding.
+    """
+    config = rig.config
+    leds = tuple(led for led in range(config.leds) if led not in config.dead_leds)
+    if not leds:
+        raise RigError(f"rig {config.name}: every LED is listed in dead_leds, none is left to try")
+    camera = _Camera(rig, on_shot)
+    exposure_us, first = camera.metered(leds)
+    second = camera.all(leds, exposure_us)
+    low_us = max(rig.camera.info.exposure_min_us, exposure_us * _SHORT)
+    dark, short = camera.coarse(None, exposure_us), camera.coarse(None, low_us)
+    # What grows with the exposure is light; black level and offsets do not.
+    glow = (dark - short) * exposure_us / max(exposure_us - low_us, 1e-9)
+    positions = np.array(config.led_positions_mm)[list(leds)] if config.led_positions_mm else None
+    evidence = Evidence(
+        leds,
+        np.stack([first, second]) - dark,
+        np.nan_to_num(glow),
+        camera.places(),
+        positions,
+    )
+    wires = rig.wires(leds[0], exposure_us)
+    found = (*findings(evidence), *_of_wires(wires, config))
+    return SelfTest(found, leds, exposure_us, wires)
+
+
+def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
+    """Judge the wires by what the rig file expects of them."""
+    found = []
+    if not wires.trigger:
+        found.append(
+            Finding(
+                "trigger",
+                (),
+                "the board's trigger pulse does not make the camera expose: check the wire to its "
+                "line input, and trigger_line in the rig file; until then only software triggers "
+                "work, and no sequences",
+                fault=config.trigger == "board",
+            )
+        )
+    if wires.exposure_active and not config.exposure_active:
+        found.append(
+            Finding(
+                "exposure active",
+                (),
+                "the camera's exposure-active output is wired to the board: set exposure_active = "
+                "true in the rig file, and it is checked with every flash",
+                fault=False,
+            )
+        )
+    if config.exposure_active and not wires.exposure_active:
+        found.append(
+            Finding(
+                "exposure active",
+                (),
+                "the board does not see the camera's exposure-active output: check that wire and "
+                "the camera's line output, or set exposure_active = false in the rig file",
+            )
+        )
+    return found
+
+
+class _Camera:
+    """Takes frames and keeps of each only coarse means."""
+
+    def __init__(self, rig: Rig, on_shot: OnShot) -> None:
+        self._rig = rig
+        self._on_shot = on_shot
+        self._count = 0
+        self._white = 2**rig.camera.info.bit_depth - 1
+        self.brightest = 0.0
+        self._shape = (1, 1)
+
+    def metered(self, leds: tuple[int, ...]) -> tuple[float, Array]:
+        """Return an exposure that suits the brightest LED, and a pass of all LEDs with it."""
+        info = self._rig.camera.info
+        low_us, high_us = info.exposure_min_us, min(info.exposure_max_us, _LONGEST_US)
+        exposure_us = min(max(_FIRST_US, low_us), high_us)
+        for _ in range(_PASSES):
+            self.brightest = 0.0
+            taken_us = exposure_us
+            taken = self.all(leds, exposure_us)
+            if self.brightest > _MOST_FILL:
+                wanted_us = exposure_us / 4
+            elif self.brightest < _LEAST_FILL:
+                wanted_us = exposure_us * min(_FILL / max(self.brightest, 1e-3), 10.0)
+            else:
+                break
+            wanted_us = min(max(wanted_us, low_us), high_us)
+            if wanted_us == exposure_us:
+                break
+            exposure_us = wanted_us
+        return taken_us, taken
+
+    def all(self, leds: tuple[int, ...], exposure_us: float) -> Array:
+        """Return ``(K, B)`` coarse images of the LEDs."""
+        return np.stack([self.coarse(led, exposure_us) for led in leds])
+
+    def coarse(self, led: int | None, exposure_us: float) -> Array:
+        """Return ``(B,)`` means over the places of a grid, NaN where saturated."""
+        # By software, so that a missing wire does not hide what the LEDs do.
+        pixels = self._rig.shoot(led, exposure_us, trigger="software").frame.pixels
+        self._count += 1
+        self._on_shot(self._count)
+        bright = float(np.percentile(pixels[::4, ::4], _BRIGHT_PERCENTILE)) / self._white
+        self.brightest = max(self.brightest, bright)
+        upright = self._rig.config.mounting.upright(pixels)
+        side = max(1, -(-max(upright.shape) // _COARSE))
+        rows, columns = (max(1, length // side) for length in upright.shape)
+        high, wide = (min(side, length) for length in upright.shape)
+        top, left = (upright.shape[0] - rows * high) // 2, (upright.shape[1] - columns * wide) // 2
+        cut = upright[top : top + rows * high, left : left + columns * wide]
+        blocks = cut.reshape(rows, high, columns, wide)
+        means: Array = blocks.mean(axis=(1, 3), dtype=np.float64)
+        clipped = (blocks >= self._white).mean(axis=(1, 3))
+        self._shape = (rows, columns)
+        self._width = upright.shape[1] / wide
+        return np.where(clipped > _CLIPPED, np.nan, means).ravel()
+
+    def places(self) -> Array:
+        """Return ``(B, 2)`` where the grid's places are, in widths of the image."""
+        rows, columns = self._shape
+        y, x = np.mgrid[0:rows, 0:columns].astype(float)
+        across = (x - (columns - 1) / 2) / self._width
+        up = ((rows - 1) / 2 - y) / self._width
+        return np.stack([across.ravel(), up.ravel()], axis=1)

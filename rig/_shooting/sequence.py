@@ -1,0 +1,117 @@
+"""Sequences: the board runs a list of LEDs by itself, every frame is proven while it does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+
+from rig._board.values import BoardEcho, StepReport
+from rig._camera import CameraFrame
+from rig._errors import BoardError, CameraError, RigError
+from rig._shooting.alive import SignOfLife
+from rig._shooting.exposure import LONGEST_RUN, Exposure
+from rig._shooting.shooting import Bench, check_light
+from rig._shooting.shot import Shot, led_name
+from rig._shooting.spacing import Spacing
+
+# How much later than declared the board may report a step.
+_REPORT_TIMEOUT_S = 1.0
+_POLL_S = 0.001
+
+
+def runs(leds: tuple[int | None, ...], most: int) -> Iterator[tuple[int | None, ...]]:
+    """Yield the LEDs in parts of nearly equal length, as few as have at most so many.
+
+    No part is a single LED where that can be helped: the spacing of frames proves nothing there.
+    """
+    parts = -(-len(leds) // max(1, min(most, LONGEST_RUN)))
+    ends = [len(leds) * part // max(1, parts) for part in range(parts + 1)]
+    for start, end in pairwise(ends):
+        yield leds[start:end]
+
+
+def run(bench: Bench, leds: tuple[int | None, ...], exposure: Exposure) -> Iterator[Shot]:
+    """Load one run of two LEDs or more, start it, and yield every shot as soon as it is proven.
+
+    Raises
+    ------
+    RigError
+        If a frame does not come or is not proven to be that of its LED. What was yielded is.
+    """
+    board, camera = bench.board, bench.camera
+    exposure.check(board.identity)
+    steps = tuple(exposure.steps(leds))
+    board.load(steps)
+    SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.ahead_us / 1e6)
+    # One after the other: no frame may be taken for an earlier one.
+    ids = [camera.expect() for _ in steps]
+    paced = bench.config.exposure_active and camera.info.shutter == "global"
+    started = board.run(len(steps), "exposure" if paced else "time")
+    begins_s = time.monotonic()
+    alive, spacing = SignOfLife(board.ping), Spacing(camera.info.serial)
+    held_back: Shot | None = None
+    for index, (led, step) in enumerate(zip(leds, steps, strict=True)):
+        lit_s = begins_s + (step.settle_us + step.hold_us) / 1e6
+        begins_s = lit_s + step.gap_us / 1e6
+        left_s = max(0.0, lit_s - time.monotonic()) + bench.config.frame_timeout_s
+        try:
+            frame = camera.fetch(ids[index], left_s, alive)
+        except CameraError as error:
+            raise _lost(bench, index, led, error) from error
+        report = _report(bench, index, lit_s)
+        bench.triggered(exposure, time.monotonic() - exposure.needed_us / 1e6)
+        check_light(bench, led, exposure, report)
+        _check_id(bench, led, ids[index], frame)
+        spacing.check(frame, led, report.trigger_us)
+        # The first frame is proven by its distance from the second.
+        if held_back is not None:
+            yield held_back
+            held_back = None
+        shot = Shot(frame, led, BoardEcho(started.seq, report.led, report.lit_us, report.active_us))
+        if index == 0:
+            held_back = shot
+        else:
+            yield shot
+
+
+def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
+    """Wait for the board's report of a step."""
+    ends_s = max(lit_s, time.monotonic()) + _REPORT_TIMEOUT_S
+    while (report := bench.board.did(index)) is None:
+        if time.monotonic() >= ends_s:
+            raise BoardError(
+                f"LED board on {bench.board.port} has not done step {index} of its sequence "
+                f"though the frame is there{_standing(bench)}; take the sequence again"
+            )
+        time.sleep(_POLL_S)
+    return report
+
+
+def _check_id(bench: Bench, led: int | None, expected: int, frame: CameraFrame) -> None:
+    if frame.frame_id != expected:
+        raise CameraError(
+            f"camera {bench.camera.info.serial} delivered frame {frame.frame_id} at the turn of "
+            f"{led_name(led)}, awaited was frame {expected}: take the sequence again"
+        )
+
+
+def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> CameraError:
+    return CameraError(
+        f"{error}; it is step {index} of a sequence, the turn of {led_name(led)}"
+        f"{_standing(bench)}: check the wire from the board's trigger output to the camera's line, "
+        "and trigger_line and frame_period_ms in the rig file"
+    )
+
+
+def _standing(bench: Bench) -> str:
+    """Say how far the board is, if it says so itself."""
+    try:
+        status = bench.board.status()
+    except RigError as error:
+        return f", and the board does not answer ({error})"
+    stopped = {
+        "HALT": "the board stopped by itself, for want of an exposure or of a sign of life,",
+        "RUN": "the board runs on",
+    }.get(status.state, f"the board is {status.state}")
+    return f"; {stopped} after {status.done} steps"

@@ -1,0 +1,46 @@
+"""Whether board and camera are wired to each other, tried with one flash."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from rig._errors import FrameTimeoutError
+from rig._shooting.exposure import Exposure
+from rig._shooting.shooting import Bench
+
+
+@dataclass(frozen=True)
+class Wires:
+    """What arrives where.
+
+    Parameters
+    ----------
+    trigger
+        The board's trigger pulse makes the camera expose.
+    exposure_active
+        The camera's exposure-active output reaches the board.
+    """
+
+    trigger: bool
+    exposure_active: bool
+
+
+def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
+    """Flash once with the camera armed on its line, and see what each notices of the other.
+
+    Raises
+    ------
+    RigError
+        If the board fails, or the camera in another way than that no frame comes.
+    """
+    exposure.check(bench.board.identity)
+    time.sleep(max(0.0, bench.ready_s - time.monotonic()))
+    frame_id = bench.camera.expect()
+    report = bench.board.flash(led, exposure.ahead_us, exposure.hold_us)
+    bench.triggered(exposure, time.monotonic())
+    try:
+        bench.camera.fetch(frame_id, bench.config.frame_timeout_s)
+    except FrameTimeoutError:
+        return Wires(False, report.active_us is not None)
+    return Wires(True, report.active_us is not None)

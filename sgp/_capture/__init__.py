@@ -1,0 +1,1 @@
+"""What the capture commands say and draw."""

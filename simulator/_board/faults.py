@@ -1,0 +1,266 @@
+"""What can go wrong between the host and the LEDs of the virtual board."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, TypeAdapter
+
+from rig import (
+    MAX_COMMAND,
+    Command,
+    LineBuffer,
+    LineError,
+    decode_command,
+    decode_reply,
+    encode_command,
+)
+from simulator._board.firmware import BoardFirmware
+from simulator._board.outputs import BoardOutputs
+
+_MS = 1_000_000
+_US = 1000
+# Bytes no decoder can make sense of, a line, and half a reply that spoils the one after it.
+_BANNER = b"\xff\x00\x80boot: LED board r3\r\n<0000 OK I"
+_ECHO_US = 300
+# Where the LED stands among the arguments.
+_LED_AT = {"ON": 0, "FLASH": 0, "LEVEL": 0, "STEP": 1}
+
+
+class PowerCutError(Exception):
+    """The board is to vanish now; ``back_ns`` says when it comes back, None for never."""
+
+    def __init__(self, back_ns: int | None) -> None:
+        super().__init__(back_ns)
+        self.back_ns = back_ns
+
+
+class BoardFault(BaseModel):
+    """One thing that goes wrong.
+
+    Parameters
+    ----------
+    kind
+        On the way to the board: drop-command, double-command, corrupt-command (one bit),
+        lose-byte-command, double-byte-command. On the way back: drop-reply, double-reply,
+        corrupt-reply, lose-byte-reply, double-byte-reply, delay-reply (by ``value`` ms), banner
+        (noise and a boot message before the reply). A bit or byte fault strikes byte ``value`` of
+        the line, line end included, counted round.
+
+        In the board: wrong-led (``value`` is lit, or loaded, instead), double-led (``value`` burns
+        as well), goes-dark (``value`` ms after the command, in spite of what was declared), reset
+        (in the middle of the command), reset-after (it has acted, and resets before it replies),
+        boot-loader (resets in place of the command, and starts after ``value`` ms without a word),
+        die (in place of the command, for good), hang-up (the same, and back on the same path after
+        ``value`` ms), lose-trigger, double-trigger (a second pulse ``value`` us after the first,
+        0 for 300).
+    verb
+        Strikes only commands of this verb; None for any line. Trigger faults count pulses instead.
+    skip
+        How many of them are spared first.
+    times
+        How many are struck.
+    value
+        See ``kind``.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    kind: Literal[
+        "drop-command",
+        "double-command",
+        "corrupt-command",
+        "lose-byte-command",
+        "double-byte-command",
+        "drop-reply",
+        "double-reply",
+        "corrupt-reply",
+        "lose-byte-reply",
+        "double-byte-reply",
+        "delay-reply",
+        "banner",
+        "wrong-led",
+        "double-led",
+        "goes-dark",
+        "reset",
+        "reset-after",
+        "boot-loader",
+        "die",
+        "hang-up",
+        "lose-trigger",
+        "double-trigger",
+    ]
+    verb: str | None = None
+    skip: int = 0
+    times: int = 1
+    value: int = 0
+
+
+BoardFaults = TypeAdapter(tuple[BoardFault, ...])
+_OF_TRIGGERS = ("lose-trigger", "double-trigger")
+
+
+class FaultyBoard:
+    """The board behind a line that can be made to fail.
+
+    Time comes as an argument; nothing here sleeps or looks at a clock.
+
+    Parameters
+    ----------
+    firmware
+        What answers.
+    outputs
+        What it drives.
+    """
+
+    def __init__(self, firmware: BoardFirmware, outputs: BoardOutputs) -> None:
+        self.firmware = firmware
+        self._outputs = outputs
+        outputs.wire = self._pulses
+        self._seen: dict[BoardFault, int] = {}
+        self._wire = LineBuffer(MAX_COMMAND)
+        self._input = LineBuffer(MAX_COMMAND)
+        # Faults of replies that are to come, and replies on their way with the time they arrive.
+        self._reply_faults: list[tuple[Command, BoardFault]] = []
+        self._due: list[tuple[int, bytes]] = []
+        # When the boot loader hands over to the firmware, None where the firmware runs.
+        self._starts_ns: int | None = None
+
+    def set_faults(self, faults: Iterable[BoardFault]) -> None:
+        """Let exactly these faults strike from now on."""
+        self._seen = dict.fromkeys(faults, 0)
+        self._reply_faults.clear()
+
+    def receive(self, data: bytes, now_ns: int) -> None:
+        """Take bytes from the host.
+
+        Raises
+        ------
+        PowerCutError
+            If a fault says that the board vanishes.
+        """
+        self._start(now_ns)
+        if self._starts_ns is not None:
+            return
+        for line in self._wire.feed(data):
+            command = _command(line)
+            self._take(line, command, self._strike(command), now_ns)
+
+    def advance(self, now_ns: int) -> bytes:
+        """Do what is due by now, and return what arrives at the host."""
+        self._start(now_ns)
+        self._reply(self.firmware.advance(now_ns), now_ns)
+        arrived = sorted((item for item in self._due if item[0] <= now_ns), key=lambda i: i[0])
+        self._due = [item for item in self._due if item[0] > now_ns]
+        return b"".join(reply for _, reply in arrived)
+
+    def next_ns(self, now_ns: int) -> int:
+        """Return when `advance` is due again."""
+        starts = [] if self._starts_ns is None else [self._starts_ns]
+        due = [at for at, _ in self._due]
+        return min([self.firmware.light.next_ns(now_ns), *due, *starts])
+
+    def _start(self, now_ns: int) -> None:
+        if self._starts_ns is not None and now_ns >= self._starts_ns:
+            self.firmware.boot(self._starts_ns)
+            self._starts_ns = None
+
+    def _take(
+        self, line: bytes, command: Command | None, fault: BoardFault | None, now_ns: int
+    ) -> None:
+        kind = "" if fault is None else fault.kind
+        value = 0 if fault is None else fault.value
+        if kind in ("die", "hang-up"):
+            self._outputs.put_out(now_ns)
+            self._due.clear()
+            raise PowerCutError(None if kind == "die" else now_ns + value * _MS)
+        if kind == "boot-loader":
+            self.firmware.boot(now_ns)
+            self._due.clear()
+            self._starts_ns = now_ns + value * _MS
+            return
+        if kind == "reset":
+            self.firmware.boot(now_ns)
+            self._due = [(now_ns, _BANNER)]
+            line = line[len(line) // 2 :]
+        elif kind == "wrong-led" and command is not None and command.verb in _LED_AT:
+            at = _LED_AT[command.verb]
+            words = *command.args[:at], str(value), *command.args[at + 1 :]
+            line = encode_command(Command(command.seq, command.verb, words)).rstrip()
+        if fault is not None and command is not None and kind.endswith(("reply", "banner")):
+            self._reply_faults.append((command, fault))
+        if kind == "double-led":
+            self._outputs.double_led = value
+        for whole in self._input.feed(_damaged(line + b"\n", kind, value, "command")):
+            self._reply(self.firmware.handle(whole, now_ns), now_ns)
+        self._outputs.double_led = None
+        if kind == "goes-dark":
+            self.firmware.light.fail(now_ns + value * _MS)
+        if kind == "reset-after":
+            self.firmware.boot(now_ns)
+            self._due = [(now_ns, _BANNER)]
+
+    def _reply(self, replies: bytes, now_ns: int) -> None:
+        for line in replies.splitlines(keepends=True):
+            reply = decode_reply(line.rstrip())
+            kind, value = "", 0
+            for item in self._reply_faults:
+                command, fault = item
+                if (command.seq, command.verb) == (reply.seq, reply.verb):
+                    kind, value = fault.kind, fault.value
+                    self._reply_faults.remove(item)
+                    break
+            sent = _damaged(line, kind, value, "reply")
+            if kind == "banner":
+                sent = _BANNER + sent
+            at_ns = now_ns + value * _MS if kind == "delay-reply" else now_ns
+            self._due.append((at_ns, sent))
+
+    def _pulses(self, time_ns: int) -> tuple[int, ...]:
+        fault = self._strike_of(fault for fault in self._seen if fault.kind in _OF_TRIGGERS)
+        if fault is None:
+            return (time_ns,)
+        if fault.kind == "lose-trigger":
+            return ()
+        return time_ns, time_ns + (fault.value or _ECHO_US) * _US
+
+    def _strike(self, command: Command | None) -> BoardFault | None:
+        verb = None if command is None else command.verb
+        return self._strike_of(
+            fault
+            for fault in self._seen
+            if fault.kind not in _OF_TRIGGERS and fault.verb in (None, verb)
+        )
+
+    def _strike_of(self, concerned: Iterable[BoardFault]) -> BoardFault | None:
+        striking = None
+        for fault in tuple(concerned):
+            seen = self._seen[fault]
+            self._seen[fault] = seen + 1
+            if striking is None and fault.skip <= seen < fault.skip + fault.times:
+                striking = fault
+        return striking
+
+
+def _damaged(line: bytes, kind: str, value: int, way: str) -> bytes:
+    """Return what arrives of a line with its line end."""
+    at = value % len(line)
+    if kind == f"drop-{way}":
+        return b""
+    if kind == f"double-{way}":
+        return line + line
+    if kind == f"corrupt-{way}":
+        return line[:at] + bytes((line[at] ^ 1,)) + line[at + 1 :]
+    if kind == f"lose-byte-{way}":
+        return line[:at] + line[at + 1 :]
+    if kind == f"double-byte-{way}":
+        return line[:at] + line[at : at + 1] + line[at:]
+    return line
+
+
+def _command(line: bytes) -> Command | None:
+    try:
+        return decode_command(line)
+    except LineError:
+        return None

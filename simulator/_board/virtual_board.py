@@ -1,0 +1,112 @@
+"""Starts and ends the virtual board's process."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import select
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Self
+
+from rig import RigError
+from simulator._board.faults import BoardFault, BoardFaults
+
+_START_TIMEOUT_S = 30.0
+_END_TIMEOUT_S = 1.0
+
+
+class VirtualBoard:
+    """A virtual LED board, running in a process of its own.
+
+    Parameters
+    ----------
+    leds
+        How many LEDs it has.
+
+    Attributes
+    ----------
+    port
+        Path of its serial port, a symbolic link.
+    bench_state_path
+        File in which it states what burns (see `BenchState`).
+    pid
+        Of its process.
+
+    Raises
+    ------
+    RigError
+        If the process does not come up.
+    """
+
+    def __init__(self, leds: int = 36) -> None:
+        # A session of its own: Ctrl-C is the host's to handle, with the board still there.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "simulator.board", str(leds)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        )
+        self.pid = self._process.pid
+        try:
+            told = json.loads(self._first_line())
+            self.port: str = told["port"]
+            self.bench_state_path = Path(told["bench_state"])
+        except BaseException:
+            self._end(patience_s=0)
+            raise
+
+    def set_faults(self, *faults: BoardFault) -> None:
+        """Let exactly these faults strike the commands sent from now on."""
+        if self._process.stdin is None:
+            raise RigError("the virtual board is closed")
+        try:
+            self._process.stdin.write(BoardFaults.dump_json(faults) + b"\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError) as error:
+            raise RigError(f"the virtual board is gone ({error})") from error
+
+    def unplug(self) -> None:
+        """Kill the process: the port goes dead, an LED burns on to its declared end."""
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the process and remove its bench state; closing twice does nothing."""
+        self._end(_END_TIMEOUT_S)
+        shutil.rmtree(self.bench_state_path.parent, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _first_line(self) -> bytes:
+        stdout, stderr = self._process.stdout, self._process.stderr
+        if stdout is None or stderr is None:
+            raise RigError("the virtual board has no pipes")
+        ready, _, _ = select.select([stdout], [], [], _START_TIMEOUT_S)
+        line = stdout.readline() if ready else b""
+        if not line:
+            self._process.kill()
+            reason = stderr.read().decode(errors="replace").strip().splitlines()[-1:]
+            raise RigError(f"the virtual board did not start: {' '.join(reason) or 'no answer'}")
+        return line
+
+    def _end(self, patience_s: float) -> None:
+        # Closing its standard input tells the process to go.
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._process.stdin.close()
+        try:
+            self._process.wait(patience_s)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        for pipe in (self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()

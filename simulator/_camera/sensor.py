@@ -1,0 +1,224 @@
+"""The sensor: photons in, grey values out, with the noise and the faults of a real one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import NoiseModel
+from simulator._camera.pixel_dice import hashed, log_of, normal_pair, unit
+from simulator._dice import stream
+
+# Below this mean, Poisson numbers are drawn exactly; from here on by an expansion whose
+# distribution function, rounded to whole electrons, is within 0.0015 of the exact one.
+EXACT_BELOW_E = np.float32(12.0)
+
+_ZERO, _HALF, _ONE, _SIXTH, _SEVENTY_TWO = (np.float32(n) for n in (0, 0.5, 1, 1 / 6, 72))
+_NEXT, _S32 = np.uint64(1), np.uint64(32)
+# Inversion stops here; 24 electrons more than the largest mean lie 10 standard deviations off.
+_RECIPROCAL = np.array([0.0, *(1.0 / n for n in range(1, 48))], np.float32)
+_ALIKE = np.zeros((3, 0, 0), np.float32)
+_PATTERN_TAG = 0x0F1C  # keeps the fixed pattern apart from every shot of the same seed
+
+
+@dataclass(frozen=True, eq=False)
+class FixedPattern:
+    """How the pixels of one sensor differ from each other, the same in every frame.
+
+    Parameters
+    ----------
+    maps
+        ``(3, H, W)`` float32: relative response to light (mean 1), offset in electrons (mean 0),
+        and what the pixel has more of dark current, electrons per second.
+    """
+
+    maps: npt.NDArray[np.float32]
+
+
+def fixed_pattern(
+    noise: NoiseModel, size: tuple[int, int], *, seed: int = 0
+) -> FixedPattern | None:
+    """Draw the fixed pattern of a sensor.
+
+    Response and offset are normal; hot pixels lie anywhere and their currents are exponentially
+    distributed.
+
+    Parameters
+    ----------
+    noise
+        How strong: ``prnu``, ``dsnu_e``, ``hot_pixel_fraction`` and ``hot_pixel_e_per_s``.
+    size
+        (H, W).
+    seed
+        Names the sensor, as a serial number does; not the shot.
+
+    Returns
+    -------
+    FixedPattern or None
+        None for a sensor whose pixels are all alike.
+    """
+    hot = noise.hot_pixel_fraction * noise.hot_pixel_e_per_s
+    if not (noise.prnu or noise.dsnu_e or hot):
+        return None
+    maps = np.zeros((3, *size), np.float32)
+    _draw_pattern(
+        np.uint64(stream(seed, _PATTERN_TAG)),
+        np.float32(noise.prnu),
+        np.float32(noise.dsnu_e),
+        noise.hot_pixel_fraction,
+        np.float32(noise.hot_pixel_e_per_s),
+        maps,
+    )
+    return FixedPattern(maps)
+
+
+def sensor_image(
+    photons: npt.NDArray[np.float32],
+    noise: NoiseModel,
+    *,
+    exposure_us: float = 0.0,
+    gain_db: float = 0.0,
+    key: tuple[int, ...] | None,
+    pattern: FixedPattern | None = None,
+) -> npt.NDArray[np.uint16]:
+    """Turn the photons expected on each pixel into grey values, after the linear EMVA 1288 camera.
+
+    With response r, offset o and dark current d of the pixel::
+
+        charge = min(Poisson(quantum efficiency * r * photons + d * exposure), full well)
+        DN = round(black level + gain * (charge + o + read noise) / electrons_per_dn)
+
+    limited to 0 and the end of the converter. Noise comes from a counter-based generator
+    (SplitMix64 of the key and the pixel's index), so it depends on neither the order of shots nor
+    the number of threads.
+
+    Parameters
+    ----------
+    photons
+        ``(H, W)`` float32, expected during the exposure, not negative. A quantum efficiency of 1
+        makes them electrons: so are a renderer's planes meant.
+    noise
+        The sensor.
+    exposure_us
+        Only for the dark current.
+    gain_db
+        Analogue gain on top of the sensor's own, decibels (20 dB = tenfold).
+    key
+        Non-negative whole numbers that name the shot: the same key gives the same noise. None for
+        no temporal noise at all; quantisation and fixed pattern remain.
+    pattern
+        From `fixed_pattern`, of the same size; None where all pixels are alike.
+
+    Returns
+    -------
+    npt.NDArray[np.uint16]
+        ``(H, W)``, aligned at the low end.
+    """
+    dn_per_electron = 10.0 ** (gain_db / 20.0) / noise.electrons_per_dn
+    state = np.uint64(0 if key is None else stream(*key))
+    exposure_s = exposure_us / 1e6
+    grey = np.zeros(photons.shape, np.uint16)
+    _expose(
+        np.ascontiguousarray(photons, np.float32),
+        _ALIKE if pattern is None else pattern.maps,
+        state,
+        key is not None,
+        np.float32(noise.quantum_efficiency),
+        np.float32(noise.dark_current_e_per_s * exposure_s),
+        np.float32(exposure_s),
+        np.float32(math.inf if noise.full_well_e is None else noise.full_well_e),
+        np.float32(noise.read_noise_e),
+        np.float32(dn_per_electron),
+        np.float32(noise.black_level_dn),
+        np.float32(noise.converter_end_dn),
+        grey,
+    )
+    return grey
+
+
+@numba.njit(parallel=True, cache=True)
+def _expose(
+    photons: npt.NDArray[np.float32],
+    pattern: npt.NDArray[np.float32],
+    state: np.uint64,
+    noisy: bool,
+    efficiency: np.float32,
+    dark_e: np.float32,
+    exposure_s: np.float32,
+    full_well_e: np.float32,
+    read_noise_e: np.float32,
+    dn_per_electron: np.float32,
+    black_dn: np.float32,
+    end_dn: np.float32,
+    grey: npt.NDArray[np.uint16],
+) -> None:
+    height, width = photons.shape
+    alike = pattern.shape[1] == 0
+    for row in numba.prange(height):
+        for column in range(width):
+            value = efficiency * photons[row, column] + dark_e
+            offset = _ZERO
+            if not alike:
+                value = efficiency * pattern[0, row, column] * photons[row, column] + dark_e
+                value += pattern[2, row, column] * exposure_s
+                offset = pattern[1, row, column]
+            if noisy:
+                counter = np.uint64(2 * (row * width + column))
+                shot, read = normal_pair(hashed(state, counter))
+                offset += read_noise_e * read
+                if value < EXACT_BELOW_E:
+                    uniform = unit(hashed(state, counter + _NEXT))
+                    value = _poisson_by_inversion(value, uniform)
+                else:
+                    value = _poisson_by_expansion(value, shot)
+            value = min(value, full_well_e) + offset
+            dn = math.floor(black_dn + dn_per_electron * value + _HALF)
+            grey[row, column] = np.uint16(min(max(dn, _ZERO), end_dn))
+
+
+@numba.njit(parallel=True, cache=True)
+def _draw_pattern(
+    state: np.uint64,
+    prnu: np.float32,
+    dsnu_e: np.float32,
+    hot_fraction: float,
+    hot_e_per_s: np.float32,
+    maps: npt.NDArray[np.float32],
+) -> None:
+    height, width = maps.shape[1:]
+    for row in numba.prange(height):
+        for column in range(width):
+            counter = np.uint64(2 * (row * width + column))
+            response, offset = normal_pair(hashed(state, counter))
+            maps[0, row, column] = max(_ONE + prnu * response, _ZERO)
+            maps[1, row, column] = dsnu_e * offset
+            bits = hashed(state, counter + _NEXT)
+            if unit(bits) <= hot_fraction:
+                maps[2, row, column] = -hot_e_per_s * log_of(unit(bits << _S32))
+
+
+@numba.njit(cache=True)
+def _poisson_by_inversion(mean: np.float32, uniform: np.float32) -> np.float32:
+    term = math.exp(-mean)
+    total = term
+    count = 0
+    while uniform > total and count < len(_RECIPROCAL) - 1:
+        count += 1
+        term *= mean * _RECIPROCAL[count]
+        total += term
+    return np.float32(count)
+
+
+@numba.njit(cache=True)
+def _poisson_by_expansion(mean: np.float32, z: np.float32) -> np.float32:
+    """Turn a normal number into a Poisson one by the Cornish-Fisher expansion to third order.
+
+    Mean, variance and skewness are right; the result is not whole, since the converter rounds.
+    """
+    root = math.sqrt(mean)
+    square = z * z
+    return mean + root * z + (square - _ONE) * _SIXTH + z * (_ONE - square) / (_SEVENTY_TWO * root)

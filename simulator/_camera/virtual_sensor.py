@@ -1,0 +1,113 @@
+"""What the virtual camera's sensor makes of the light of an exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import NoiseModel
+from rig import CameraError, CameraInfo
+from simulator._bench_state import BenchState
+from simulator._camera.sensor import fixed_pattern, sensor_image
+from simulator._camera.shake import shake_of, shifted
+from simulator._scene.lamps import Lamps
+
+Planes = Callable[[int | None], npt.NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One exposure; ``lamps_ns`` is its start on the lamps' clock.
+
+    ``end_ns`` is None where the exposure lasts until its frame is fetched.
+    """
+
+    start_ns: int
+    end_ns: int | None
+    exposure_us: float
+    gain_db: float
+    lamps_ns: int
+
+
+class VirtualSensor:
+    """The sensor of a `VirtualCamera`, which documents the parameters."""
+
+    def __init__(
+        self,
+        planes: Planes,
+        info: CameraInfo,
+        *,
+        bench: BenchState,
+        noise: NoiseModel,
+        seed: int,
+        noisy: bool,
+        lamps: Lamps,
+        shake_px: float,
+        sensor_seed: int,
+    ) -> None:
+        self._planes = planes
+        self._info = info
+        self._bench = bench
+        self._noise = noise
+        self._seed = seed
+        self._noisy = noisy
+        self._lamps = lamps
+        self._shake_px = shake_px
+        self._pattern = fixed_pattern(noise, (info.height, info.width), seed=sensor_seed)
+        self._taken: dict[tuple[int, ...], int] = {}
+        # The first call compiles or loads the kernel: seconds that must not pass under a light.
+        sensor_image(np.zeros((1, 1), np.float32), noise, key=(0,))
+
+    def pixels(self, exposure: Exposure, end_ns: int) -> npt.NDArray[np.uint16]:
+        """Return the grey values of an exposure that ended at ``end_ns``.
+
+        Raises
+        ------
+        CameraError
+            If a plane is of another size or type than the sensor.
+        """
+        key = self._key(self._bench.led(exposure.start_ns), exposure)
+        return sensor_image(
+            self._photons(exposure, end_ns, key),
+            self._noise,
+            exposure_us=exposure.exposure_us,
+            gain_db=exposure.gain_db,
+            key=key if self._noisy else None,
+            pattern=self._pattern,
+        )
+
+    def _photons(
+        self, exposure: Exposure, end_ns: int, key: tuple[int, ...]
+    ) -> npt.NDArray[np.float32]:
+        photons = self._plane(None) * np.float32(exposure.exposure_us)
+        for led, lit_ns in self._bench.lit_ns(exposure.start_ns, end_ns).items():
+            lit_us = exposure.exposure_us * lit_ns / (end_ns - exposure.start_ns)
+            lit_us *= self._lamps.factor(led, exposure.lamps_ns, lit_us, key)
+            photons += self._plane(led) * np.float32(lit_us)
+        if self._shake_px:
+            shift_px = shake_of(key, self._shake_px)
+            photons = shifted(photons, shift_px, mosaic=self._info.cfa is not None)
+        return photons
+
+    def _plane(self, led: int | None) -> npt.NDArray[np.float32]:
+        plane = self._planes(led)
+        if plane.shape != (self._info.height, self._info.width) or plane.dtype != np.float32:
+            raise CameraError(
+                f"camera {self._info.serial}: the plane of LED {led} is {plane.dtype} of shape "
+                f"{plane.shape}, wanted float32 of {(self._info.height, self._info.width)}"
+            )
+        return plane
+
+    def _key(self, led: int | None, exposure: Exposure) -> tuple[int, ...]:
+        shot = (
+            self._seed,
+            0 if led is None else led + 1,
+            round(exposure.exposure_us * 1000),
+            round(exposure.gain_db * 1000),
+        )
+        repeat = self._taken.get(shot, 0)
+        self._taken[shot] = repeat + 1
+        return (*shot, repeat)

@@ -1,0 +1,224 @@
+"""LEDs mirrored in chrome spheres: where their images lie, how bright and how wide they are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from simulator._render.mirror import between, mirror_points, mm_per_pixel, toward
+from simulator._render.shadow import Occluders
+from simulator._scene.scene import ChromeSphere, Scene
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+_MOST_RINGS = 16
+_REACH_SIGMAS = 6.0
+# Cosine to its axis under which an LED counts as seen from behind.
+_GRAZING = 1e-3
+# How far the ray of a highlight's pixel may pass from its mirror point, in radii of the sphere.
+_SAME_POINT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Highlights:
+    """The mirrored lights of a scene.
+
+    Parameters
+    ----------
+    pixels
+        ``(S, N, 2)`` exact position (x, y) of the centre of light n in sphere s, NaN where the
+        sphere does not show it to the camera.
+    signal
+        ``(S, N)`` radiance summed over the image, in pixels times the radiance of a white surface
+        under irradiance 1, NaN where ``pixels`` is. Vignetting is not in it.
+    spots
+        ``(S, N, K, 2)`` positions of K points spread evenly over each LED's disc.
+    shares
+        ``(S, N, K)`` what each of them adds to the signal, 0 where it is not seen.
+    sigma_px
+        Blur of a spot: the lens's, or more where the discs look too large for so few spots.
+    """
+
+    pixels: Array
+    signal: Array
+    spots: Array
+    shares: Array
+    sigma_px: float
+
+
+def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlights:
+    """Solve the mirror point of every light, and of points on every LED's disc, in every sphere.
+
+    Parameters
+    ----------
+    scene
+        The scene. Images of images (an LED seen in one sphere by way of another) are left out:
+        they are hundreds of times weaker. Distant lights are points.
+    occluders
+        What may stand between a light and a sphere; without it only the other spheres do.
+
+    Returns
+    -------
+    Highlights
+        Places exact to rounding; the signal to 1e-6 of itself.
+    """
+    sigma, middle = scene.lens.psf_sigma_px, np.zeros((1, 2))
+    centres, shares, px_per_mm = _mirrored(scene, middle, occluders)
+    spots, total = centres, shares
+    if scene.lights.near and px_per_mm.size:
+        radius_px = scene.led_radius_mm * float(px_per_mm.max())
+        rings = min(max(math.ceil(radius_px / sigma), 1), _MOST_RINGS)
+        sigma = max(sigma, radius_px / rings)
+        spots, total, _ = _mirrored(scene, scene.led_radius_mm * _disc(rings), occluders)
+    seen = shares[..., 0] > 0
+    return Highlights(
+        pixels=np.where(seen[..., None], centres[:, :, 0], np.nan),
+        signal=np.where(seen, total.sum(axis=2), np.nan),
+        spots=spots,
+        shares=total,
+        sigma_px=sigma,
+    )
+
+
+def draw_highlights(scene: Scene, highlights: Highlights, planes: npt.NDArray[np.float32]) -> None:
+    """Add the mirrored lights to the images, in place.
+
+    Parameters
+    ----------
+    scene
+        Spheres, lights and lens. Each pixel of a Bayer mosaic takes its own colour's intensity.
+    highlights
+        Of this scene.
+    planes
+        ``(N, H, W)`` radiance under each light, before vignetting.
+    """
+    gains = np.ones((len(planes), 2, 2))
+    y, x = np.mgrid[:2, :2]
+    channel = scene.lens.channel(x, y)
+    if channel is not None:
+        gains = np.asarray(scene.lights.intensities)[:, channel] / scene.irradiance[:, None, None]
+    for spots, shares in zip(highlights.spots, highlights.shares, strict=True):
+        _draw(planes, spots, shares, gains, highlights.sigma_px)
+
+
+def splat(
+    plane: npt.NDArray[np.float32], x_px: float, y_px: float, sigma: float, sum_: float
+) -> None:
+    """Add a Gaussian spot, integrated over each pixel, whose pixels add up to ``sum_``."""
+    spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
+    _draw(plane[None], spot, share, np.ones((1, 2, 2)), sigma)
+
+
+def _mirrored(
+    scene: Scene, disc_mm: Array, occluders: Occluders | None
+) -> tuple[Array, Array, Array]:
+    """Mirror points of every LED's disc: pixels, shares of the signal, and pixels per mm.
+
+    ``disc_mm`` (K, 2) are positions on the disc. The results are (S, N, K, 2), (S, N, K) and
+    (S, N, K); a point that is not seen has NaN, 0 and 0.
+    """
+    lens, lights, near, samples = scene.lens, scene.lights, scene.lights.near, len(disc_mm)
+    axes = np.repeat(np.asarray(lights.axes), samples, axis=0)
+    first, second = _across(axes)
+    places = np.asarray(lights.positions_mm if near else lights.directions)
+    targets = np.repeat(places, samples, axis=0)
+    power, mu = scene.irradiance, np.repeat(np.asarray(lights.mu), samples)
+    if near:
+        u, v = np.tile(disc_mm, (len(lights), 1)).T
+        targets = targets + u[:, None] * first + v[:, None] * second
+        power = scene.axial_intensity
+    power = np.repeat(power, samples)
+    count = (len(scene.spheres), len(lights) * samples)
+    pixels, shares, scale = np.full((*count, 2), np.nan), np.zeros(count), np.zeros(count)
+    for i, sphere in enumerate(scene.spheres):
+        points, visible = mirror_points(lens, sphere, targets, near=near)
+        place = lens.project(points)
+        origins, rays = lens.origins_and_rays(place[:, 0], place[:, 1])
+        depth = lens.camera_z_mm - points[:, 2:]
+        miss = np.linalg.norm(origins + depth * rays - points, axis=1)
+        visible &= miss < _SAME_POINT * sphere.radius_mm
+        arriving = toward(targets, points, near=near)
+        distance = np.linalg.norm(targets - points, axis=1) if near else math.inf
+        cosine = -(arriving * axes).sum(axis=1) if near else np.ones(len(points))
+        visible &= cosine > _GRAZING
+        for j, other in enumerate(scene.spheres):
+            if j != i:
+                visible &= ~between(points, lens.eye_to(points), math.inf, other)
+                visible &= ~between(points, arriving, distance, other)
+        if occluders is not None:
+            visible &= ~_in_shadow(occluders, sphere, points, places, near=near)
+        pick = np.flatnonzero(visible)
+        frame = (first[pick], second[pick], axes[pick], targets[pick])
+        stretch = mm_per_pixel(lens, sphere, place[pick], frame, near=near)
+        # An LED's radiance is I0 cos^(mu-1) / disc area, and its image covers disc area / |det|
+        # pixels: the signal does not depend on the area. A distant light's works alike on the
+        # sphere of directions.
+        radiance = math.pi * power[pick] * cosine[pick] ** (mu[pick] - 1 if near else 0.0)
+        per_pixel = np.abs(np.linalg.det(stretch)) * samples
+        pixels[i, pick] = place[pick]
+        shares[i, pick] = sphere.reflectance * radiance / per_pixel
+        scale[i, pick] = 1 / np.linalg.norm(stretch, -2, axis=(1, 2))
+    shape = (len(scene.spheres), len(lights), samples)
+    return pixels.reshape(*shape, 2), shares.reshape(shape), scale.reshape(shape)
+
+
+def _disc(rings: int) -> Array:
+    """Return points spread evenly over the unit disc, ``(K, 2)``, on rings of equal area.
+
+    Their mean and variance are those of the disc, whatever the number of rings.
+    """
+    points = []
+    for ring in range(rings):
+        radius = math.sqrt((ring + 0.5) / rings)
+        # All rings have the same number, so that all points weigh the same.
+        angle = (np.arange(6 * rings) + 0.5 * (ring % 2)) * (2 * math.pi / (6 * rings))
+        points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.concatenate(points)
+
+
+def _across(axes: Array) -> tuple[Array, Array]:
+    """Return two unit vectors at right angles to each axis and to each other."""
+    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(axes, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(axes, first)
+
+
+def _in_shadow(
+    occluders: Occluders, sphere: ChromeSphere, points: Array, lights: Array, *, near: bool
+) -> Flags:
+    """Return which points get no light from the centre of their LED; all have the same number."""
+    shadow = np.zeros((len(lights), len(points) // len(lights)), np.bool_)
+    solid = np.ones(shadow.shape[1], np.bool_)
+    for light, place, part in zip(lights, points.reshape(*shadow.shape, 3), shadow, strict=True):
+        normals = (place - np.array(sphere.centre_mm)) / sphere.radius_mm
+        even = np.ones((1, len(place)), np.float32)
+        part[:] = occluders.occlude(even, place, normals, solid, light[None, None], near)[0]
+    return shadow.ravel()
+
+
+@numba.njit(parallel=True, cache=True)
+def _draw(
+    planes: npt.NDArray[np.float32], spots: Array, shares: Array, gains: Array, sigma: float
+) -> None:
+    """Add Gaussian spots, integrated over each pixel: (N, K, 2) of (N, K) to planes (N, H, W)."""
+    reach = _REACH_SIGMAS * sigma + 1.0
+    scale = sigma * math.sqrt(2.0)
+    rows, columns = planes.shape[1:]
+    for n in numba.prange(len(planes)):
+        for k in range(spots.shape[1]):
+            x, y, share = spots[n, k, 0], spots[n, k, 1], shares[n, k]
+            if not (share > 0.0 and -reach < x < columns + reach and -reach < y < rows + reach):
+                continue
+            left, right = max(0, math.ceil(x - reach)), min(columns, int(x + reach) + 1)
+            for r in range(max(0, math.ceil(y - reach)), min(rows, int(y + reach) + 1)):
+                upper, lower = math.erf((r - y + 0.5) / scale), math.erf((r - y - 0.5) / scale)
+                for c in range(left, right):
+                    across = math.erf((c - x + 0.5) / scale) - math.erf((c - x - 0.5) / scale)
+                    spot = across * (upper - lower) / 4.0
+                    planes[n, r, c] += share * spot * gains[n, r % 2, c % 2]

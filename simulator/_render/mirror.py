@@ -1,0 +1,123 @@
+"""The mirror equation of a sphere: which of its points shows a light, and how large."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from simulator._scene.lens import Lens
+from simulator._scene.scene import ChromeSphere
+
+Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+_HALVINGS = 60
+_STEP_PX = 0.01
+
+
+def mirror_points(
+    lens: Lens, sphere: ChromeSphere, lights: Array, *, near: bool
+) -> tuple[Array, Flags]:
+    """Find the points of a sphere that mirror lights into the camera (Alhazen's problem).
+
+    The point lies in the plane of eye, light and centre, where its normal halves the angle
+    between the two. Along the arc from the eye's side to the light's side the difference of the
+    two angles grows, so halving the arc finds the point.
+
+    Parameters
+    ----------
+    lens
+        Its eye may be at infinity.
+    sphere
+        The mirror.
+    lights
+        ``(N, 3)`` positions outside the sphere, or for distant lights unit directions to them.
+    near
+        Whether they are positions.
+
+    Returns
+    -------
+    points_mm, visible
+        ``(N, 3)`` and ``(N,)``: not visible where the sphere stands in its own way.
+    """
+    middle = np.array(sphere.centre_mm)
+    to_eye = lens.eye_to(middle)
+    to_light = lights - middle if near else lights
+    along = to_light @ to_eye
+    side = to_light - along[:, None] * to_eye
+    length = np.linalg.norm(side, axis=1, keepdims=True)
+    side = side / np.where(length > 0, length, 1.0)
+    low, high = np.zeros(len(lights)), np.arctan2(length[:, 0], along)
+    for _ in range(_HALVINGS):
+        half = (low + high) / 2
+        normals = np.cos(half)[:, None] * to_eye + np.sin(half)[:, None] * side
+        points = middle + sphere.radius_mm * normals
+        leaving, arriving = lens.eye_to(points), toward(lights, points, near=near)
+        too_far = _angle(leaving, normals) > _angle(arriving, normals)
+        low, high = np.where(too_far, low, half), np.where(too_far, half, high)
+    facing = np.minimum((arriving * normals).sum(axis=1), (leaving * normals).sum(axis=1))
+    return points, facing > 0
+
+
+def mm_per_pixel(
+    lens: Lens,
+    sphere: ChromeSphere,
+    pixels: Array,
+    frame: tuple[Array, Array, Array, Array],
+    *,
+    near: bool,
+) -> Array:
+    """Return how the mirrored ray moves over the lights, ``(n, 2, 2)`` mm per pixel.
+
+    For distant lights it moves over the sphere of directions, radians per pixel. Central
+    differences of the exact path from the pixel over the sphere to the disc's plane.
+    """
+    first, second, axes, targets = frame
+    columns = []
+    for shift in ((_STEP_PX, 0.0), (0.0, _STEP_PX)):
+        ends = []
+        for sign in (1, -1):
+            end, direction = _mirror_ray(lens, sphere, pixels + sign * np.array(shift))
+            if near:
+                reach = ((targets - end) * axes).sum(axis=1) / (direction * axes).sum(axis=1)
+                ends.append(end + reach[:, None] * direction)
+            else:
+                ends.append(direction)
+        step = (ends[0] - ends[1]) / (2 * _STEP_PX)
+        columns.append(np.stack([(step * first).sum(axis=1), (step * second).sum(axis=1)], axis=1))
+    return np.stack(columns, axis=2)
+
+
+def _mirror_ray(lens: Lens, sphere: ChromeSphere, pixels: Array) -> tuple[Array, Array]:
+    """Return start and unit direction of the rays of pixels after the sphere."""
+    origins, rays = lens.origins_and_rays(pixels[:, 0], pixels[:, 1])
+    direction = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    offset = origins - np.array(sphere.centre_mm)
+    b = (direction * offset).sum(axis=1)
+    root = np.clip(b * b - ((offset**2).sum(axis=1) - sphere.radius_mm**2), 0.0, None)
+    start = origins + (-b - np.sqrt(root))[:, None] * direction
+    normal = (start - np.array(sphere.centre_mm)) / sphere.radius_mm
+    return start, direction - 2 * (direction * normal).sum(axis=1, keepdims=True) * normal
+
+
+def toward(lights: Array, points: Array, *, near: bool) -> Array:
+    """Return unit directions from points to lights."""
+    if not near:
+        return lights
+    way = lights - points
+    direction: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
+    return direction
+
+
+def _angle(a: Array, b: Array) -> Array:
+    cross = np.linalg.norm(np.cross(a, b), axis=1)
+    angle: Array = np.arctan2(cross, (a * b).sum(axis=1))
+    return angle
+
+
+def between(start: Array, way: Array, length: Array | float, sphere: ChromeSphere) -> Flags:
+    """Return which straight ways, of unit direction and some length, pass through a sphere."""
+    middle = np.array(sphere.centre_mm)
+    t = np.clip(((middle - start) * way).sum(axis=1), 0.0, length)
+    inside: Flags = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm
+    return inside

@@ -1,0 +1,271 @@
+"""From a scene to one plane of radiance per light, with its truth."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from simulator._render.chrome import draw_highlights, find_highlights
+from simulator._render.shade import Shader
+from simulator._render.trace import Seen, meets_sphere, see
+from simulator._render.truth import Truth
+from simulator._scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Values = npt.NDArray[np.float32]
+Whole = npt.NDArray[np.int64]
+
+# Samples within a pixel that a sphere touches: 4 x 4.
+_GRID_X, _GRID_Y = (v.ravel() for v in np.meshgrid(*[(np.arange(4) + 0.5) / 4 - 0.5] * 2))
+# Samples of a pattern with edges. No two lie in one row or column, so that edges along the axes,
+# the commonest, come out to 1/32 pixel.
+_LATTICE_X = (np.arange(16) + 0.5) / 16 - 0.5
+_LATTICE_Y = _LATTICE_X[np.arange(16) * 5 % 16]
+# Where a ray falls on a surface flatter than this, its tangent plane is no guide to the pixel.
+_GRAZING = 0.1
+# Points shaded at once: enough to keep all cores busy, few enough to stay within the caches.
+_POINTS = 65_536
+# What a rendering takes: a plane and shadows for each light, maps of the truth, work under way.
+_BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 5, 48, 2**27
+# Samples of the shadow grid across the object, at least and at most.
+_SHADOW_SAMPLES = (512, 3900)
+
+
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """The images of a scene without noise.
+
+    Parameters
+    ----------
+    planes
+        ``(N, H, W)`` photons per microsecond that each light gives alone. A Bayer lens has
+        rendered its mosaic: each pixel holds its own colour.
+    ambient
+        ``(H, W)`` photons per microsecond from the room, in every frame.
+    truth
+        What the scene is.
+    scene
+        What was rendered.
+    """
+
+    planes: Values
+    ambient: Values
+    truth: Truth
+    scene: Scene
+
+    def plane(self, led: int | None) -> Values:
+        """Return what one LED gives alone, or for None what the room gives.
+
+        Parameters
+        ----------
+        led
+            Index of the LED.
+
+        Returns
+        -------
+        Values
+            ``(H, W)`` photons per microsecond, the rendering's own memory.
+
+        Raises
+        ------
+        DataError
+            If the scene has no such LED.
+        """
+        if led is None:
+            return self.ambient
+        if not 0 <= led < len(self.planes):
+            raise DataError(f"LED {led} is not in the scene: it has {len(self.planes)}")
+        alone: Values = self.planes[led]
+        return alone
+
+
+def render(scene: Scene, on_progress: Callable[[int, int], None] | None = None) -> Rendering:
+    """Draw a scene under each of its lights.
+
+    Object and board are sampled at the pixel's centre, with attached and cast shadows; a pattern
+    with edges is averaged over the pixel. Pixels that a sphere touches are the mean of 4 x 4
+    samples, and the mirrored lights are added as spots of exact place and energy. Not drawn:
+    interreflections, light that the spheres throw on the board.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    on_progress
+        Told rows done and rows in all.
+
+    Returns
+    -------
+    Rendering
+        Planes, ambient and truth.
+
+    Raises
+    ------
+    DataError
+        If the rendering would not fit into memory, or the object cannot be traced or hides part
+        of a sphere.
+    """
+    _check_memory(scene)
+    canvas = _Canvas(scene)
+    height, width = scene.lens.size
+    rows = max(1, _POINTS // width)
+    for top in range(0, height, rows):
+        canvas.draw_rows(top, min(top + rows, height))
+        if on_progress is not None:
+            on_progress(min(top + rows, height), height)
+    return canvas.finish()
+
+
+class _Canvas:
+    """Images and truth under way."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._shader = Shader(scene, _shadow_step_mm(scene))
+        size, lights = scene.lens.size, len(scene.lights)
+        self._planes = np.zeros((lights, *size), np.float32)
+        self._ambient = np.zeros(size, np.float32)
+        self._shadows = np.zeros((lights, *size), np.bool_)
+        self._normals = np.zeros((*size, 3), np.float32)
+        self._height = np.full(size, np.nan)
+        self._albedo = np.zeros((*size, 3), np.float32)
+        self._mask = np.zeros(size, np.bool_)
+        self._sphere = np.full(size, -1, np.int16)
+        self._windows = [scene.lens.window(s.centre_mm, s.radius_mm) for s in scene.spheres]
+
+    def draw_rows(self, top: int, bottom: int) -> None:
+        """Draw all but mirrored lights and vignetting."""
+        y, x = (v.ravel() for v in np.mgrid[top:bottom, : self._ambient.shape[1]])
+        seen = see(self._scene, *self._rays(x, y))
+        albedo = self._mean_albedo(seen, x, y) if self._scene.sharp else self._albedo_at(seen)
+        lit, ambient, dark = self._shader.shade(seen, albedo, self._channel(x, y))
+        self._planes[:, top:bottom] = lit.reshape(len(lit), bottom - top, -1)
+        self._ambient[top:bottom] = ambient.reshape(bottom - top, -1)
+        dark[:, ~seen.direct] = False
+        self._shadows[:, top:bottom] = dark.reshape(len(dark), bottom - top, -1)
+        self._sphere[top:bottom] = seen.sphere.reshape(bottom - top, -1)
+        on = seen.on_object & seen.direct
+        y, x = y[on], x[on]
+        self._mask[y, x] = True
+        self._normals[y, x] = seen.normals[on]
+        self._height[y, x] = seen.points_mm[on, 2]
+        self._albedo[y, x] = albedo[on]
+        for rows, columns in self._windows:
+            if max(rows.start, top) < min(rows.stop, bottom):
+                self._draw_finely(slice(max(rows.start, top), min(rows.stop, bottom)), columns)
+
+    def _draw_finely(self, rows: slice, columns: slice) -> None:
+        """Draw anew those pixels of a window that a sphere touches."""
+        samples = len(_GRID_X)
+        all_y, all_x = (v.ravel() for v in np.mgrid[rows, columns])
+        for start in range(0, len(all_x), _POINTS // samples):
+            part = slice(start, start + _POINTS // samples)
+            y, x = all_y[part], all_x[part]
+            origins, rays = self._rays(x[:, None] + _GRID_X, y[:, None] + _GRID_Y)
+            met = meets_sphere(self._scene, origins, rays).reshape(-1, samples).any(axis=1)
+            if not met.any():
+                continue
+            y, x, pick = y[met], x[met], np.repeat(met, samples)
+            seen = see(self._scene, origins[pick], rays[pick])
+            channel = np.repeat(self._channel(x, y), samples)
+            lit, ambient, _ = self._shader.shade(seen, self._albedo_at(seen), channel)
+            self._planes[:, y, x] = lit.reshape(len(lit), -1, samples).mean(axis=2)
+            self._ambient[y, x] = ambient.reshape(-1, samples).mean(axis=1)
+
+    def finish(self) -> Rendering:
+        """Add mirrored lights and vignetting, and hand everything over."""
+        scene, lens = self._scene, self._scene.lens
+        highlights = find_highlights(scene, self._shader.occluders)
+        draw_highlights(scene, highlights, self._planes)
+        height, width = lens.size
+        for row in range(height):
+            gain = scene.electrons_per_us * lens.vignette(np.arange(width), row)
+            self._planes[:, row] *= gain.astype(np.float32)
+            self._ambient[row] *= gain.astype(np.float32)
+        table = scene.sphere_table
+        truth = Truth(
+            normals=self._normals,
+            height_mm=self._height,
+            albedo=self._albedo if scene.coloured else self._albedo[..., 0].copy(),
+            mask=self._mask,
+            sphere_masks=self._sphere == np.arange(len(table))[:, None, None],
+            sphere_centres_mm=table[:, :3],
+            sphere_radii_mm=table[:, 3],
+            highlights_px=highlights.pixels,
+            lights=scene.lights,
+            lens=scene.lens,
+            noise=scene.noise,
+            electrons_per_us=scene.electrons_per_us,
+            shadows=self._shadows,
+        )
+        return Rendering(self._planes, self._ambient, truth, scene)
+
+    def _rays(self, x: Array, y: Array) -> tuple[Array, Array]:
+        origins, rays = self._scene.lens.origins_and_rays(x.ravel(), y.ravel())
+        return np.ascontiguousarray(origins), np.ascontiguousarray(rays)
+
+    def _channel(self, x: Whole, y: Whole) -> npt.NDArray[np.int8]:
+        channel = self._scene.lens.channel(x, y)
+        return np.full(len(x), -1, np.int8) if channel is None else channel.astype(np.int8)
+
+    def _albedo_at(self, seen: Seen) -> Values:
+        x, y = seen.points_mm[:, 0], seen.points_mm[:, 1]
+        return self._scene.albedo(x, y, seen.on_object)
+
+    def _mean_albedo(self, seen: Seen, x: Whole, y: Whole) -> Values:
+        """Return the mean over each pixel, on the tangent plane of the point it sees."""
+        mean = np.zeros((len(x), 3), np.float32)
+        for shift_x, shift_y in zip(_LATTICE_X, _LATTICE_Y, strict=True):
+            origins, rays = self._rays(x + shift_x, y + shift_y)
+            fall = (rays * seen.normals).sum(axis=1)
+            steep = fall > -_GRAZING
+            depth = ((seen.points_mm - origins) * seen.normals).sum(axis=1)
+            points = origins + (depth / np.where(steep, -1.0, fall))[:, None] * rays
+            points[steep] = seen.points_mm[steep]
+            mean += self._scene.albedo(points[:, 0], points[:, 1], seen.on_object)
+        return mean / np.float32(len(_LATTICE_X))
+
+
+def _shadow_step_mm(scene: Scene) -> float:
+    """Return half a pixel on the board, within what a grid over the object can do."""
+    rows, columns = scene.lens.size
+    x = np.array([0.0, 1.0]) + (columns - 1) / 2
+    origins, rays = scene.lens.origins_and_rays(x, np.full(2, (rows - 1) / 2))
+    first, second = origins + scene.lens.camera_z_mm * rays
+    step = float(np.linalg.norm(second - first)) / 2
+    across = 0.0 if scene.body is None else 2 * scene.body.radius_mm
+    fewest, most = _SHADOW_SAMPLES
+    return min(max(step, across / most), across / fewest) if across else step
+
+
+def _check_memory(scene: Scene) -> None:
+    height, width = scene.lens.size
+    each = _BYTES_PER_LIGHT * len(scene.lights) + _BYTES_PER_PIXEL
+    wanted, there = float(each * height * width + _BYTES_AT_WORK), _memory_bytes()
+    if wanted > there:
+        raise DataError(
+            f"{len(scene.lights)} images of {width} x {height} pixels need "
+            f"{wanted / 2**30:.1f} GiB to render, {there / 2**30:.1f} GiB are there: "
+            "take fewer lights or a smaller image"
+        )
+
+
+def _memory_bytes() -> float:
+    """Return how much memory can be had, infinite where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        kib = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
+        return 1024.0 * int(kib)
+    except (OSError, StopIteration):
+        pass
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return math.inf

@@ -1,0 +1,198 @@
+"""Radiance of points under every light: fall-off, occlusion, reflectance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Lights
+from simulator._render.shadow import Occluders
+from simulator._render.trace import Seen
+from simulator._scene.reflectance import reflect
+from simulator._scene.scene import Scene
+
+Array = npt.NDArray[np.float64]
+Values = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+_BLOCK = 1024
+_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+
+
+@dataclass(frozen=True, eq=False)
+class Shader:
+    """Lights the points of one scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    shadow_step_mm
+        Distance of the heights that cast the object's shadow.
+    """
+
+    scene: Scene
+    shadow_step_mm: float
+
+    @cached_property
+    def _lamps(self) -> Array:
+        return lamp_table(self.scene.lights)
+
+    @cached_property
+    def _parts(self) -> Array:
+        lights, count = self.scene.lights, self.scene.soft_shadow_samples
+        return lamp_parts(lights, self.scene.led_radius_mm, count if lights.near else 1)
+
+    @cached_property
+    def occluders(self) -> Occluders:
+        scene, caster = self.scene, None
+        if scene.body is not None and scene.shadows:
+            caster = scene.body.shadow_caster(self.shadow_step_mm)
+        return Occluders(scene.sphere_table, caster)
+
+    def shade(
+        self, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8]
+    ) -> tuple[Values, Values, Mask]:
+        """Return what points send toward the camera.
+
+        Parameters
+        ----------
+        seen
+            n points.
+        albedo
+            ``(n, 3)`` of red, green, blue.
+        channel
+            ``(n,)`` colour that the pixel sees: 0, 1, 2, or -1 for the mean of the three.
+
+        Returns
+        -------
+        lit
+            ``(N, n)`` radiance under each light, 1 for a white surface under irradiance 1.
+        ambient
+            ``(n,)`` radiance under the room's light.
+        dark
+            ``(N, n)`` points that a light does not reach, or less than half of it.
+        """
+        scene, near = self.scene, self.scene.lights.near
+        light = irradiance(self._lamps, seen.points_mm, seen.normals, near=near)
+        dark = self.occluders.occlude(
+            light, seen.points_mm, seen.normals, seen.direct, self._parts, near
+        )
+        albedo = albedo * np.where(seen.lost, 0.0, seen.weight).astype(np.float32)[:, None]
+        intensities = np.asarray(scene.lights.intensities)
+        reflect(
+            scene.material,
+            light,
+            self._lamps,
+            near,
+            intensities,
+            seen.points_mm,
+            seen.normals,
+            scene.lens.eye_to(seen.points_mm),
+            albedo,
+            channel,
+            seen.on_object & seen.direct,
+        )
+        tinted = channel >= 0
+        pick = np.arange(len(channel)), np.where(tinted, channel, 0)
+        ambient = np.where(tinted, albedo[pick], albedo.mean(axis=1))
+        # A sphere that mirrors neither board nor object mirrors the dim surroundings.
+        dim = scene.surroundings * np.where(seen.lost, seen.weight, 0.0)
+        ambient = scene.ambient * (ambient + dim)
+        if seen.lost.any():
+            tint = np.where(tinted, intensities[:, pick[1]], scene.irradiance[:, None])
+            light += (tint * dim).astype(np.float32)
+        return light, ambient.astype(np.float32), dark
+
+
+def lamp_table(lights: Lights) -> Array:
+    """Return ``(N, 8)``: place or unit direction, axis, mu, and the factor to 1 at the origin."""
+    places = np.asarray(lights.positions_mm if lights.near else lights.directions)
+    axes, mu = np.asarray(lights.axes), np.asarray(lights.mu)
+    scale = np.ones(len(lights))
+    if lights.near:
+        squared = (places**2).sum(axis=1)
+        cosine = -(places * axes).sum(axis=1) / np.sqrt(squared)
+        scale = squared / cosine**mu
+    return np.column_stack([places, axes, mu, scale])
+
+
+def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
+    """Return ``(N, count, 3)`` places spread evenly over each lamp's disc.
+
+    One is the lamp's centre, or a distant light's direction. More lie on Vogel's spiral.
+    """
+    places = np.asarray(lights.positions_mm if lights.near else lights.directions)
+    if count == 1:
+        return places[:, None].copy()
+    axes = np.asarray(lights.axes)
+    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(axes, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(axes, first)
+    index = np.arange(count)
+    reach = radius_mm * np.sqrt((index + 0.5) / count)
+    across, along = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)
+    parts: Array = (
+        places[:, None] + across[:, None] * first[:, None] + along[:, None] * second[:, None]
+    )
+    return parts
+
+
+def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) -> Values:
+    """Return the irradiance of points by lamps of intensity 1 that nothing stands before.
+
+    A near lamp gives ``max(cos t, 0)^mu / r^2 max(n . l, 0)``, with r and l from the point to the
+    lamp and t the angle to its axis (Queau et al., LED-based photometric stereo, 2018), scaled to
+    1 on a surface at the origin that faces it; a distant one ``max(n . l, 0)``.
+
+    Parameters
+    ----------
+    lamps
+        ``(N, 8)``, see `lamp_table`.
+    points_mm, normals
+        ``(n, 3)``, normals of unit length.
+    near
+        What ``lamps`` are.
+
+    Returns
+    -------
+    Values
+        ``(N, n)``.
+    """
+    out = np.zeros((len(lamps), len(points_mm)), np.float32)
+    _irradiance(lamps, near, points_mm, normals, out)
+    return out
+
+
+@numba.njit(parallel=True, cache=True)
+def _irradiance(lamps: Array, near: bool, points: Array, normals: Array, out: Values) -> None:
+    count = out.shape[1]
+    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
+        for k in range(len(lamps)):
+            dx, dy, dz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
+            ax, ay, az = lamps[k, 3], lamps[k, 4], lamps[k, 5]
+            mu, scale = np.float32(lamps[k, 6]), lamps[k, 7]
+            for i in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
+                if near:
+                    dx = lamps[k, 0] - points[i, 0]
+                    dy = lamps[k, 1] - points[i, 1]
+                    dz = lamps[k, 2] - points[i, 2]
+                facing = dx * normals[i, 0] + dy * normals[i, 1] + dz * normals[i, 2]
+                if facing <= 0.0:
+                    continue
+                if not near:
+                    out[k, i] = facing
+                    continue
+                ahead = -(dx * ax + dy * ay + dz * az)
+                if ahead <= 0.0:
+                    continue
+                r2 = dx * dx + dy * dy + dz * dz
+                r = math.sqrt(r2)
+                # The power is the dear part, and single precision holds it to 1e-6.
+                out[k, i] = scale * facing / (r2 * r) * np.float32(ahead / r) ** mu

@@ -1,0 +1,85 @@
+"""What a rendering knows about its scene: the values every estimate is judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, Lights, NoiseModel
+from simulator._scene.lens import Lens
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Exact geometry, reflectance, lights and sensor of a rendered scene.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` unit inside the mask, 0 outside.
+    height_mm
+        ``(H, W)`` z of the surface point at the pixel's centre, NaN outside the mask.
+    albedo
+        ``(H, W)``, or ``(H, W, 3)`` where it has colour; 0 outside the mask.
+    mask
+        ``(H, W)`` pixels whose centre shows the object.
+    sphere_masks
+        ``(S, H, W)`` pixels whose centre shows the sphere.
+    sphere_centres_mm, sphere_radii_mm
+        ``(S, 3)`` and ``(S,)``.
+    highlights_px
+        ``(S, N, 2)`` position (x, y) of LED n mirrored in sphere s, NaN where it is not seen.
+    lights, lens, noise
+        As in the scene.
+    electrons_per_us
+        Signal of a white surface under irradiance 1.
+    shadows
+        ``(N, H, W)`` True where light n does not reach the point at the pixel's centre, because
+        the surface turns away from it or something stands between; None where not rendered.
+    """
+
+    normals: npt.NDArray[np.float32]
+    height_mm: Array
+    albedo: npt.NDArray[np.float32]
+    mask: npt.NDArray[np.bool_]
+    sphere_masks: npt.NDArray[np.bool_]
+    sphere_centres_mm: Array
+    sphere_radii_mm: Array
+    highlights_px: Array
+    lights: Lights
+    lens: Lens
+    noise: NoiseModel
+    electrons_per_us: float
+    shadows: npt.NDArray[np.bool_] | None = None
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The camera as geometry; None where it sees in parallel rays."""
+        return self.lens.camera
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of every map."""
+        height, width = self.mask.shape
+        return height, width
+
+    @property
+    def depth_mm(self) -> Array | None:
+        """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask.
+
+        None where the camera sees in parallel rays.
+        """
+        return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
+
+    @property
+    def points_mm(self) -> Array:
+        """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
+        height, width = self.size
+        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        origins, rays = self.lens.origins_and_rays(x, y)
+        points: Array = origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
+        return points

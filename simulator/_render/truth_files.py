@@ -1,0 +1,166 @@
+"""Truth beside a session, in the formats that measured results have too."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import (
+    SOFTWARE,
+    StorageError,
+    software_version,
+    write_camera,
+    write_exr,
+    write_lights,
+    write_png,
+)
+from simulator._render.cramer_rao import cramer_rao_deg
+from simulator._render.render import Rendering
+from simulator._render.truth import Truth
+from simulator._scene.scene_file import write_scene
+
+
+def save_truth(
+    folder: Path | str,
+    rendering: Rendering,
+    *,
+    exposures_us: Sequence[float],
+    facts: Mapping[str, Any] | None = None,
+) -> dict[str, Path]:
+    """Write everything that is true of a recorded scene into a folder.
+
+    ``lights.json``, and ``camera.json`` where there is a perspective camera. Where an object is in
+    view: ``normals.exr``, ``height.exr`` and ``depth.exr`` (mm), ``albedo.exr``, ``mask.png``,
+    ``shadows/L00.png`` and so on (white: no light from this LED), and ``cramer_rao.exr``, the least
+    rms angle in degrees by which an unbiased estimate of the normal can be off. ``sphere_0.png``
+    and so on are the masks of the spheres in view. ``scene.toml`` makes the scene again, with
+    ``scene.lights.json`` and, of a mesh, ``scene.ply``. ``truth.json`` holds spheres, mirrored
+    LEDs, dead LEDs, sensor and exposure scale; it is written last.
+
+    Parameters
+    ----------
+    folder
+        Made where it is missing. Files of these names are replaced.
+    rendering
+        What was recorded.
+    exposures_us
+        Of the images of each light, for the Cramer-Rao bound.
+    facts
+        What else to tell in ``truth.json``, such as seeds: anything JSON can hold.
+
+    Returns
+    -------
+    dict
+        Name to path; ``shadows`` is a folder.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses.
+    DataError
+        If an exposure is not positive, or the scene holds what a scene file cannot.
+    """
+    folder, truth = Path(folder), rendering.truth
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        made = _save_maps(folder, truth) if truth.mask.any() else {}
+        if made:
+            made["cramer_rao"] = folder / "cramer_rao.exr"
+            write_exr(made["cramer_rao"], _bound_deg(rendering, exposures_us))
+        for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
+            made[f"sphere_{index}"] = folder / f"sphere_{index}.png"
+            write_png(made[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
+        made["lights"] = folder / "lights.json"
+        write_lights(made["lights"], truth.lights, {"method": "simulated"})
+        if truth.camera is not None:
+            made["camera"] = folder / "camera.json"
+            write_camera(made["camera"], truth.camera)
+        made["scene"] = folder / "scene.toml"
+        write_scene(made["scene"], rendering.scene)
+        made["truth"] = folder / "truth.json"
+        values = _values(rendering) | dict(facts or {})
+        text = json.dumps(values, indent=1, allow_nan=False)
+        made["truth"].write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"{folder}: the truth cannot be written: {error}") from error
+    return made
+
+
+def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
+    maps: dict[str, npt.NDArray[Any] | None] = {
+        "normals": truth.normals,
+        "height": truth.height_mm,
+        "depth": truth.depth_mm,
+        "albedo": truth.albedo,
+    }
+    made = {}
+    for name, values in maps.items():
+        if values is not None:
+            made[name] = folder / f"{name}.exr"
+            write_exr(made[name], values.astype(np.float32))
+    made["mask"] = folder / "mask.png"
+    write_png(made["mask"], _picture(truth.mask))
+    if truth.shadows is not None:
+        made["shadows"] = folder / "shadows"
+        made["shadows"].mkdir(exist_ok=True)
+        for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
+            write_png(made["shadows"] / f"{light}.png", _picture(shadow))
+    return made
+
+
+def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArray[np.float32]:
+    truth, dead = rendering.truth, list(rendering.scene.lamps.dead)
+    height, width = truth.size
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    shadows = truth.shadows
+    if dead:
+        # What a dead LED shows is as dark as a shadow.
+        whole = (len(truth.lights), height, width)
+        shadows = np.zeros(whole, np.bool_) if shadows is None else shadows.copy()
+        shadows[dead] = True
+    return cramer_rao_deg(
+        truth.normals,
+        truth.albedo,
+        truth.lights,
+        truth.noise,
+        photons_per_us=truth.electrons_per_us * truth.lens.vignette(x, y),
+        exposures_us=exposures_us,
+        points_mm=truth.points_mm,
+        shadows=shadows,
+        background_per_us=rendering.ambient,
+        channel=truth.lens.channel(x, y),
+    )
+
+
+def _values(rendering: Rendering) -> dict[str, Any]:
+    truth = rendering.truth
+    spheres = zip(truth.sphere_centres_mm, truth.sphere_radii_mm, truth.highlights_px, strict=True)
+    return {
+        "format": "sgp-truth",
+        "version": 1,
+        "software": {"name": SOFTWARE, "version": software_version()},
+        "spheres": [
+            {
+                "centre_mm": centre.tolist(),
+                "radius_mm": float(radius),
+                # An LED that is not mirrored into the camera has no place: null.
+                "highlights_px": [
+                    place.tolist() if np.isfinite(place).all() else None for place in places
+                ],
+            }
+            for centre, radius, places in spheres
+        ],
+        "dead_leds": list(rendering.scene.lamps.dead),
+        "sensor": asdict(truth.noise),
+        "electrons_per_us": truth.electrons_per_us,
+    }
+
+
+def _picture(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    return mask.astype(np.uint8) * np.uint8(255)

@@ -1,0 +1,1 @@
+"""Scenes: bodies, materials, lamps and a lens."""

@@ -1,0 +1,234 @@
+"""The simulator's own lens: rays of pixels and pixels of points.
+
+Written apart from ``CameraModel``'s methods, so that the truth shares no mistake with them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError
+from simulator._scene.distortion import distorted, undistorted
+
+Array = npt.NDArray[np.float64]
+
+_CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
+_CFA = ("RGGB", "GRBG", "GBRG", "BGGR")
+_OUTLINE = 256
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """How the camera sees: perspective through a `CameraModel`, or orthographic along -Z.
+
+    Parameters
+    ----------
+    camera
+        Perspective with skew and Brown distortion, and a working distance. None: orthographic.
+    width, height
+        Image size in pixels of an orthographic lens, whose axis meets the image in its middle;
+        None with a camera, which has its own.
+    pixel_mm
+        Side of a pixel on the object, orthographic only.
+    height_mm
+        z of the plane from which orthographic rays start; what stands higher is not seen.
+    vignetting
+        0 to 1: a field angle t dims the image to ``1 - vignetting * (1 - cos(t)^4)``. An
+        orthographic lens has no field angle and does not dim.
+    psf_sigma_px
+        Gaussian blur, applied to mirrored LEDs.
+    cfa
+        Colour filters of the first 2 x 2 pixels row by row, such as ``RGGB``; None: monochrome.
+
+    Raises
+    ------
+    DataError
+        If a value is out of range, the camera has no working distance, or its distortion folds
+        over inside the image, so that two directions meet in one pixel.
+    """
+
+    camera: CameraModel | None = None
+    width: int | None = None
+    height: int | None = None
+    pixel_mm: float | None = None
+    height_mm: float | None = None
+    vignetting: float = 0.0
+    psf_sigma_px: float = 0.7
+    cfa: str | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.vignetting <= 1:
+            raise DataError(f"lens: vignetting is {self.vignetting}, it must be within 0..1")
+        if not (math.isfinite(self.psf_sigma_px) and self.psf_sigma_px > 0):
+            raise DataError(f"lens: psf_sigma_px is {self.psf_sigma_px}, it must be positive")
+        if self.cfa is not None and self.cfa not in _CFA:
+            raise DataError(f"lens: cfa {self.cfa!r} is not one of {', '.join(_CFA)}")
+        flat = (self.width, self.height, self.pixel_mm, self.height_mm)
+        if self.camera is None:
+            self._check_orthographic()
+        elif any(value is not None for value in flat):
+            raise DataError(
+                "lens: width, height, pixel_mm and height_mm make it orthographic, a camera makes "
+                "it perspective: give one or the other"
+            )
+        elif self.camera.working_distance_mm is None:
+            raise DataError("a simulated camera needs a working distance: give working_distance_mm")
+        else:
+            self._check_folds()
+
+    @classmethod
+    def of(cls, camera: CameraModel, **more: Any) -> Lens:
+        """Return the lens of a camera; ``more`` are fields of this class."""
+        return cls(camera=camera, **more)
+
+    @classmethod
+    def orthographic(
+        cls, width: int, height: int, pixel_mm: float, height_mm: float, **more: Any
+    ) -> Lens:
+        """Return an orthographic lens; ``more`` are fields of this class."""
+        return cls(width=width, height=height, pixel_mm=pixel_mm, height_mm=height_mm, **more)
+
+    def _check_orthographic(self) -> None:
+        if self.width is None or self.height is None or self.width < 1 or self.height < 1:
+            raise DataError(
+                f"lens: an image of {self.width} x {self.height} pixels has no pixels: give the "
+                "size of an orthographic lens, or a camera"
+            )
+        for name in ("pixel_mm", "height_mm"):
+            value = getattr(self, name)
+            if value is None or not (math.isfinite(value) and value > 0):
+                raise DataError(f"lens: {name} is {value}, an orthographic lens needs it positive")
+
+    def _check_folds(self) -> None:
+        if not self._brown.any():
+            return
+        rows, columns = self.size
+        x, y = np.meshgrid(np.linspace(-0.5, columns - 0.5, 65), np.linspace(-0.5, rows - 0.5, 65))
+        if not np.isfinite(self.origins_and_rays(x, y)[1]).all():
+            raise DataError(
+                f"the camera's distortion {self._brown.tolist()} folds the image over itself: "
+                "some of its pixels see no or two directions; check its coefficients"
+            )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width), the shape of an image."""
+        if self.camera is not None:
+            return self.camera.size
+        return int(self.height or 0), int(self.width or 0)
+
+    @property
+    def camera_z_mm(self) -> float:
+        """Height z of the centre of projection, or of the plane where orthographic rays start."""
+        if self.camera is not None:
+            return float(self.camera.working_distance_mm or 0.0)
+        return float(self.height_mm or 0.0)
+
+    def origins_and_rays(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> tuple[Array, Array]:
+        """Return where the rays of pixels start and where they go.
+
+        Parameters
+        ----------
+        x_px, y_px
+            Positions that broadcast, (0, 0) the centre of the first pixel, y down.
+
+        Returns
+        -------
+        origins, rays
+            ``(..., 3)`` each, the rays scaled to z = -1: ``origin + depth * ray`` lies on the ray.
+            A position outside the image that no direction reaches has a ray of NaN.
+        """
+        x, y = np.broadcast_arrays(np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
+        if self.camera is None:
+            rows, columns = self.size
+            pixel, top = float(self.pixel_mm or 0.0), np.full_like(x, self.camera_z_mm)
+            right, up = (x - (columns - 1) / 2) * pixel, ((rows - 1) / 2 - y) * pixel
+            origins = np.stack([right, up, top], axis=-1)
+            return origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
+        (fx, skew, cx), (_, fy, cy) = self.camera.K[:2]
+        down = (y - cy) / fy
+        right = (x - cx - skew * down) / fx
+        if self._brown.any():
+            right, down = undistorted(right, down, self._brown)
+        rays: Array = np.stack([right, -down, np.full_like(right, -1.0)], axis=-1)
+        return np.broadcast_to([0.0, 0.0, self.camera_z_mm], rays.shape), rays
+
+    def project(self, points_mm: Array) -> Array:
+        """Return the pixel positions ``(..., 2)`` of points ``(..., 3)`` below ``camera_z_mm``.
+
+        A point so far outside the field that the distortion folds it back has a wrong position,
+        as with every user of Brown's model; the ray of that position then misses the point.
+        """
+        if self.camera is None:
+            rows, columns = self.size
+            pixel = float(self.pixel_mm or 1.0)
+            x = points_mm[..., 0] / pixel + (columns - 1) / 2
+            y = (rows - 1) / 2 - points_mm[..., 1] / pixel
+            return np.stack([x, y], axis=-1)
+        (fx, skew, cx), (_, fy, cy) = self.camera.K[:2]
+        depth = self.camera_z_mm - points_mm[..., 2]
+        right, down = points_mm[..., 0] / depth, -points_mm[..., 1] / depth
+        if self._brown.any():
+            right, down = distorted(right, down, self._brown)
+        pixels: Array = np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
+        return pixels
+
+    def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Array:
+        """Return how much of the light reaches pixels: 1 on the axis, less toward the corners."""
+        _, rays = self.origins_and_rays(x_px, y_px)
+        squared = 1 / (rays**2).sum(axis=-1)
+        factor: Array = 1 - self.vignetting * (1 - squared**2)
+        return factor
+
+    def channel(
+        self, x_px: npt.NDArray[np.integer[Any]], y_px: npt.NDArray[np.integer[Any]]
+    ) -> npt.NDArray[np.int64] | None:
+        """Return the colour that pixels see, 0 red, 1 green, 2 blue; None for monochrome."""
+        if self.cfa is None:
+            return None
+        filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
+        colour: npt.NDArray[np.int64] = filters[2 * (y_px % 2) + x_px % 2]
+        return colour
+
+    def eye_to(self, points_mm: Array) -> Array:
+        """Return the unit directions ``(..., 3)`` from points toward the camera."""
+        if self.camera is None:
+            return np.broadcast_to([0.0, 0.0, 1.0], points_mm.shape)
+        toward = np.array([0.0, 0.0, self.camera_z_mm]) - points_mm
+        direction: Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
+        return direction
+
+    def window(self, centre_mm: npt.ArrayLike, radius_mm: float) -> tuple[slice, slice]:
+        """Return the rows and columns that hold a ball's outline, one pixel to spare.
+
+        The outline is where the rays touch the ball: a circle, sampled densely and projected, so
+        that it holds for a distorted outline too.
+        """
+        centre = np.asarray(centre_mm, np.float64)
+        toward = self.eye_to(centre)
+        sine = 0.0
+        if self.camera is not None:
+            sine = radius_mm / float(np.linalg.norm([*centre[:2], self.camera_z_mm - centre[2]]))
+        helper = [1.0, 0.0, 0.0] if abs(toward[0]) < 0.9 else [0.0, 1.0, 0.0]
+        first = np.cross(toward, helper)
+        first /= np.linalg.norm(first)
+        angle = np.arange(_OUTLINE) * (2 * math.pi / _OUTLINE)
+        around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(toward, first))
+        circle = radius_mm * (sine * toward + math.sqrt(max(1 - sine**2, 0.0)) * around)
+        pixels = self.project(centre + circle)
+        rows, columns = self.size
+        low, high = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 2
+        left, top = (int(v) for v in np.clip(low, 0, (columns, rows)))
+        right, bottom = (int(v) for v in np.clip(high, 0, (columns, rows)))
+        return slice(top, bottom), slice(left, right)
+
+    @cached_property
+    def _brown(self) -> Array:
+        """k1, k2, p1, p2, k3."""
+        return np.zeros(5) if self.camera is None else np.asarray(self.camera.distortion)

@@ -1,0 +1,229 @@
+"""The simulated laboratory: its lights, camera and sensor, and the scenes it can record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from acquisition import CameraModel, DataError, Lights, NoiseModel
+from simulator._scene.lens import Lens
+from simulator._scene.scene import ChromeSphere, Scene
+from simulator._shapes.body import Body
+from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator._shapes.coin import Coin
+from simulator._shapes.patterns import ChArUco, Checker, Even, Paint, Pattern
+from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
+
+# Rings of LEDs from low to high. None is so low that the relief shadows itself widely, none so
+# high that it stands in the camera's view.
+_RINGS_DEG = (32.0, 46.0, 60.0, 74.0)
+_WORKING_DISTANCE_MM = 600.0
+_FOCAL_PER_WIDTH = 5000.0 / 2448.0
+
+_RADIUS_MM = 80.0
+_WHOLE_FIELD_MM = 250.0
+
+# Name and what it shows. The first is the one that a rig shows unless told otherwise.
+SCENES: dict[str, str] = {
+    "coin": "a domed plaque with sun, sea and letters on velvet",
+    "spheres": "four chrome spheres on a grey card, to find the lights by",
+    "coin-with-spheres": "the plaque and a small chrome sphere in each corner",
+    "plane": "a flat disc, painted as a checkerboard",
+    "tilted-plane": "a flat disc, tilted",
+    "sphere": "half a sphere, upright at its rim",
+    "ripples": "circular waves",
+    "scales": "overlapping scales, like a lizard's skin",
+    "textile": "a woven cloth",
+    "woodcarving": "a rosette carved into grained wood",
+    "leather": "cracked leather",
+    "noise": "random waves of one length",
+    "step-gauge": "a staircase of known heights",
+    "white-plane": "an even white plane over the whole field, to measure the lights by",
+    "charuco": "a ChArUco board, to calibrate the camera by",
+}
+
+# The object from its relief's scale in mm and the seed, and the scale it has unless told otherwise.
+_RELIEFS: dict[str, tuple[Callable[[float, int], Body], float]] = {
+    "coin": (lambda mm, seed: Coin(_RADIUS_MM, relief_mm=mm, seed=seed), 0.5),
+    "tilted-plane": (lambda mm, _: _tilted(mm), 24.0),
+    "sphere": (lambda mm, _: SphericalCap(60.0, mm), 60.0),
+    "ripples": (lambda mm, _: Ripples(_RADIUS_MM, mm, 10.0), 0.4),
+    "scales": (lambda mm, seed: LizardScales(_RADIUS_MM, mm, seed), 1.6),
+    "textile": (lambda mm, seed: Textile(_RADIUS_MM, mm, seed), 1.0),
+    "woodcarving": (lambda mm, seed: WoodCarving(_RADIUS_MM, mm, seed), 2.0),
+    "leather": (lambda mm, seed: CrackedLeather(_RADIUS_MM, mm, seed), 1.2),
+    "noise": (lambda mm, seed: BandNoise(_RADIUS_MM, mm, 8.0, 2.0, seed), 0.15),
+    "step-gauge": (
+        lambda mm, _: StepGauge(_RADIUS_MM, tuple(mm / part for part in (16, 8, 4, 2, 1))),
+        8.0,
+    ),
+}
+_RELIEFS["coin-with-spheres"] = _RELIEFS["coin"]
+
+
+def dome_lights(
+    n: int = 36,
+    radius_mm: float = 450.0,
+    *,
+    seed: int = 0,
+    spread: float = 0.03,
+    jitter_mm: float = 4.0,
+) -> Lights:
+    """Place LEDs on rings of a dome around the origin, the way a workshop would: not perfectly.
+
+    Parameters
+    ----------
+    n
+        Number of LEDs, at least 1, spread over the rings by their length.
+    radius_mm
+        Radius of the dome.
+    seed
+        Of positions, intensities and radiation patterns.
+    spread
+        Relative standard deviation of the intensities, whose mean is about 1.
+    jitter_mm
+        Standard deviation of each coordinate around its place on the ring.
+
+    Returns
+    -------
+    Lights
+        Near lights that aim at the origin, ``mu`` within a few percent of 1.
+
+    Raises
+    ------
+    DataError
+        If a value is out of range.
+    """
+    if n < 1 or not radius_mm > 0 or not 0 <= spread < 0.3 or not 0 <= jitter_mm < radius_mm / 20:
+        raise DataError(
+            f"a dome of {n} LEDs, radius {radius_mm} mm, spread {spread}, jitter {jitter_mm} mm "
+            f"cannot be built: n >= 1, radius > 0, spread < 0.3, jitter < radius / 20"
+        )
+    rng = np.random.default_rng(seed)
+    elevation = np.radians(_RINGS_DEG)
+    ends = np.round(n * np.cumsum(np.cos(elevation)) / np.cos(elevation).sum()).astype(int)
+    directions = []
+    for ring, count in enumerate(np.diff(ends, prepend=0)):
+        azimuth = 2 * math.pi * (np.arange(count) + 0.5 * (ring % 2)) / max(count, 1)
+        rise = np.full(count, elevation[ring])
+        directions.append(
+            np.stack(
+                [np.cos(rise) * np.cos(azimuth), np.cos(rise) * np.sin(azimuth), np.sin(rise)],
+                axis=1,
+            )
+        )
+    positions = radius_mm * np.concatenate(directions) + rng.normal(0, jitter_mm, (n, 3))
+    intensities = np.clip(rng.normal(1, spread, n), 1 - 3 * spread, 1 + 3 * spread)
+    mu = np.clip(rng.normal(1, 0.03, n), 0.9, 1.1)
+    return Lights(positions_mm=positions, intensities=intensities, mu=mu)
+
+
+def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
+    """Return the camera 600 mm above the board, its 293 mm wide field on any number of pixels.
+
+    Raises
+    ------
+    DataError
+        If the size is not positive.
+    """
+    focal = _FOCAL_PER_WIDTH * max(width, 1)
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    return CameraModel(K, width, height, _WORKING_DISTANCE_MM)
+
+
+def bench_sensor() -> NoiseModel:
+    """Return a 12-bit sensor of 10 000 electrons full well, as industrial cameras have it."""
+    return NoiseModel(electrons_per_dn=2.5, read_noise_e=2.5, black_level_dn=64.0, bit_depth=12)
+
+
+def scene_named(
+    name: str,
+    *,
+    width: int = 640,
+    height: int = 512,
+    leds: int = 36,
+    seed: int = 0,
+    amplitude_mm: float | None = None,
+) -> Scene:
+    """Build one of the scenes.
+
+    Exposures of 20 ms suit matte things. The LEDs mirrored in spheres want some 40 us (``spheres``)
+    or 90 us (``coin-with-spheres``) at 640 pixels of width, in inverse proportion to its square.
+
+    Parameters
+    ----------
+    name
+        One of `SCENES`.
+    width, height
+        Image size in pixels; the field stays 293 mm wide.
+    leds
+        Number of LEDs on the dome.
+    seed
+        Of lights, texture and paint. The same seed gives the same dome in every scene.
+    amplitude_mm
+        Scale of the relief: the parameter of its surface that is a height (``relief_mm``,
+        ``rms_mm``, ``amplitude_mm``), how far the tilted plane rises, the highest of the steps.
+
+    Returns
+    -------
+    Scene
+        Ready to render.
+
+    Raises
+    ------
+    DataError
+        If the name is unknown, a value out of range, or there is no relief to scale.
+    """
+    if name not in SCENES:
+        raise DataError(f"no scene is called {name!r}: take one of {', '.join(SCENES)}")
+    if amplitude_mm is not None and name not in _RELIEFS:
+        raise DataError(f"scene {name} has no relief: leave its amplitude away")
+    if amplitude_mm is not None and not (math.isfinite(amplitude_mm) and amplitude_mm > 0):
+        raise DataError(f"scene {name}: an amplitude of {amplitude_mm} mm is not a height")
+    body: Body | None = None
+    pattern: Pattern = Paint(0.35, 0.75, wavelength_mm=70.0, seed=seed)
+    board, spheres = Even(0.02), _NO_SPHERES
+    if name in _RELIEFS:
+        make, usual_mm = _RELIEFS[name]
+        body = make(usual_mm if amplitude_mm is None else amplitude_mm, seed)
+    elif name == "plane":
+        body, pattern = Plane(_RADIUS_MM, 2.0), Checker(0.3, 0.7)
+    elif name == "white-plane":
+        body, pattern = Plane(_WHOLE_FIELD_MM), Even(0.85)
+    elif name == "charuco":
+        body, pattern = Plane(_WHOLE_FIELD_MM), ChArUco(10, 8, 26.0)
+    if name == "spheres":
+        board, spheres = Even(0.4), _CALIBRATION_SPHERES
+    elif name == "coin-with-spheres":
+        spheres = tuple(_resting(x, y, 12.0) for x in (-112.0, 112.0) for y in (-86.0, 86.0))
+    return Scene(
+        body=body,
+        lights=dome_lights(leds, seed=seed),
+        lens=Lens.of(bench_camera(width, height)),
+        noise=bench_sensor(),
+        electrons_per_us=0.42,
+        pattern=pattern,
+        board=board,
+        spheres=spheres,
+    )
+
+
+def _tilted(rise_mm: float) -> Plane:
+    """Return a disc that rises by so much from its lowest to its highest place."""
+    slope = rise_mm / (2 * _RADIUS_MM)
+    return Plane(_RADIUS_MM, 0.5 + rise_mm / 2, 0.8 * slope, 0.6 * slope)
+
+
+def _resting(x_mm: float, y_mm: float, radius_mm: float) -> ChromeSphere:
+    return ChromeSphere((x_mm, y_mm, radius_mm), radius_mm)
+
+
+_NO_SPHERES: tuple[ChromeSphere, ...] = ()
+_CALIBRATION_SPHERES = (
+    _resting(-92.0, 58.0, 20.0),
+    _resting(84.0, 66.0, 16.0),
+    _resting(-70.0, -62.0, 14.0),
+    _resting(96.0, -54.0, 20.0),
+)

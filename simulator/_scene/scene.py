@@ -1,0 +1,246 @@
+"""A scene: an object on a board, chrome spheres, lights, and the camera that sees them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, Lights, NoiseModel
+from simulator._scene.lamps import Lamps
+from simulator._scene.lens import Lens
+from simulator._scene.reflectance import Lambert, Material
+from simulator._shapes.body import Body
+from simulator._shapes.patterns import Even, Pattern
+
+Array = npt.NDArray[np.float64]
+
+_MOST_PARTS = 1024
+_RINGS, _SPOKES = 12, 48
+
+
+@dataclass(frozen=True)
+class ChromeSphere:
+    """A mirror sphere.
+
+    Parameters
+    ----------
+    centre_mm
+        Centre in the house frame; a sphere that rests on the board has ``z = radius_mm``.
+    radius_mm
+        Greater than 0.
+    reflectance
+        Fraction of the light that is mirrored, 0 to 1, the same at all angles.
+
+    Raises
+    ------
+    DataError
+        If a value is out of range.
+    """
+
+    centre_mm: tuple[float, float, float]
+    radius_mm: float
+    reflectance: float = 0.6
+
+    def __post_init__(self) -> None:
+        if len(self.centre_mm) != 3 or not all(math.isfinite(v) for v in self.centre_mm):
+            raise DataError(f"a sphere centre of {self.centre_mm} is not three finite numbers")
+        if not (math.isfinite(self.radius_mm) and self.radius_mm > 0):
+            raise DataError(f"a sphere radius of {self.radius_mm} mm is not a positive length")
+        if not 0 <= self.reflectance <= 1:
+            raise DataError(f"a sphere reflectance of {self.reflectance} is not within 0..1")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything the renderer needs, checked.
+
+    Parameters
+    ----------
+    body
+        The object, or None for a bare board.
+    lights
+        Near or distant. An intensity is the irradiance at the origin on a surface that faces the
+        light. A monochrome camera sees the mean of the three channels of intensity times albedo,
+        a pixel of a Bayer mosaic its own.
+    lens
+        How the camera sees; one without distortion is made of a bare `CameraModel` by `Lens.of`.
+    noise
+        The sensor, passed on to the virtual camera; the renderer itself is without noise.
+    electrons_per_us
+        Signal of a white Lambertian surface (albedo 1) under irradiance 1: the exposure scale.
+    pattern, material
+        Albedo and reflectance of the object.
+    board, board_radius_mm
+        The board is a Lambertian disc with this albedo at z = 0 around the origin; beyond it all
+        is black.
+    spheres
+        Chrome spheres, beside the object and beside each other.
+    ambient
+        Even irradiance from the room, on the scale of the intensities.
+    surroundings
+        What a sphere mirrors where neither board nor LED is, as an albedo under the LED's
+        irradiance at the origin.
+    led_radius_mm
+        Radius of the luminous disc of an LED; distant lights are points.
+    shadows
+        False lets the object cast none; attached shadows, and those of the spheres, remain.
+    soft_shadow_samples
+        Points on an LED's disc that shadows are drawn from: 1 for hard shadows.
+    lamps
+        How the LEDs behave over time, passed on to the virtual camera.
+
+    Raises
+    ------
+    DataError
+        If a value is out of range, a camera or light is inside or below something, or two things
+        overlap.
+    """
+
+    body: Body | None
+    lights: Lights
+    lens: Lens
+    noise: NoiseModel
+    electrons_per_us: float
+    pattern: Pattern = field(default_factory=lambda: Even(1.0))
+    material: Material = field(default_factory=Lambert)
+    board: Pattern = field(default_factory=lambda: Even(0.02))
+    board_radius_mm: float = 260.0
+    spheres: tuple[ChromeSphere, ...] = ()
+    ambient: float = 0.002
+    surroundings: float = 0.004
+    led_radius_mm: float = 2.0
+    shadows: bool = True
+    soft_shadow_samples: int = 1
+    lamps: Lamps = field(default_factory=Lamps)
+
+    def __post_init__(self) -> None:
+        for name in ("electrons_per_us", "board_radius_mm", "led_radius_mm"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise DataError(f"scene: {name} is {value}, it must be positive")
+        for name in ("ambient", "surroundings"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise DataError(f"scene: {name} is {getattr(self, name)}, it must be within 0..1")
+        if not 1 <= self.soft_shadow_samples <= _MOST_PARTS:
+            raise DataError(
+                f"scene: soft_shadow_samples is {self.soft_shadow_samples}, it must be within "
+                f"1..{_MOST_PARTS}"
+            )
+        self._check_spheres()
+        self._check_camera_place()
+        self._check_lights()
+
+    def _check_spheres(self) -> None:
+        for i, sphere in enumerate(self.spheres):
+            if sphere.centre_mm[2] < sphere.radius_mm - 1e-9:
+                raise DataError(
+                    f"sphere {i} is sunk into the board: raise its centre to its radius"
+                )
+            if self._covers(sphere):
+                raise DataError(f"sphere {i} overlaps the object: move it outward")
+        for (i, a), (j, b) in combinations(enumerate(self.spheres), 2):
+            if math.dist(a.centre_mm, b.centre_mm) < a.radius_mm + b.radius_mm:
+                raise DataError(f"spheres {i} and {j} overlap: move them apart")
+
+    def _covers(self, sphere: ChromeSphere) -> bool:
+        """Return whether the object reaches under a sphere, as seen from above."""
+        if self.body is None:
+            return False
+        x, y, _ = sphere.centre_mm
+        if math.hypot(x, y) >= self.body.radius_mm + sphere.radius_mm:
+            return False
+        reach = sphere.radius_mm * np.linspace(0, 1, _RINGS)[:, None]
+        turn = np.linspace(0, 2 * math.pi, _SPOKES, endpoint=False)
+        return bool(self.body.inside(x + reach * np.cos(turn), y + reach * np.sin(turn)).any())
+
+    def _check_camera_place(self) -> None:
+        height = self.lens.camera_z_mm
+        if self.body is not None and self.body.top_mm >= height:
+            raise DataError(
+                f"the camera at {height:g} mm is inside the object, {self.body.top_mm:g} mm high: "
+                f"raise the working distance"
+            )
+        for i, sphere in enumerate(self.spheres):
+            if sphere.centre_mm[2] + sphere.radius_mm >= height:
+                raise DataError(f"sphere {i} reaches the camera: raise the working distance")
+
+    def _check_lights(self) -> None:
+        if not self.lights.near:
+            below = np.asarray(self.lights.directions)[:, 2] <= 0
+            if below.any():
+                name = self.lights.ids[int(np.argmax(below))]
+                raise DataError(f"light {name} comes from below the surface: turn its direction up")
+            return
+        positions, axes = np.asarray(self.lights.positions_mm), np.asarray(self.lights.axes)
+        floors = self._floors(positions)
+        for name, place, axis, floor in zip(self.lights.ids, positions, axes, floors, strict=True):
+            if place[2] <= floor:
+                raise DataError(f"LED {name} is below the surface: raise its position")
+            if place @ axis >= 0:
+                raise DataError(f"LED {name} shines away from the object: turn its axis")
+            for i, sphere in enumerate(self.spheres):
+                if math.dist(place, sphere.centre_mm) <= sphere.radius_mm:
+                    raise DataError(f"LED {name} is inside sphere {i}: move one of them")
+
+    def _floors(self, positions: Array) -> Array:
+        """Return the height of what lies under each position."""
+        floors = np.zeros(len(positions))
+        if self.body is not None:
+            above = positions.copy()
+            above[:, 2] = self.body.top_mm + 1.0
+            hits = self.body.trace(above, np.array([0.0, 0.0, -1.0]))
+            floors[hits.hit] = np.maximum(hits.points_mm[hits.hit, 2], 0.0)
+        return floors
+
+    @property
+    def coloured(self) -> bool:
+        """Whether the object's albedo has three channels that differ."""
+        return self.pattern.evaluate(np.zeros(1), np.zeros(1)).ndim == 2
+
+    @property
+    def sharp(self) -> bool:
+        """Whether a pattern has edges, so that it wants averaging over a pixel."""
+        return self.pattern.sharp or self.board.sharp
+
+    def albedo(
+        self, x_mm: Array, y_mm: Array, on_object: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.float32]:
+        """Return the albedo ``(n, 3)`` at points of object and board, 0 beyond the board."""
+        on_board = ~on_object & (x_mm**2 + y_mm**2 <= self.board_radius_mm**2)
+        albedo = np.zeros((len(x_mm), 3), np.float32)
+        for pattern, where in ((self.pattern, on_object), (self.board, on_board)):
+            if where.any():
+                values = pattern.evaluate(x_mm[where], y_mm[where])
+                albedo[where] = values if values.ndim == 2 else values[:, None]
+        return albedo
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The lens's camera; None where it sees in parallel rays."""
+        return self.lens.camera
+
+    @property
+    def irradiance(self) -> Array:
+        """``(N,)`` irradiance of each light at the origin, the mean over colours."""
+        intensities: Array = np.asarray(self.lights.intensities).mean(axis=1)
+        return intensities
+
+    @property
+    def axial_intensity(self) -> Array:
+        """``(N,)`` radiant intensity of each LED along its axis, irradiance times mm^2."""
+        positions = np.asarray(self.lights.positions_mm)
+        axes, mu = np.asarray(self.lights.axes), np.asarray(self.lights.mu)
+        squared = (positions**2).sum(axis=1)
+        cosine = -(positions * axes).sum(axis=1) / np.sqrt(squared)
+        intensity: Array = self.irradiance * squared / cosine**mu
+        return intensity
+
+    @property
+    def sphere_table(self) -> Array:
+        """``(S, 5)`` rows of centre, radius and reflectance."""
+        rows = [(*s.centre_mm, s.radius_mm, s.reflectance) for s in self.spheres]
+        return np.array(rows, np.float64).reshape(-1, 5)

@@ -1,0 +1,237 @@
+"""Scenes as TOML files."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import MISSING, asdict, fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import tomli_w
+import trimesh
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from acquisition import DataError, MissingPathError, NoiseModel, StorageError, write_lights
+from rig import first_complaint
+from simulator._scene.lamps import Lamps
+from simulator._scene.rig_scenes import bench_sensor
+from simulator._scene.scene import ChromeSphere, Scene
+from simulator._scene.scene_parts import (
+    BODIES,
+    LENSES,
+    LIGHTS,
+    MATERIALS,
+    PATTERNS,
+    lens_table,
+    resized,
+)
+from simulator._scene.scene_tables import build, build_kind, kind_table, table
+from simulator._shapes.mesh import MeshBody
+
+Table = dict[str, Any]
+
+_DEFAULTS = {item.name: item.default for item in fields(Scene) if item.default is not MISSING}
+
+
+class SceneFile(BaseModel):
+    """What a scene file says. All but the tables' ``kind`` has a default.
+
+    Parameters
+    ----------
+    seed
+        Of everything that is drawn at random and has no seed in its own table.
+    object
+        The object: its kind, and the parameters of that kind.
+    pattern, material
+        Its albedo and reflectance.
+    board
+        The albedo of the board.
+    spheres
+        Chrome spheres, one table each.
+    lights, lamps
+        Where the LEDs are and how strong, and how they behave over time.
+    lens, sensor
+        The camera.
+    electrons_per_us, board_radius_mm, ambient, surroundings, led_radius_mm
+        See `Scene`.
+    shadows, soft_shadow_samples
+        See `Scene`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    electrons_per_us: float = 0.42
+    board_radius_mm: float = _DEFAULTS["board_radius_mm"]
+    ambient: float = _DEFAULTS["ambient"]
+    surroundings: float = _DEFAULTS["surroundings"]
+    led_radius_mm: float = _DEFAULTS["led_radius_mm"]
+    shadows: bool = _DEFAULTS["shadows"]
+    soft_shadow_samples: int = _DEFAULTS["soft_shadow_samples"]
+    object: Table | None = None
+    pattern: Table = {"kind": "even", "albedo": 1.0}
+    material: Table = {"kind": "lambert"}
+    board: Table = {"kind": "even", "albedo": 0.02}
+    spheres: tuple[Table, ...] = ()
+    lights: Table = {"kind": "dome"}
+    lamps: Table = {}
+    lens: Table = {"kind": "perspective"}
+    sensor: Table = {}
+
+    def build(
+        self,
+        folder: Path = Path(),
+        *,
+        leds: int | None = None,
+        size: tuple[int, int] | None = None,
+        seed: int | None = None,
+    ) -> Scene:
+        """Make the scene.
+
+        Parameters
+        ----------
+        folder
+            What relative paths start from.
+        leds
+            Number of LEDs instead of the file's, for a dome or a ring.
+        size
+            (width, height) in pixels instead of the file's; the width of the field stays.
+        seed
+            Instead of the file's; seeds in tables stay.
+
+        Raises
+        ------
+        DataError
+            If a key is unknown, a value out of range, a file missing, or the scene cannot be. The
+            message names the table.
+        """
+        drawn = {"seed": self.seed if seed is None else seed}
+
+        def part(kinds: Any, values: Table, where: str) -> Any:
+            return build_kind(kinds, _located(values, folder, where), where, **drawn)
+
+        lights = self.lights
+        if leds is not None:
+            if lights.get("kind") not in ("dome", "ring"):
+                raise DataError("[lights]: are given one by one: leave their number open")
+            lights = lights | {"count": leds}
+        lens = part(LENSES, self.lens, "lens")
+        return Scene(
+            **{name: getattr(self, name) for name in _SHARED},
+            body=None if self.object is None else part(BODIES, self.object, "object"),
+            lights=part(LIGHTS, lights, "lights"),
+            lens=lens if size is None else resized(lens, *size),
+            noise=build(NoiseModel, asdict(bench_sensor()) | self.sensor, "sensor"),
+            pattern=part(PATTERNS, self.pattern, "pattern"),
+            material=part(MATERIALS, self.material, "material"),
+            board=part(PATTERNS, self.board, "board"),
+            spheres=tuple(
+                build(ChromeSphere, sphere, f"spheres.{index}")
+                for index, sphere in enumerate(self.spheres)
+            ),
+            lamps=build(Lamps, self.lamps, "lamps"),
+        )
+
+
+# What both have under one name: the numbers at the top of a file.
+_SHARED = tuple(
+    name
+    for name, key in SceneFile.model_fields.items()
+    if isinstance(key.default, int | float) and name != "seed"
+)
+
+
+def read_scene(
+    path: Path | str,
+    *,
+    leds: int | None = None,
+    size: tuple[int, int] | None = None,
+    seed: int | None = None,
+) -> Scene:
+    """Read a scene file and make its scene; paths in it are relative to it.
+
+    Parameters are those of `SceneFile.build`.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is not TOML, or errors of `SceneFile.build`. The message names file and key.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise MissingPathError(f"{path}: no such file")
+    try:
+        values = tomllib.loads(path.read_bytes().decode("utf-8"))
+        said = SceneFile.model_validate(values)
+        return said.build(path.parent, leds=leds, size=size, seed=seed)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise DataError(f"{path}: is not TOML: {error}") from error
+    except ValidationError as error:
+        complaint = first_complaint(error, noun="key", known=SceneFile.model_fields)
+        raise DataError(f"{path}: {complaint}") from error
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def write_scene(path: Path | str, scene: Scene) -> list[Path]:
+    """Write a scene to a file from which `read_scene` makes the same scene.
+
+    Lights go to a ``.lights.json`` beside it, and an object that is a mesh to a ``.ply``.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    DataError
+        If the scene holds an object or pattern that files do not know.
+    StorageError
+        If the disk refuses.
+    """
+    path = Path(path)
+    made = [path, path.with_suffix(".lights.json")]
+    body: Table | None = None
+    try:
+        if isinstance(scene.body, MeshBody):
+            made.append(path.with_suffix(".ply"))
+            mesh = trimesh.Trimesh(scene.body.vertices_mm, scene.body.faces, process=False)
+            mesh.export(made[-1])
+            # It is in its place: to centre and scale it again changes nothing.
+            place = {"radius_mm": scene.body.radius_mm, "smooth": scene.body.smooth}
+            body = {"kind": "mesh", "file": made[-1].name, **place}
+        elif scene.body is not None:
+            body = kind_table(BODIES, scene.body)
+        said = SceneFile(
+            **{name: getattr(scene, name) for name in _SHARED},
+            object=body,
+            pattern=kind_table(PATTERNS, scene.pattern),
+            material=kind_table(MATERIALS, scene.material),
+            board=kind_table(PATTERNS, scene.board),
+            spheres=tuple(table(sphere) for sphere in scene.spheres),
+            lights={"kind": "file", "file": made[1].name},
+            lamps=table(scene.lamps),
+            lens=lens_table(scene.lens),
+            sensor=table(scene.noise),
+        )
+        write_lights(made[1], scene.lights)
+        text = tomli_w.dumps(said.model_dump(exclude_none=True, exclude_defaults=True))
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be written: {error.strerror}") from error
+    return made
+
+
+def _located(values: Table, folder: Path, where: str) -> Table:
+    """Return a table with its file, if it names one, found from the scene file's folder."""
+    if not isinstance(values.get("file"), str):
+        return values
+    file = folder / values["file"]
+    if not file.is_file():
+        raise DataError(f"[{where}]: {file}: no such file")
+    return values | {"file": file}

@@ -1,0 +1,208 @@
+"""Lights and lenses as scene files state them: recipes, files, or numbers one by one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
+from simulator._scene.lens import Lens
+from simulator._scene.reflectance import Ggx, Lambert, OrenNayar
+from simulator._scene.rig_scenes import dome_lights
+from simulator._scene.scene_tables import Kinds
+from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator._shapes.coin import Coin
+from simulator._shapes.mesh import MeshBody
+from simulator._shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
+from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
+
+_Vector = tuple[float, float, float]
+_FIELD_MM, _DISTANCE_MM = 293.76, 600.0
+
+
+def dome(
+    count: int = 36,
+    radius_mm: float = 450.0,
+    spread: float = 0.03,
+    jitter_mm: float = 4.0,
+    mu: float | None = None,
+    seed: int = 0,
+) -> Lights:
+    """Return LEDs on rings of a dome, see `dome_lights`; ``mu`` makes all radiate alike."""
+    lights = dome_lights(count, radius_mm, seed=seed, spread=spread, jitter_mm=jitter_mm)
+    return lights if mu is None else replace(lights, mu=np.full(count, mu))
+
+
+def ring(
+    count: int = 36,
+    radius_mm: float = 450.0,
+    elevation_deg: float = 45.0,
+    spread: float = 0.03,
+    mu: float = 1.0,
+    seed: int = 0,
+) -> Lights:
+    """Return LEDs evenly around one ring, ``radius_mm`` from the origin, the first on the right.
+
+    Their intensities have the relative standard deviation ``spread``.
+    """
+    if count < 1 or not radius_mm > 0 or not 0 < elevation_deg < 90 or not 0 <= spread < 0.3:
+        raise DataError(
+            f"a ring of {count} LEDs, radius {radius_mm:g} mm, elevation {elevation_deg:g} deg, "
+            f"spread {spread:g} cannot be: count >= 1, radius > 0, elevation within 0..90, "
+            "spread < 0.3"
+        )
+    around = 2 * math.pi * np.arange(count) / count
+    rise = np.full(count, math.radians(elevation_deg))
+    towards = np.stack(
+        [np.cos(rise) * np.cos(around), np.cos(rise) * np.sin(around), np.sin(rise)], axis=1
+    )
+    drawn = np.random.default_rng(seed).normal(1, spread, count)
+    return Lights(
+        positions_mm=radius_mm * towards,
+        intensities=np.clip(drawn, 1 - 3 * spread, 1 + 3 * spread),
+        mu=np.full(count, mu),
+    )
+
+
+def lights_file(file: Path) -> Lights:
+    """Return the lights of a file that `read_lights` reads; LED n is the n-th of them."""
+    lights = read_lights(file)
+    return replace(lights, ids=tuple(led_id(led) for led in range(len(lights))))
+
+
+def listed(
+    positions_mm: tuple[_Vector, ...] | None = None,
+    directions: tuple[_Vector, ...] | None = None,
+    intensities: tuple[_Vector, ...] | tuple[float, ...] | None = None,
+    axes: tuple[_Vector, ...] | None = None,
+    mu: tuple[float, ...] | None = None,
+) -> Lights:
+    """Return lights given one by one, a row each, see `Lights`."""
+
+    def array(rows: tuple[object, ...] | None) -> npt.NDArray[np.float64] | None:
+        return None if rows is None else np.array(rows, np.float64)
+
+    return Lights(
+        directions=array(directions),
+        positions_mm=array(positions_mm),
+        intensities=array(intensities),
+        axes=array(axes),
+        mu=array(mu),
+    )
+
+
+def perspective(
+    width: int = 640,
+    height: int = 512,
+    field_mm: float = _FIELD_MM,
+    working_distance_mm: float = _DISTANCE_MM,
+    K: tuple[_Vector, _Vector, _Vector] | None = None,
+    distortion: tuple[float, ...] = (),
+    vignetting: float = 0.0,
+    psf_sigma_px: float = 0.7,
+    cfa: str | None = None,
+) -> Lens:
+    """Return a pinhole that sees ``field_mm`` of the board across, or has the matrix ``K``."""
+    if K is None:
+        if not (field_mm > 0 and working_distance_mm > 0):
+            raise DataError("a camera needs field_mm and working_distance_mm greater than 0")
+        focal = max(width, 1) * working_distance_mm / field_mm
+        K = ((focal, 0.0, (width - 1) / 2), (0.0, focal, (height - 1) / 2), (0.0, 0.0, 1.0))
+    camera = CameraModel(np.array(K), width, height, working_distance_mm, np.array(distortion))
+    return Lens.of(camera, vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa)
+
+
+def camera_file(
+    file: Path,
+    vignetting: float = 0.0,
+    psf_sigma_px: float = 0.7,
+    cfa: str | None = None,
+) -> Lens:
+    """Return the camera of a file for `read_camera`, with image size and working distance."""
+    return Lens.of(read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa)
+
+
+def orthographic(
+    width: int = 640,
+    height: int = 512,
+    pixel_mm: float = _FIELD_MM / 640,
+    height_mm: float = _DISTANCE_MM,
+    vignetting: float = 0.0,
+    psf_sigma_px: float = 0.7,
+    cfa: str | None = None,
+) -> Lens:
+    """Return a lens of parallel rays, a pixel ``pixel_mm`` wide."""
+    return Lens.orthographic(
+        width, height, pixel_mm, height_mm,
+        vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa,
+    )  # fmt: skip
+
+
+def mesh(
+    file: Path, radius_mm: float, turn_deg: _Vector = (0.0, 0.0, 0.0), smooth: bool = True
+) -> MeshBody:
+    """Read a mesh and rest it on the board, see `MeshBody.read`."""
+    return MeshBody.read(file, radius_mm=radius_mm, turn_deg=turn_deg, smooth=smooth)
+
+
+def resized(lens: Lens, width: int, height: int) -> Lens:
+    """Return a lens with another number of pixels, whose field is as wide as before."""
+    rows, columns = lens.size
+    gain = width / columns
+    if lens.camera is None:
+        pixel_mm = float(lens.pixel_mm or 0.0) / gain
+        return replace(lens, width=width, height=height, pixel_mm=pixel_mm)
+    # The principal point keeps its place relative to the middle of the image.
+    old, new = np.array([columns - 1, rows - 1]) / 2, np.array([width - 1, height - 1]) / 2
+    K = lens.camera.K.copy()
+    K[:2, :2] *= gain
+    K[:2, 2] = new + gain * (K[:2, 2] - old)
+    return replace(lens, camera=replace(lens.camera, K=K, width=width, height=height))
+
+
+def lens_table(lens: Lens) -> dict[str, Any]:
+    """Lay a lens out for `perspective` or `orthographic`."""
+    height, width = lens.size
+    made: dict[str, Any] = {"width": width, "height": height}
+    if lens.camera is None:
+        made |= {"kind": "orthographic", "pixel_mm": lens.pixel_mm, "height_mm": lens.height_mm}
+    else:
+        made |= {
+            "kind": "perspective",
+            "working_distance_mm": lens.camera.working_distance_mm,
+            "K": lens.camera.K.tolist(),
+            "distortion": lens.camera.distortion.tolist(),
+        }
+    made |= {"vignetting": lens.vignetting, "psf_sigma_px": lens.psf_sigma_px, "cfa": lens.cfa}
+    return {name: value for name, value in made.items() if value is not None}
+
+
+LIGHTS: Kinds = {"dome": dome, "ring": ring, "file": lights_file, "listed": listed}
+LENSES: Kinds = {"perspective": perspective, "orthographic": orthographic, "file": camera_file}
+BODIES: Kinds = {
+    "plane": Plane,
+    "cap": SphericalCap,
+    "coin": Coin,
+    "ripples": Ripples,
+    "scales": LizardScales,
+    "textile": Textile,
+    "woodcarving": WoodCarving,
+    "leather": CrackedLeather,
+    "noise": BandNoise,
+    "step-gauge": StepGauge,
+    "mesh": mesh,
+}
+PATTERNS: Kinds = {
+    "even": Even,
+    "checker": Checker,
+    "gradient": Gradient,
+    "paint": Paint,
+    "colour-wheel": ColourWheel,
+    "charuco": ChArUco,
+}
+MATERIALS: Kinds = {"lambert": Lambert, "oren-nayar": OrenNayar, "ggx": Ggx}

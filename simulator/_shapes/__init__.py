@@ -1,0 +1,1 @@
+"""Surfaces and solids, and where rays meet them."""

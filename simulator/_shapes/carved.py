@@ -1,0 +1,229 @@
+"""Surfaces after nature and craft: scales, cloth, carved wood, leather, and a step gauge."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
+from simulator._shapes.field_trace import FieldBounds
+from simulator._shapes.surface import Surface, random_waves
+
+Array = npt.NDArray[np.float64]
+
+_DESIGN_RADIUS = 80.0  # the wood carving is drawn for this radius
+
+
+@dataclass(frozen=True)
+class _Relief(Surface):
+    """A relief that a kernel draws in its own units.
+
+    Parameters
+    ----------
+    amplitude_mm
+        Height of the relief: every place lies between 0 and it, the deepest near 0.
+    seed
+        Of everything irregular in it.
+    """
+
+    amplitude_mm: float = 1.0
+    seed: int = 0
+    # What the kernel's heights reach from and to, over many seeds.
+    _reaches: ClassVar[tuple[float, float]] = (0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("amplitude_mm")
+        if self.seed < 0:
+            raise DataError(f"{type(self).__name__}: seed is {self.seed}, it must not be negative")
+
+    @property
+    @abstractmethod
+    def _unit_mm(self) -> float:
+        """Length of the kernel's unit."""
+
+    @abstractmethod
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        """Write height and gradient at ``(n,)`` positions into ``out`` (3, n)."""
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        x, y = np.broadcast_arrays(x_mm, y_mm)
+        unit = self._unit_mm
+        out = np.zeros((3, x.size))
+        self._draw(
+            np.ascontiguousarray(x, np.float64).ravel() / unit,
+            np.ascontiguousarray(y, np.float64).ravel() / unit,
+            out,
+        )
+        height, slope_x, slope_y = out.reshape(3, *x.shape)
+        low, high = self._reaches
+        gain = self.amplitude_mm / (high - low)
+        return gain * (height - low), gain / unit * slope_x, gain / unit * slope_y
+
+    @cached_property
+    def _table(self) -> Array:
+        return np.random.default_rng(self.seed).uniform(-1.0, 1.0, (CELLS, CELLS, 3))
+
+
+@dataclass(frozen=True)
+class LizardScales(_Relief):
+    """Keeled scales in rows, each lying on the row below (-Y), ``scale_mm`` wide."""
+
+    amplitude_mm: float = 1.6
+    scale_mm: float = 12.0
+    _reaches = (-0.35, 0.96)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("scale_mm")
+
+    @property
+    def _unit_mm(self) -> float:
+        return self.scale_mm
+
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        scales(x, y, self._table, out)
+
+
+@dataclass(frozen=True)
+class Textile(_Relief):
+    """A plain weave of twisted yarns, ``yarn_mm`` from one to the next."""
+
+    yarn_mm: float = 6.0
+    _reaches = (-0.15, 0.78)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("yarn_mm")
+
+    @property
+    def _unit_mm(self) -> float:
+        return self.yarn_mm
+
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        textile(x, y, self._table, out)
+
+
+@dataclass(frozen=True)
+class CrackedLeather(_Relief):
+    """Old leather: fine pebbles, and cracks around plates about ``plate_mm`` wide."""
+
+    amplitude_mm: float = 1.2
+    plate_mm: float = 20.0
+    _reaches = (-0.13, 0.88)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("plate_mm")
+
+    @property
+    def _unit_mm(self) -> float:
+        return self.plate_mm
+
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        leather(x, y, self._table, out)
+
+
+@dataclass(frozen=True)
+class WoodCarving(_Relief):
+    """A chip-carved rosette of six petals in a border of small cuts, in grained wood.
+
+    It grows with its radius. The seed bends the grain.
+    """
+
+    amplitude_mm: float = 2.0
+    _reaches = (0.02, 1.0)
+
+    @property
+    def _unit_mm(self) -> float:
+        return self.radius_mm / _DESIGN_RADIUS
+
+    @cached_property
+    def _waves(self) -> Array:
+        return random_waves(70.0, self.seed, count=5)
+
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        wood(x, y, _rosette(), self._waves, out)
+
+
+def _rosette() -> Array:
+    """Return the cuts: centres of the two discs that overlap in each, and their radius."""
+    cuts = []
+    large = 42.0
+    around = [large * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3]
+    for i in range(6):
+        # A petal runs from the middle to around[i]; both its arcs are of the large radius.
+        cuts.append((*around[i - 1], *around[(i + 1) % 6], large))
+        # Its outer neighbour runs from around[i] to around[i + 1].
+        cuts.append((0.0, 0.0, *(around[i] + around[(i + 1) % 6]), large))
+    for i in range(40):
+        angle = 2 * math.pi * i / 40
+        out = np.array([math.cos(angle), math.sin(angle)])
+        side = np.array([-out[1], out[0]])
+        cuts.append((*(61.5 * out + 9.5 * side), *(61.5 * out - 9.5 * side), 12.3))
+    return np.array(cuts)
+
+
+@dataclass(frozen=True)
+class StepGauge(Surface):
+    """A staircase of known heights, level treads side by side along +X.
+
+    Parameters
+    ----------
+    heights_mm
+        Of the treads from left to right, 2 or more. The treads share the square's width evenly.
+    edge_mm
+        Width over which one tread passes into the next: the surface is smooth, no wall is upright.
+        It must be less than a tread.
+    """
+
+    heights_mm: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)
+    edge_mm: float = 0.4
+    outline: Literal["round", "square"] = field(default="square", kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("edge_mm")
+        if len(self.heights_mm) < 2 or not all(math.isfinite(h) for h in self.heights_mm):
+            raise DataError(
+                f"StepGauge: heights_mm is {self.heights_mm}, it must be two or more numbers"
+            )
+        if self.edge_mm >= self.tread_mm:
+            raise DataError(
+                f"StepGauge: edge_mm {self.edge_mm} must be less than the width of a tread, "
+                f"{self.tread_mm:g} mm"
+            )
+
+    @property
+    def tread_mm(self) -> float:
+        """Width of a tread, from the middle of one edge to the next."""
+        return math.sqrt(2) * self.radius_mm / len(self.heights_mm)
+
+    @property
+    def edges_mm(self) -> Array:
+        """``(n - 1,)`` x of the middle of each edge."""
+        count = len(self.heights_mm)
+        edges: Array = self.tread_mm * (np.arange(1.0, count) - count / 2)
+        return edges
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        z = np.full(np.broadcast(x_mm, y_mm).shape, float(self.heights_mm[0]))
+        zx = np.zeros_like(z)
+        for at, rise in zip(self.edges_mm, np.diff(self.heights_mm), strict=True):
+            t = np.clip((x_mm - at) / self.edge_mm + 0.5, 0.0, 1.0)
+            # The quintic with no slope and no curvature at its ends.
+            z += rise * t**3 * (10 - 15 * t + 6 * t**2)
+            zx += rise / self.edge_mm * 30 * (t * (1 - t)) ** 2
+        return z, zx, np.zeros_like(z)
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        steepest = 1.875 * float(np.abs(np.diff(self.heights_mm)).max()) / self.edge_mm
+        return FieldBounds(min(self.heights_mm), max(self.heights_mm), steepest)

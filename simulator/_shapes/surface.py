@@ -1,0 +1,340 @@
+"""Objects as height fields z(x, y): exact heights, exact gradients, and an outline."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Literal
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from simulator._shapes.body import BodyHits, HeightGrid
+from simulator._shapes.field_trace import FieldBounds, meet_field
+
+Array = npt.NDArray[np.float64]
+
+_WAVES = 24  # plane waves in band noise: enough that no direction stands out
+_SAMPLES = 513  # along each side, to look for the extremes of a field
+_STEEPER = 1.3  # how much steeper than the steepest sample a field is taken to be
+_MOST_SAMPLES = 16_000_000
+
+
+@dataclass(frozen=True)
+class Surface(ABC):
+    """An object on the backing board: a height field inside an outline.
+
+    Parameters
+    ----------
+    radius_mm
+        Radius of the outline around the frame's origin. The board at z = 0 begins outside it;
+        the wall between the two is not drawn.
+    outline
+        ``round``, or ``square``: the square that the circle holds, its sides along x and y.
+
+    Raises
+    ------
+    DataError
+        If a parameter is not a finite number or a length is not positive. The message names it.
+    """
+
+    radius_mm: float
+    outline: Literal["round", "square"] = field(default="round", kw_only=True)
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, int | float) and not math.isfinite(value):
+                raise DataError(f"{type(self).__name__}: {item.name} is {value}, not a number")
+        if self.outline not in ("round", "square"):
+            raise DataError(
+                f"{type(self).__name__}: outline is {self.outline!r}, it must be round or square"
+            )
+        self._positive("radius_mm")
+
+    def _positive(self, *names: str) -> None:
+        for name in names:
+            if getattr(self, name) <= 0:
+                raise DataError(
+                    f"{type(self).__name__}: {name} is {getattr(self, name)}, it must be positive"
+                )
+
+    @abstractmethod
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        """Return height and gradient.
+
+        Parameters
+        ----------
+        x_mm, y_mm
+            Positions, any one shape. Positions outside the outline are allowed: the field goes on
+            there, so that a search may step over the edge.
+
+        Returns
+        -------
+        z_mm, dz_dx, dz_dy
+            Height above the board and its exact derivatives, same shape.
+        """
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        """Extremes of height and gradient within the outline, from samples and a margin."""
+        span = np.linspace(-self.radius_mm, self.radius_mm, _SAMPLES)
+        x, y = np.meshgrid(span, span)
+        within = x**2 + y**2 <= self.radius_mm**2
+        z, zx, zy = self.evaluate(x[within], y[within])
+        steepest = _STEEPER * float(np.hypot(zx, zy).max())
+        # Half the diagonal between samples.
+        margin = steepest * float(span[1] - span[0]) / math.sqrt(2)
+        return FieldBounds(float(z.min()) - margin, float(z.max()) + margin, steepest)
+
+    @property
+    def top_mm(self) -> float:
+        """Height above the board that the object does not exceed."""
+        return self.bounds.top_mm
+
+    def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
+        """Return which positions lie within the outline, its edge included."""
+        within: npt.NDArray[np.bool_]
+        if self.outline == "square":
+            half = self.radius_mm / math.sqrt(2)
+            within = np.maximum(np.abs(x_mm), np.abs(y_mm)) <= half
+        else:
+            within = x_mm**2 + y_mm**2 <= self.radius_mm**2
+        return within
+
+    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+        """Find where rays first meet the surface.
+
+        Parameters
+        ----------
+        origins_mm, directions
+            ``(..., 3)``, or shapes that broadcast to one another.
+
+        Returns
+        -------
+        BodyHits
+            Points to 1e-9 mm. Where the surface hides parts of itself a ray may pass that only
+            grazes it, over less than 1e-3 of its way from top to bottom of the surface.
+
+        Raises
+        ------
+        DataError
+            If the surface's `bounds` are not finite.
+        """
+        origins, directions = np.broadcast_arrays(origins_mm, directions)
+        shape = origins.shape[:-1]
+        origins, directions = origins.reshape(-1, 3), directions.reshape(-1, 3)
+        t, zx, zy = meet_field(
+            self.evaluate,
+            self.radius_mm,
+            self.bounds,
+            origins,
+            directions,
+            square=self.outline == "square",
+        )
+        hit = np.isfinite(t)
+        points = origins + np.where(hit, t, 0.0)[:, None] * directions
+        hit &= self.inside(points[:, 0], points[:, 1])
+        length = np.sqrt(1 + zx**2 + zy**2)
+        normals = np.stack([-zx / length, -zy / length, 1 / length], axis=1)
+        points[~hit], normals[~hit] = 0.0, 0.0
+        return BodyHits(points.reshape(*shape, 3), normals.reshape(*shape, 3), hit.reshape(shape))
+
+    def shadow_caster(self, step_mm: float) -> HeightGrid:
+        """Sample the heights for casting shadows.
+
+        Parameters
+        ----------
+        step_mm
+            Distance of the samples.
+
+        Returns
+        -------
+        HeightGrid
+            Symmetric about the origin, two steps wider than the outline, 0 outside it.
+
+        Raises
+        ------
+        DataError
+            If the step is not positive or so small that the grid would not fit into memory.
+        """
+        if not (math.isfinite(step_mm) and step_mm > 0):
+            raise DataError(f"a shadow grid with a step of {step_mm} mm cannot be sampled")
+        reach = math.ceil(self.radius_mm / step_mm) + 2
+        if (2 * reach + 1) ** 2 > _MOST_SAMPLES:
+            raise DataError(
+                f"a shadow grid with a step of {step_mm:g} mm has {(2 * reach + 1) ** 2} samples, "
+                f"more than {_MOST_SAMPLES}: take a larger step"
+            )
+        span = step_mm * np.arange(-reach, reach + 1)
+        heights = np.zeros((span.size, span.size), np.float32)
+        # Row by row bands: the gradients are not kept.
+        for band in np.array_split(np.arange(span.size), max(1, span.size**2 // 1_000_000)):
+            x, y = np.meshgrid(span, span[band])
+            within = self.inside(x, y)
+            part = np.zeros(x.shape, np.float32)
+            part[within] = self.evaluate(x[within], y[within])[0]
+            heights[band] = part
+        return HeightGrid((-reach * step_mm, -reach * step_mm), step_mm, heights)
+
+
+@dataclass(frozen=True)
+class Plane(Surface):
+    """A flat or tilted plane, ``z = height + slope_x x + slope_y y``."""
+
+    height_mm: float = 0.0
+    slope_x: float = 0.0
+    slope_y: float = 0.0
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        z = self.height_mm + self.slope_x * x_mm + self.slope_y * y_mm
+        return z, np.full_like(z, self.slope_x), np.full_like(z, self.slope_y)
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        slope = math.hypot(self.slope_x, self.slope_y)
+        rise = slope * self.radius_mm
+        return FieldBounds(self.height_mm - rise, self.height_mm + rise, slope)
+
+
+@dataclass(frozen=True)
+class SphericalCap(Surface):
+    """A dome that meets the board at the outline: the top ``height_mm`` of a sphere.
+
+    A cap as high as its radius is half a sphere, upright at the rim.
+    """
+
+    height_mm: float = 10.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("height_mm")
+        if self.height_mm > self.radius_mm:
+            raise DataError(
+                f"SphericalCap: height_mm {self.height_mm} must not exceed radius_mm "
+                f"{self.radius_mm}: a camera above cannot see more than half a sphere"
+            )
+
+    @property
+    def sphere_radius_mm(self) -> float:
+        """Radius of the sphere that the cap is cut from."""
+        return (self.radius_mm**2 + self.height_mm**2) / (2 * self.height_mm)
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        sphere = self.sphere_radius_mm
+        squared = x_mm**2 + y_mm**2
+        on_cap = squared <= self.radius_mm**2
+        # The rim of a half sphere is upright: its gradient is kept finite.
+        least = (1e-12 * sphere) ** 2
+        rise = np.sqrt(np.where(on_cap, np.maximum(sphere**2 - squared, least), sphere**2))
+        z = np.where(on_cap, rise - (sphere - self.height_mm), 0.0)
+        return z, np.where(on_cap, -x_mm / rise, 0.0), np.where(on_cap, -y_mm / rise, 0.0)
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        upright = self.height_mm == self.radius_mm
+        rim = math.inf if upright else self.radius_mm / (self.sphere_radius_mm - self.height_mm)
+        return FieldBounds(0.0, self.height_mm, rim)
+
+    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+        """Find where rays first meet the cap, in closed form (see `Surface.trace`)."""
+        origins, directions = np.broadcast_arrays(origins_mm, directions)
+        centre = np.array([0.0, 0.0, self.height_mm - self.sphere_radius_mm])
+        offset = origins - centre
+        a, b = (directions**2).sum(axis=-1), (directions * offset).sum(axis=-1)
+        root = b * b - a * ((offset**2).sum(axis=-1) - self.sphere_radius_mm**2)
+        t = (-b - np.sqrt(np.clip(root, 0.0, None))) / a
+        points = origins + t[..., None] * directions
+        hit = (root >= 0) & (t > 0) & (points[..., 2] >= 0)
+        hit &= self.inside(points[..., 0], points[..., 1])
+        normals = (points - centre) / self.sphere_radius_mm
+        keep = hit[..., None]
+        return BodyHits(np.where(keep, points, 0.0), np.where(keep, normals, 0.0), hit)
+
+
+@dataclass(frozen=True)
+class Ripples(Surface):
+    """Circular waves around the origin, between z = 0 and twice the amplitude."""
+
+    amplitude_mm: float = 0.3
+    wavelength_mm: float = 8.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("amplitude_mm", "wavelength_mm")
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        k = 2 * math.pi / self.wavelength_mm
+        r = np.hypot(x_mm, y_mm)
+        z = self.amplitude_mm * (1 + np.cos(k * r))
+        # sin(kr)/r by sinc: it has a limit at the centre.
+        steep = -self.amplitude_mm * k * k * np.sinc(k * r / math.pi)
+        return z, steep * x_mm, steep * y_mm
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        slope = 2 * math.pi * self.amplitude_mm / self.wavelength_mm
+        return FieldBounds(0.0, 2 * self.amplitude_mm, slope)
+
+
+@dataclass(frozen=True)
+class BandNoise(Surface):
+    """Random waves of one wavelength in all directions, around z = ``height_mm``."""
+
+    rms_mm: float = 0.1
+    wavelength_mm: float = 8.0
+    height_mm: float = 1.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._positive("rms_mm", "wavelength_mm")
+
+    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+        x, y = np.broadcast_arrays(x_mm, y_mm)
+        out = np.zeros((3, x.size))
+        _add_waves(
+            np.ascontiguousarray(x, np.float64).ravel(),
+            np.ascontiguousarray(y, np.float64).ravel(),
+            random_waves(self.wavelength_mm, self.seed),
+            self.rms_mm * math.sqrt(2 / _WAVES),
+            out,
+        )
+        z, zx, zy = out.reshape(3, *x.shape)
+        return self.height_mm + z, zx, zy
+
+    @cached_property
+    def bounds(self) -> FieldBounds:
+        most = self.rms_mm * math.sqrt(2 * _WAVES)
+        slope = most * 2 * math.pi / self.wavelength_mm
+        return FieldBounds(self.height_mm - most, self.height_mm + most, slope)
+
+
+def random_waves(wavelength_mm: float, seed: int, count: int = _WAVES) -> Array:
+    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one length.
+
+    The directions are spread evenly over the half circle and then shaken, so that a few waves
+    already look the same from all sides.
+    """
+    rng = np.random.default_rng(seed)
+    angle = (np.arange(count) + rng.uniform(-0.5, 0.5, count)) * math.pi / count
+    k = 2 * math.pi / wavelength_mm
+    phase = rng.uniform(0, 2 * math.pi, count)
+    return np.stack([k * np.cos(angle), k * np.sin(angle), phase], axis=1)
+
+
+@numba.njit(parallel=True, cache=True)
+def _add_waves(x: Array, y: Array, waves: Array, gain: float, out: Array) -> None:
+    """Add the height and gradient of plane waves to ``out`` (3, n)."""
+    for i in numba.prange(len(x)):
+        for j in range(len(waves)):
+            kx, ky, phase = waves[j, 0], waves[j, 1], waves[j, 2]
+            angle = kx * x[i] + ky * y[i] + phase
+            slope = -gain * math.sin(angle)
+            out[0, i] += gain * math.cos(angle)
+            out[1, i] += kx * slope
+            out[2, i] += ky * slope
