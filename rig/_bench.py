@@ -14,7 +14,7 @@ from rig._board.ports import find_board
 from rig._camera import Camera
 from rig._complaint import first_complaint
 from rig._config import RigConfig
-from rig._errors import BoardError, RigConfigError
+from rig._errors import BoardError, RigConfigError, close_after
 from rig._lights import Lights
 from rig._rig import Rig
 
@@ -126,10 +126,7 @@ def _given_back(board: Board) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
-        try:
-            board.close()
-        except BoardError as failure:
-            error.add_note(f"on closing: {failure}")
+        close_after(error, board.close)
         raise
 
 

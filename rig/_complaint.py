@@ -27,8 +27,12 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
         Which field (``lights.1.id`` where it is nested), what is wrong with it, its value where
         that is short, and how many more complaints there are.
     """
+    errors = error.errors(include_url=False)
+    # A list counts as too short by its items that are wrong: those have been told.
+    lists = {one["loc"][:-1] for one in errors}
+    errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in lists]
     # A misspelt key is both unknown and missing: the unknown one says which word to mend.
-    first = min(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
+    first = min(errors, key=lambda one: one["type"] != "extra_forbidden")
     where = f"{noun} {'.'.join(str(part) for part in first['loc'])!r}"
     match first["type"]:
         case "extra_forbidden":
@@ -43,5 +47,5 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
             value = first["input"]
             plain = isinstance(value, str | int | float) and len(repr(value)) <= _LONGEST_VALUE
             said = f"{where}: {first['msg']}" + (f", not {value!r}" if plain else "")
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     return " ".join(said.split()) + more

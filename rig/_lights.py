@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
 from rig._board.board import Board
 from rig._config import RigConfig
-from rig._errors import BoardError, RigError
+from rig._errors import BoardError, close_after, note
 from rig._shooting.dark import watch
 
 
 class Lights:
-    """The open LED board of a rig, dark at first; closed, and dark again, on leaving its ``with``.
+    """The open LED board of a rig, dark at first and when it is closed again.
 
-    While it is open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
+    It is closed on leaving its ``with``, on `close`, or at interpreter exit. While it is open,
+    signals that end the program turn the LEDs off first (`rig._shooting.dark`).
 
     Parameters
     ----------
@@ -22,38 +25,58 @@ class Lights:
         Open board.
     config
         What is known about the rig.
+    closing
+        What `close` does, in this order; by default it turns the LEDs off and gives the board back.
 
     Raises
     ------
     BoardError
-        If the board has not the LED count of the configuration, which closes it, or does not
-        answer.
+        If the board has not the LED count of the configuration or does not answer; all has been
+        closed then.
     """
 
-    def __init__(self, board: Board, config: RigConfig) -> None:
+    def __init__(
+        self, board: Board, config: RigConfig, closing: Sequence[Callable[[], object]] = ()
+    ) -> None:
         self.board = board
         self.config = config
+        self._closing = list(closing) or [board.off, board.close]
         self._unwatch = watch(board.darken)
         try:
-            check_count(board, config)
+            if board.identity.leds != config.leds:
+                raise BoardError(
+                    f"LED board on {board.port} has {board.identity.leds} LEDs, rig {config.name} "
+                    f"is said to have {config.leds}: correct the rig file"
+                )
             board.off()
         except BaseException as error:
-            self._close_after(error)
+            close_after(error, self.close)
             raise
+        atexit.register(self.close)
 
     def close(self) -> None:
-        """Turn the LEDs off and give the board back.
+        """Turn the LEDs off and give back what was handed over; closing twice does nothing.
 
         Raises
         ------
-        BoardError
-            If the board does not confirm that it is dark, or closing fails.
+        RigError
+            The first failure, after everything has been closed as far as possible.
         """
-        try:
-            self.board.off()
-        finally:
-            self._unwatch()
-            self.board.close()
+        first: Exception | None = None
+        # A step leaves the list when it is done, so that a close cut short can be taken up again.
+        while self._closing:
+            try:
+                self._closing[0]()
+            except Exception as error:  # noqa: BLE001
+                if first is None:
+                    first = error
+                else:
+                    note(first, "on closing", error)
+            del self._closing[0]
+        self._unwatch()
+        atexit.unregister(self.close)
+        if first is not None:
+            raise first
 
     def __enter__(self) -> Self:
         return self
@@ -67,25 +90,4 @@ class Lights:
         if error is None:
             self.close()
         else:
-            self._close_after(error)
-
-    def _close_after(self, error: BaseException) -> None:
-        try:
-            self.close()
-        except RigError as failure:
-            error.add_note(f"on closing: {failure}")
-
-
-def check_count(board: Board, config: RigConfig) -> None:
-    """Refuse a board of another LED count than the configuration's.
-
-    Raises
-    ------
-    BoardError
-        If it is one.
-    """
-    if board.identity.leds != config.leds:
-        raise BoardError(
-            f"LED board on {board.port} has {board.identity.leds} LEDs, rig {config.name} is said "
-            f"to have {config.leds}: correct the rig file"
-        )
+            close_after(error, self.close)

@@ -43,7 +43,7 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     return _driver(config)(config)
 
 
-def open_lights(name_or_path: str = "simulated") -> Lights | Rig:
+def open_lights(name_or_path: str = "simulated") -> Lights:
     """Open a rig for its LEDs only: of the driver ``bench`` the board alone, without its camera.
 
     Parameters

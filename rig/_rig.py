@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import atexit
 from collections.abc import Callable, Iterator, Sequence
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 from rig._board.board import Board
 from rig._board.values import BoardEcho
 from rig._camera import Camera, Trigger
 from rig._config import RigConfig
-from rig._errors import RigError
-from rig._lights import check_count
-from rig._shooting.dark import watch
+from rig._errors import RigError, close_after, note
+from rig._lights import Lights
 from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import run, runs
 from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
@@ -21,10 +18,8 @@ from rig._shooting.shot import Shot
 from rig._shooting.wires import Wires, try_wires
 
 
-class Rig:
-    """An open rig, which it closes: on leaving its ``with``, on `close`, or at interpreter exit.
-
-    While it is open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
+class Rig(Lights):
+    """An open rig, its lights and its camera, closed as `Lights` are.
 
     Parameters
     ----------
@@ -51,31 +46,20 @@ class Rig:
         *,
         on_close: Callable[[], None] = lambda: None,
     ) -> None:
-        self.board = board
         self.camera = camera
-        self.config = config
         self._bench = Bench(board, camera, config)
         self._settings: tuple[float, float] | None = None
         self._exposure: Exposure | None = None
         self._armed: Trigger | None = None
         # The light goes first, whatever fails after it.
-        self._closing: list[Callable[[], object]] = [
-            board.off,
-            camera.disarm,
-            camera.close,
-            board.close,
-            on_close,
-        ]
-        self._unwatch = watch(board.darken)
+        closing = board.off, camera.disarm, camera.close, board.close, on_close
+        super().__init__(board, config, closing)
         try:
-            check_count(board, config)
-            board.off()
             board.ping()
             self._arm("line" if config.trigger == "board" else "software")
         except BaseException as error:
-            self._close_after(error)
+            close_after(error, self.close)
             raise
-        atexit.register(self.close)
 
     def shoot(
         self,
@@ -220,44 +204,6 @@ class Rig:
         """
         return self.board.off()
 
-    def close(self) -> None:
-        """Turn the LEDs off and give board and camera back; closing twice does nothing.
-
-        Raises
-        ------
-        RigError
-            The first failure, after everything has been closed as far as possible.
-        """
-        first: RigError | None = None
-        # A step leaves the list when it is done, so that a close cut short can be taken up again.
-        while self._closing:
-            try:
-                self._closing[0]()
-            except RigError as error:
-                if first is None:
-                    first = error
-                else:
-                    _note(first, "on closing", error)
-            del self._closing[0]
-        self._unwatch()
-        atexit.unregister(self.close)
-        if first is not None:
-            raise first
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-        else:
-            self._close_after(error)
-
     def _check_led(self, led: int | None) -> None:
         if led is None:
             return
@@ -297,16 +243,4 @@ class Rig:
         try:
             self.board.off()
         except RigError as failure:
-            _note(error, "LEDs not confirmed off", failure)
-
-    def _close_after(self, error: BaseException) -> None:
-        try:
-            self.close()
-        except RigError as failure:
-            _note(error, "on closing", failure)
-
-
-def _note(error: BaseException, what: str, failure: RigError) -> None:
-    """Tell of a failure, and of what it notes itself, beside the error that came first."""
-    for said in (str(failure), *getattr(failure, "__notes__", ())):
-        error.add_note(f"{what}: {said}")
+            note(error, "LEDs not confirmed off", failure)

@@ -179,11 +179,7 @@ class BenchState:
 
     def periods(self) -> tuple[LitPeriod, ...]:
         """Return the lit periods that are still in the ring, oldest first."""
-        data, (_, lit, _) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
-        return tuple(
-            LitPeriod(led, start_ns, end_ns, FULL_LEVEL - dimming)
-            for led, dimming, start_ns, end_ns in _ring(data, _PERIOD, _PERIODS_AT, lit)
-        )
+        return self._periods()[0]
 
     def triggers(self) -> tuple[TriggerPulse, ...]:
         """Return the trigger pulses that are still in the ring, without those withdrawn."""
@@ -221,8 +217,8 @@ class BenchState:
         RigError
             If the light changed so often since ``start_ns`` that the ring has forgotten it.
         """
-        periods = self.periods()
-        if len(periods) == RING and periods[0].start_ns > start_ns:
+        periods, count = self._periods()
+        if count > RING and periods[0].start_ns > start_ns:
             raise RigError(f"{self._path}: more than {RING} LEDs lit during one exposure")
         lit: dict[int, int] = {}
         for period in periods:
@@ -241,6 +237,15 @@ class BenchState:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _periods(self) -> tuple[tuple[LitPeriod, ...], int]:
+        """Return the lit periods in the ring, and how many there have been."""
+        data, (_, lit, _) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
+        periods = tuple(
+            LitPeriod(led, start_ns, end_ns, FULL_LEVEL - dimming)
+            for led, dimming, start_ns, end_ns in _ring(data, _PERIOD, _PERIODS_AT, lit)
+        )
+        return periods, lit
 
     def _snapshot(self, counters: struct.Struct, at: int) -> tuple[bytes, tuple[int, ...]]:
         """Return a copy of the file in which no change of this writer is half done."""

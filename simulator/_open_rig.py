@@ -67,7 +67,7 @@ class RigOptions(BaseModel):
     lamps: dict[str, Any] = {}
     shake_px: Annotated[float, Field(ge=0, le=8, allow_inf_nan=False)] = 0.0
     camera: CameraKind = "auto"
-    frame_rate_hz: Annotated[float, Field(gt=0, le=10_000, allow_inf_nan=False)] = FRAME_RATE_HZ
+    frame_rate_hz: Annotated[float, Field(ge=0.1, le=10_000, allow_inf_nan=False)] = FRAME_RATE_HZ
     wiring: dict[str, Any] = {}
 
 

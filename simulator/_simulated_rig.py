@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -15,7 +14,8 @@ from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
-from simulator._camera.virtual_camera import CameraFault, Planes, VirtualCamera
+from simulator._camera.sensor import pixel_format
+from simulator._camera.virtual_camera import Planes, VirtualCamera
 from simulator._scene.lamps import Lamps
 from simulator._wiring import Wiring
 from simulator.gentl import CompilerError, build
@@ -36,12 +36,10 @@ def simulated_rig(
     seed: int = 0,
     noisy: bool = True,
     realtime: bool = True,
-    camera_name: str = "virtual-camera",
     cfa: str | None = None,
     lamps: Lamps | None = None,
     shake_px: float = 0.0,
     sensor_seed: int = 0,
-    camera_faults: Mapping[int, CameraFault] | None = None,
     camera: CameraKind = "auto",
     frame_rate_hz: float = FRAME_RATE_HZ,
     wiring: Wiring | None = None,
@@ -55,15 +53,13 @@ def simulated_rig(
     config
         The rig's configuration; the board has its LED count. The camera is mounted as it says,
         so that ``planes``, which are upright, reach the sensor turned and mirrored.
-    size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed, camera_faults
+    size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed
         See `VirtualCamera`.
-    camera_name
-        The camera's serial number.
     camera
         ``gentl``: a GenICam camera behind a GenTL producer, opened by the code of the bench.
         ``inside``: a `VirtualCamera` in this process, which alone need not wait for exposures to
-        pass (``realtime``), takes ``camera_faults``, and has no exposure-active output for single
-        flashes. ``auto``: the former, where it can do what is asked and there is a C compiler.
+        pass (``realtime``), and has no exposure-active output for single flashes. ``auto``: the
+        former, where it can do what is asked and there is a C compiler.
     frame_rate_hz
         Of the GenICam camera, at most.
     wiring
@@ -80,12 +76,12 @@ def simulated_rig(
     height, width, *_ = config.mounting.upright_shape(size)
     stored_cfa = None if cfa is None else config.mounting.stored_cfa(cfa, size)
     odd_depth = noise.bit_depth not in _DEPTHS
-    inside_only = not realtime or camera_faults is not None or odd_depth
+    inside_only = not realtime or odd_depth
     if camera == "gentl" and inside_only:
         raise RigConfigError(
-            f"rig {config.name}: the camera gentl has {', '.join(map(str, _DEPTHS))} bits, waits "
-            "for exposures and has faults of its own: take the camera inside, or leave "
-            f"{'bit_depth' if odd_depth else 'realtime and camera_faults'} as it is"
+            f"rig {config.name}: the camera gentl has {', '.join(map(str, _DEPTHS))} bits and "
+            "waits for exposures: take the camera inside, or leave "
+            f"{'bit_depth' if odd_depth else 'realtime'} as it is"
         )
     wanted = "inside" if inside_only else camera
     lacking = None if wanted == "inside" or camera == "gentl" else _why_not_built()
@@ -109,12 +105,11 @@ def simulated_rig(
                 lamps=lamps or Lamps(),
                 shake_px=shake_px,
                 sensor_seed=sensor_seed,
-                serial=camera_name,
                 frame_rate_hz=frame_rate_hz,
             )
             opened.callback(made.close)
             closing.callback(made.close)
-            device = open_genicam(made.cti, pixel_format=_format(stored_cfa, noise.bit_depth))
+            device = open_genicam(made.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth))
         else:
             inside = VirtualCamera(
                 seen,
@@ -124,12 +119,10 @@ def simulated_rig(
                 noisy=noisy,
                 bench=opened.enter_context(BenchState(virtual.bench_state_path)),
                 realtime=realtime,
-                name=camera_name,
                 cfa=stored_cfa,
                 lamps=lamps or Lamps(),
                 shake_px=shake_px,
                 sensor_seed=sensor_seed,
-                faults=camera_faults,
             )
             if lacking is not None:
                 inside.info = replace(inside.info, model=f"{IN_PYTHON} ({lacking})")
@@ -137,10 +130,6 @@ def simulated_rig(
         rig = Rig(board, device, config, on_close=closing.close)
         opened.pop_all()
     return rig
-
-
-def _format(cfa: str | None, depth: int) -> str:
-    return f"Mono{depth}" if cfa is None else f"Bayer{cfa[:2]}{depth}"
 
 
 def _why_not_built() -> str | None:

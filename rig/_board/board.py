@@ -17,7 +17,7 @@ from rig._board.values import (
     Step,
     StepReport,
 )
-from rig._errors import BoardError
+from rig._errors import BoardError, close_after
 
 OFF_ATTEMPTS = 8
 # How long an ON and the OFF after it may take at worst.
@@ -69,10 +69,7 @@ class Board:
             # on does a clock that is behind mean a restart.
             self.status()
         except BaseException as error:
-            try:
-                self.close()
-            except BoardError as failure:
-                error.add_note(f"on closing: {failure}")
+            close_after(error, self.close)
             raise
 
     def on(self, led: int, hold_ms: int) -> BoardEcho:

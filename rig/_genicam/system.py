@@ -164,7 +164,9 @@ def _use(path: Path) -> _System:
             harvester.update()
             found = [_found(path, info.property_dict) for info in harvester.device_info_list]
         except GENICAM_ERRORS as error:
-            harvester.reset()
+            # The same failure again, as a rule.
+            with contextlib.suppress(*GENICAM_ERRORS):
+                harvester.reset()
             raise CameraError(f"{path}: this GenTL producer fails ({in_words(error)})") from error
         system = _systems[path] = _System(harvester, found=found)
     system.users += 1

@@ -56,7 +56,7 @@ class VirtualBoard:
             self.port: str = told["port"]
             self.bench_state_path = Path(told["bench_state"])
         except BaseException:
-            self._end(patience_s=0)
+            self._end()
             raise
 
     def set_faults(self, *faults: BoardFault) -> None:
@@ -76,7 +76,7 @@ class VirtualBoard:
 
     def close(self) -> None:
         """End the process and remove its bench state; closing twice does nothing."""
-        self._end(_END_TIMEOUT_S)
+        self._end()
         shutil.rmtree(self.bench_state_path.parent, ignore_errors=True)
 
     def __enter__(self) -> Self:
@@ -97,13 +97,13 @@ class VirtualBoard:
             raise RigError(f"the virtual board did not start: {' '.join(reason) or 'no answer'}")
         return line
 
-    def _end(self, patience_s: float) -> None:
+    def _end(self) -> None:
         # Closing its standard input tells the process to go.
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()
         try:
-            self._process.wait(patience_s)
+            self._process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

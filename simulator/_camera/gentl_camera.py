@@ -28,12 +28,12 @@ from simulator._camera.gentl_control import (
 )
 from simulator._camera.sensor import fixed_pattern
 from simulator._scene.lamps import Lamps
+from simulator._scene.lens import CFAS
 from simulator.gentl import build
 
 GentlPlanes = Callable[[int | None], npt.NDArray[Any] | None]
 GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug"]
 Automatic = Literal["exposure", "gain", "white", "gamma"]
-_CFAS = ("RGGB", "GRBG", "GBRG", "BGGR")
 _STEADY = Lamps()
 
 
@@ -85,7 +85,7 @@ class GentlCamera:
     serial
         Serial number, up to 63 letters.
     frame_rate_hz
-        The greatest: triggers that come sooner are missed.
+        The greatest, 0.1 to 1e6: triggers that come sooner are missed.
     readout_us
         Time from the first to the last row read, microseconds.
     shutter
@@ -146,16 +146,18 @@ class GentlCamera:
         temperature_c: float = 40.0,
     ) -> None:
         self.serial = serial
-        self._check(cfa is None or cfa in _CFAS, f"cfa {cfa!r} is not one of {', '.join(_CFAS)}")
+        self._check(cfa is None or cfa in CFAS, f"cfa {cfa!r} is not one of {', '.join(CFAS)}")
         self._check(0 <= shake_px <= 8, f"a shake of {shake_px} px cannot be: 0 to 8")
         self._check(0 <= leds <= MAX_LEDS, f"{leds} LEDs cannot be: 0 to {MAX_LEDS}")
         self._check(all(1 <= n <= 65535 for n in size), f"a size of {size} cannot be")
-        self._check(0 < frame_rate_hz <= 1e6, f"{frame_rate_hz} Hz cannot be: up to 1e6")
+        self._check(0.1 <= frame_rate_hz <= 1e6, f"{frame_rate_hz} Hz cannot be: 0.1 to 1e6")
         self._check(0 <= readout_us <= 1e7, f"a readout of {readout_us} us cannot be: 0 to 1e7")
         bench = b"" if bench_state_path is None else str(bench_state_path.absolute()).encode()
         self._check(len(bench) < MAX_PATH, f"the path of the bench state is too long: {bench!r}")
         name = serial.encode()
         self._check(0 < len(name) < 64, "a serial number has 1 to 63 letters")
+        hidden = "".join(f"{node}," for node in without_nodes).encode()
+        self._check(len(hidden) < 256, "too many nodes are left out: 255 letters with their commas")
         library = build()
         self._folder = Path(tempfile.mkdtemp(prefix="sgp-camera-"))
         self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
@@ -180,7 +182,7 @@ class GentlCamera:
         fields.seed = seed
         fields.cfa = (cfa or "").encode()
         fields.serial = name
-        fields.hidden = "".join(f"{node}," for node in without_nodes).encode()
+        fields.hidden = hidden
         fields.bench_path = bench
         fields.readout_us = readout_us
         fields.frame_period_us = 1e6 / frame_rate_hz

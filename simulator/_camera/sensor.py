@@ -39,6 +39,11 @@ class FixedPattern:
     maps: npt.NDArray[np.float32]
 
 
+def pixel_format(cfa: str | None, depth: int) -> str:
+    """Return how GenICam calls samples of so many bits that each have two bytes, or one for 8."""
+    return f"Mono{depth}" if cfa is None else f"Bayer{cfa[:2]}{depth}"
+
+
 def fixed_pattern(
     noise: NoiseModel, size: tuple[int, int], *, seed: int = 0
 ) -> FixedPattern | None:

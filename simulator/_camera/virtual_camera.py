@@ -13,8 +13,10 @@ from typing import Literal
 from acquisition import NoiseModel
 from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
 from simulator._bench_state import BenchState
+from simulator._camera.sensor import pixel_format
 from simulator._camera.virtual_sensor import Exposure, Planes, VirtualSensor
 from simulator._scene.lamps import Lamps
+from simulator._scene.lens import CFAS
 
 __all__ = ["CameraFault", "Planes", "VirtualCamera"]
 
@@ -26,7 +28,6 @@ GAIN_MAX_DB = 24.0
 FRAME_PERIOD_US = 1000.0
 LINE = "Line0"
 
-_BAYER = {"RGGB": "RG", "GRBG": "GR", "GBRG": "GB", "BGGR": "BG"}
 _STEADY = Lamps()
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1
@@ -102,8 +103,8 @@ class VirtualCamera:
         sensor_seed: int = 0,
         faults: Mapping[int, CameraFault] | None = None,
     ) -> None:
-        if cfa is not None and cfa not in _BAYER:
-            raise CameraError(f"camera {name}: cfa {cfa!r} is not one of {', '.join(_BAYER)}")
+        if cfa is not None and cfa not in CFAS:
+            raise CameraError(f"camera {name}: cfa {cfa!r} is not one of {', '.join(CFAS)}")
         if not 0 <= shake_px < math.inf:
             raise CameraError(f"camera {name}: a shake of {shake_px} px cannot be: 0 or more")
         self.info = CameraInfo(
@@ -112,7 +113,7 @@ class VirtualCamera:
             serial=name,
             width=size[1],
             height=size[0],
-            pixel_format=("Mono" if cfa is None else f"Bayer{_BAYER[cfa]}") + f"{noise.bit_depth}",
+            pixel_format=pixel_format(cfa, noise.bit_depth),
             bit_depth=noise.bit_depth,
             cfa=cfa,
             exposure_min_us=EXPOSURE_MIN_US,

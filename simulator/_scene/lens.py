@@ -19,7 +19,8 @@ from simulator._scene.distortion import distorted, undistorted
 Array = npt.NDArray[np.float64]
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
-_CFA = ("RGGB", "GRBG", "GBRG", "BGGR")
+# The mosaics that there are, by their first 2 x 2 pixels.
+CFAS = ("RGGB", "GRBG", "GBRG", "BGGR")
 _OUTLINE = 256
 
 
@@ -67,8 +68,8 @@ class Lens:
             raise DataError(f"lens: vignetting is {self.vignetting}, it must be within 0..1")
         if not (math.isfinite(self.psf_sigma_px) and self.psf_sigma_px > 0):
             raise DataError(f"lens: psf_sigma_px is {self.psf_sigma_px}, it must be positive")
-        if self.cfa is not None and self.cfa not in _CFA:
-            raise DataError(f"lens: cfa {self.cfa!r} is not one of {', '.join(_CFA)}")
+        if self.cfa is not None and self.cfa not in CFAS:
+            raise DataError(f"lens: cfa {self.cfa!r} is not one of {', '.join(CFAS)}")
         flat = (self.width, self.height, self.pixel_mm, self.height_mm)
         if self.camera is None:
             self._check_orthographic()

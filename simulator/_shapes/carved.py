@@ -14,7 +14,8 @@ import numpy.typing as npt
 from acquisition import DataError
 from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import Surface, random_waves
+from simulator._shapes.surface import Surface, drawn
+from simulator._shapes.waves import random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -54,15 +55,8 @@ class _Relief(Surface):
         """Write height and gradient at ``(n,)`` positions into ``out`` (3, n)."""
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        x, y = np.broadcast_arrays(x_mm, y_mm)
         unit = self._unit_mm
-        out = np.zeros((3, x.size))
-        self._draw(
-            np.ascontiguousarray(x, np.float64).ravel() / unit,
-            np.ascontiguousarray(y, np.float64).ravel() / unit,
-            out,
-        )
-        height, slope_x, slope_y = out.reshape(3, *x.shape)
+        height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, unit)
         low, high = self._reaches
         gain = self.amplitude_mm / (high - low)
         return gain * (height - low), gain / unit * slope_x, gain / unit * slope_y

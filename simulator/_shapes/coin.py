@@ -14,7 +14,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from simulator._shapes.surface import SphericalCap, Surface, random_waves
+from simulator._shapes.surface import SphericalCap, Surface, drawn
+from simulator._shapes.waves import random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -76,21 +77,13 @@ class Coin(Surface):
         return random_waves(_GRAIN_MM, self.seed, _GRAIN_WAVES)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        x, y = np.broadcast_arrays(x_mm, y_mm)
-        z, zx, zy = self._dome.evaluate(x, y)
+        z, zx, zy = self._dome.evaluate(x_mm, y_mm)
         scale = self.radius_mm / _DESIGN_RADIUS
-        relief = np.zeros((3, x.size))
-        _relief(
-            np.ascontiguousarray(x, np.float64).ravel() / scale,
-            np.ascontiguousarray(y, np.float64).ravel() / scale,
-            self._strokes,
-            self._grain,
-            self.relief_mm,
-            self.grain_mm,
-            relief,
-        )
-        height, slope_x, slope_y = relief.reshape(3, *x.shape)
+        height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, scale)
         return z + height, zx + slope_x / scale, zy + slope_y / scale
+
+    def _draw(self, x: Array, y: Array, out: Array) -> None:
+        _relief(x, y, self._strokes, self._grain, self.relief_mm, self.grain_mm, out)
 
 
 def _letters() -> Array:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Literal
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
 from simulator._shapes.body import BodyHits, HeightGrid
 from simulator._shapes.field_trace import FieldBounds, meet_field
+from simulator._shapes.waves import add_waves, random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -182,6 +183,23 @@ class Surface(ABC):
         return HeightGrid((-reach * step_mm, -reach * step_mm), step_mm, heights)
 
 
+def drawn(
+    draw: Callable[[Array, Array, Array], None], x_mm: Array, y_mm: Array, unit_mm: float = 1.0
+) -> Array:
+    """Return ``(3, ...)`` height and gradient that a kernel draws at positions of any one shape.
+
+    ``draw`` takes x and y, ``(n,)`` in units of its own, and writes into ``(3, n)`` zeros.
+    """
+    x, y = np.broadcast_arrays(x_mm, y_mm)
+    out = np.zeros((3, x.size))
+    draw(
+        np.ascontiguousarray(x, np.float64).ravel() / unit_mm,
+        np.ascontiguousarray(y, np.float64).ravel() / unit_mm,
+        out,
+    )
+    return out.reshape(3, *x.shape)
+
+
 @dataclass(frozen=True)
 class Plane(Surface):
     """A flat or tilted plane, ``z = height + slope_x x + slope_y y``."""
@@ -295,16 +313,9 @@ class BandNoise(Surface):
         self._positive("rms_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        x, y = np.broadcast_arrays(x_mm, y_mm)
-        out = np.zeros((3, x.size))
-        _add_waves(
-            np.ascontiguousarray(x, np.float64).ravel(),
-            np.ascontiguousarray(y, np.float64).ravel(),
-            random_waves(self.wavelength_mm, self.seed),
-            self.rms_mm * math.sqrt(2 / _WAVES),
-            out,
-        )
-        z, zx, zy = out.reshape(3, *x.shape)
+        waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
+        gain = self.rms_mm * math.sqrt(2 / _WAVES)
+        z, zx, zy = drawn(lambda x, y, out: add_waves(x, y, waves, gain, out), x_mm, y_mm)
         return self.height_mm + z, zx, zy
 
     @cached_property
@@ -312,29 +323,3 @@ class BandNoise(Surface):
         most = self.rms_mm * math.sqrt(2 * _WAVES)
         slope = most * 2 * math.pi / self.wavelength_mm
         return FieldBounds(self.height_mm - most, self.height_mm + most, slope)
-
-
-def random_waves(wavelength_mm: float, seed: int, count: int = _WAVES) -> Array:
-    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one length.
-
-    The directions are spread evenly over the half circle and then shaken, so that a few waves
-    already look the same from all sides.
-    """
-    rng = np.random.default_rng(seed)
-    angle = (np.arange(count) + rng.uniform(-0.5, 0.5, count)) * math.pi / count
-    k = 2 * math.pi / wavelength_mm
-    phase = rng.uniform(0, 2 * math.pi, count)
-    return np.stack([k * np.cos(angle), k * np.sin(angle), phase], axis=1)
-
-
-@numba.njit(parallel=True, cache=True)
-def _add_waves(x: Array, y: Array, waves: Array, gain: float, out: Array) -> None:
-    """Add the height and gradient of plane waves to ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
-        for j in range(len(waves)):
-            kx, ky, phase = waves[j, 0], waves[j, 1], waves[j, 2]
-            angle = kx * x[i] + ky * y[i] + phase
-            slope = -gain * math.sin(angle)
-            out[0, i] += gain * math.cos(angle)
-            out[1, i] += kx * slope
-            out[2, i] += ky * slope

@@ -3,6 +3,7 @@
 #include <math.h>
 #include <pthread.h>
 #include <signal.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "answers.h"
@@ -24,8 +25,10 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static struct control *control;
 static uint32_t unplugs; /* when it was opened */
 static pthread_t trigger_thread, frame_thread;
-static bool quit, acquiring;
-static uint64_t runs; /* starts and stops so far: frames of an earlier one are dropped */
+static bool acquiring;
+/* Read without the lock too, while a frame is composed. */
+static atomic_bool quit;
+static _Atomic uint64_t runs; /* starts and stops so far: frames of an earlier one are dropped */
 static uint64_t next_block, frames_left;
 static int64_t armed_ns, lamps_ns, last_start_ns, last_end_ns;
 static uint64_t next_pulse;
@@ -198,13 +201,11 @@ static void *watch_triggers(void *unused)
     return unused;
 }
 
-static bool job_is_stale(const struct job *job)
+/* Whether nobody wants the frame under way any more. */
+static bool give_up(void)
 {
-    return __atomic_load_n(&quit, __ATOMIC_RELAXED) || !acquisition_alive() ||
-           job->run != __atomic_load_n(&runs, __ATOMIC_RELAXED);
+    return quit || !acquisition_alive() || jobs[jobs_out % UNDER_WAY].run != runs;
 }
-
-static bool give_up(void) { return job_is_stale(&jobs[jobs_out % UNDER_WAY]); }
 
 static void *put_frames_out(void *unused)
 {
@@ -275,7 +276,7 @@ void acquisition_close(void)
 {
     device_lock();
     acquisition_stop();
-    __atomic_store_n(&quit, true, __ATOMIC_RELAXED);
+    quit = true;
     acquisition_notice();
     device_unlock();
     pthread_join(trigger_thread, NULL);

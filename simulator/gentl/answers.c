@@ -76,3 +76,11 @@ GC_ERROR answer_pointer(struct answer to, void *value)
 {
     return answer_bytes(to, INFO_DATATYPE_PTR, &value, sizeof value);
 }
+
+GC_ERROR answer_count(uint32_t *to, uint32_t count)
+{
+    if (!to)
+        return fail(GC_ERR_INVALID_PARAMETER, "no place for the count");
+    *to = count;
+    return GC_ERR_SUCCESS;
+}

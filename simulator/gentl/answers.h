@@ -19,6 +19,8 @@ GC_ERROR answer_u32(struct answer to, uint32_t value);
 GC_ERROR answer_u64(struct answer to, uint64_t value);
 GC_ERROR answer_size(struct answer to, size_t value);
 GC_ERROR answer_pointer(struct answer to, void *value);
+/* How many there are of something. */
+GC_ERROR answer_count(uint32_t *to, uint32_t count);
 
 /* Keep the reason of a refusal for GCGetLastError, and return its code. */
 __attribute__((format(printf, 2, 3))) GC_ERROR fail(GC_ERROR code, const char *format, ...);

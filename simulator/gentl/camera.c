@@ -5,6 +5,7 @@
 #include "bench.h"
 #include "clock.h"
 #include "nodes.h"
+#include "nodes_xml.h"
 
 static struct control *control;
 static struct files files;
@@ -38,6 +39,7 @@ GC_ERROR camera_open(void)
     GC_ERROR result = bench_open(control->bench_path);
     if (!result) {
         nodes_reset(control);
+        nodes_write_xml(control);
         result = acquisition_open(control, &files);
     }
     if (result) {
@@ -90,7 +92,7 @@ static int line_status(void)
 GC_ERROR camera_read(uint64_t address, void *to, size_t size)
 {
     GC_ERROR result = check_alive();
-    if (result)
+    if (result || xml_read(nodes_xml(), address, to, size))
         return result;
     device_lock();
     if (address == NODE_ADDRESS(LINE_STATUS))

@@ -90,7 +90,8 @@ static const char *complaint(const struct control *c)
         if (!isfinite(finite[i]) || finite[i] < 0)
             return "a number is negative or none";
     if (!isfinite(c->warm_up) || !(c->electrons_per_dn > 0) || !(c->full_well_e > 0) ||
-        !(c->shake_px <= 8) || !(c->warm_up_s > 0) || !(c->pwm_duty > 0) || !(c->pwm_duty <= 1))
+        !(c->shake_px <= 8) || !(c->warm_up_s > 0) || !(c->pwm_duty > 0) || !(c->pwm_duty <= 1) ||
+        !(c->readout_us <= 1e7) || !(c->frame_period_us <= 1e7))
         return "a number is out of range";
     return NULL;
 }
@@ -145,6 +146,7 @@ struct control *control_open(struct files *files)
     struct stat about;
     if (control_fd < 0 || fstat(control_fd, &about) != 0) {
         fail(GC_ERR_IO, "%s: cannot be opened (%s)", path, strerror(errno));
+        control_close();
         return NULL;
     }
     if ((size_t)about.st_size != sizeof *control) {

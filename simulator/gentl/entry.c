@@ -66,8 +66,7 @@ GC_API GC_ERROR TLGetInfo(HANDLE tl, int32_t what, INFO_DATATYPE *type, void *bu
 GC_API GC_ERROR TLGetNumInterfaces(HANDLE tl, uint32_t *count)
 {
     CHECK(tl, SYSTEM);
-    *count = 1;
-    return GC_ERR_SUCCESS;
+    return answer_count(count, 1);
 }
 
 GC_API GC_ERROR TLGetInterfaceID(HANDLE tl, uint32_t index, char *id, size_t *size)
@@ -129,15 +128,13 @@ GC_API GC_ERROR IFGetInfo(HANDLE interface, int32_t what, INFO_DATATYPE *type, v
 GC_API GC_ERROR IFGetParentTL(HANDLE interface, HANDLE *tl)
 {
     CHECK(interface, INTERFACE);
-    *tl = module_handle(SYSTEM);
-    return GC_ERR_SUCCESS;
+    return module_handle(SYSTEM, tl);
 }
 
 GC_API GC_ERROR IFGetNumDevices(HANDLE interface, uint32_t *count)
 {
     CHECK(interface, INTERFACE);
-    *count = camera_plugged();
-    return GC_ERR_SUCCESS;
+    return answer_count(count, camera_plugged());
 }
 
 GC_API GC_ERROR IFGetDeviceID(HANDLE interface, uint32_t index, char *id, size_t *size)
@@ -217,25 +214,19 @@ GC_API GC_ERROR DevGetInfo(HANDLE device, int32_t what, INFO_DATATYPE *type, voi
 GC_API GC_ERROR DevGetPort(HANDLE device, HANDLE *port)
 {
     CHECK(device, DEVICE);
-    if (module_is_open(REMOTE)) {
-        *port = module_handle(REMOTE);
-        return GC_ERR_SUCCESS;
-    }
-    return module_open(REMOTE, port);
+    return module_is_open(REMOTE) ? module_handle(REMOTE, port) : module_open(REMOTE, port);
 }
 
 GC_API GC_ERROR DevGetParentIF(HANDLE device, HANDLE *interface)
 {
     CHECK(device, DEVICE);
-    *interface = module_handle(INTERFACE);
-    return GC_ERR_SUCCESS;
+    return module_handle(INTERFACE, interface);
 }
 
 GC_API GC_ERROR DevGetNumDataStreams(HANDLE device, uint32_t *count)
 {
     CHECK(device, DEVICE);
-    *count = 1;
-    return GC_ERR_SUCCESS;
+    return answer_count(count, 1);
 }
 
 GC_API GC_ERROR DevGetDataStreamID(HANDLE device, uint32_t index, char *id, size_t *size)

@@ -5,17 +5,18 @@
 #include "answers.h"
 #include "camera.h"
 #include "modules.h"
-#include "nodes.h"
+#include "nodes_xml.h"
 
 static const char *const NAMES[MODULES] = {"TLPort", "InterfacePort", "DevicePort", "Device",
                                            "StreamPort"};
 static const char *const FILES[MODULES] = {"sgp_system", "sgp_interface", "sgp_local_device",
                                            "sgp_camera", "sgp_stream"};
+#define MOST_TEXTS 5
 
 /* What the node map of a module of the transport layer holds. */
-static size_t texts(enum module module, struct text_node nodes[5])
+static size_t texts(enum module module, struct text_node nodes[MOST_TEXTS])
 {
-    const struct text_node all[MODULES][5] = {
+    const struct text_node all[MODULES][MOST_TEXTS] = {
         [SYSTEM] = {{"TLID", "sgp virtual camera"}, {"TLVendorName", VENDOR},
                     {"TLModelName", MODEL}, {"TLType", LAYER}, {"TLVersion", "1.0"}},
         [INTERFACE] = {{"InterfaceID", INTERFACE_ID}, {"InterfaceType", LAYER}},
@@ -26,29 +27,28 @@ static size_t texts(enum module module, struct text_node nodes[5])
     };
     memcpy(nodes, all[module], sizeof all[module]);
     size_t count = 0;
-    while (count < 5 && nodes[count].name)
+    while (count < MOST_TEXTS && nodes[count].name)
         count++;
     return count;
 }
 
-static const char *node_map(enum module module)
+/* The node map of a module; `room` is for one that has to be written. */
+static const char *node_map(enum module module, char room[TEXT_NODES_XML])
 {
     if (module == REMOTE)
         return nodes_xml();
-    struct text_node nodes[5];
+    struct text_node nodes[MOST_TEXTS];
     const size_t count = texts(module, nodes);
-    return text_nodes_xml(module == STREAM ? 3 : (int)module, FILES[module], NAMES[module], nodes,
-                          count);
+    text_nodes_write_xml(room, FILES[module], NAMES[module], nodes, count);
+    return room;
 }
 
 static GC_ERROR read_texts(enum module module, uint64_t address, void *to, size_t size)
 {
-    const char *xml = node_map(module);
-    if (address >= NODE_XML_ADDRESS && address - NODE_XML_ADDRESS + size <= strlen(xml)) {
-        memcpy(to, xml + (address - NODE_XML_ADDRESS), size);
+    char room[TEXT_NODES_XML];
+    if (xml_read(node_map(module, room), address, to, size))
         return GC_ERR_SUCCESS;
-    }
-    struct text_node nodes[5];
+    struct text_node nodes[MOST_TEXTS];
     const uint64_t count = texts(module, nodes), offset = address - TEXT_NODE_ADDRESS;
     if (address < TEXT_NODE_ADDRESS || offset / TEXT_NODE_SIZE >= count ||
         offset % TEXT_NODE_SIZE || size > TEXT_NODE_SIZE)
@@ -140,15 +140,13 @@ GC_API GC_ERROR GCGetPortInfo(HANDLE port, int32_t what, INFO_DATATYPE *type, vo
 GC_API GC_ERROR GCGetNumPortURLs(HANDLE port, uint32_t *count)
 {
     const GC_ERROR result = check_port(port, count, &(size_t){0});
-    if (!result)
-        *count = 1;
-    return result;
+    return result ? result : answer_count(count, 1);
 }
 
 static GC_ERROR url_info(enum module module, int32_t what, struct answer to)
 {
-    char text[128];
-    const size_t length = strlen(node_map(module));
+    char text[128], room[TEXT_NODES_XML];
+    const size_t length = strlen(node_map(module, room));
     switch (what) {
     case URL_INFO_URL:
         snprintf(text, sizeof text, "Local:///%s.xml;%X;%zX?SchemaVersion=1.1.0", FILES[module],

@@ -21,8 +21,7 @@ GC_API GC_ERROR DSGetInfo(HANDLE stream, int32_t what, INFO_DATATYPE *type, void
 GC_API GC_ERROR DSGetParentDev(HANDLE stream, HANDLE *device)
 {
     CHECK(stream, STREAM);
-    *device = module_handle(DEVICE);
-    return GC_ERR_SUCCESS;
+    return module_handle(DEVICE, device);
 }
 
 GC_API GC_ERROR DSAnnounceBuffer(HANDLE stream, void *memory, size_t size, void *user,
@@ -75,6 +74,8 @@ GC_API GC_ERROR DSStopAcquisition(HANDLE stream, int32_t flags)
 GC_API GC_ERROR DSGetBufferID(HANDLE stream, uint32_t index, HANDLE *buffer)
 {
     CHECK(stream, STREAM);
+    if (!buffer)
+        return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
     return stream_buffer_id(index, buffer);
 }
 
@@ -89,8 +90,7 @@ GC_API GC_ERROR DSGetNumBufferParts(HANDLE stream, HANDLE buffer, uint32_t *coun
 {
     (void)buffer;
     CHECK(stream, STREAM);
-    *count = 0;
-    return GC_ERR_SUCCESS;
+    return answer_count(count, 0);
 }
 
 GC_API GC_ERROR GCRegisterEvent(HANDLE source, int32_t which, HANDLE *event)

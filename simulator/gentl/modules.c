@@ -48,27 +48,34 @@ GC_ERROR check_module(HANDLE handle, enum module module)
                : fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open module of this kind");
 }
 
-HANDLE module_handle(enum module module) { return &handles[module]; }
-bool module_is_open(enum module module) { return opened[module]; }
-
-GC_ERROR module_open(enum module module, HANDLE *handle)
+GC_ERROR module_handle(enum module module, HANDLE *handle)
 {
-    const GC_ERROR result = check_initialised();
-    if (result)
-        return result;
     if (!handle)
         return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
-    if (opened[module])
-        return fail(GC_ERR_RESOURCE_IN_USE, "it is open already");
-    opened[module] = true;
     *handle = &handles[module];
     return GC_ERR_SUCCESS;
 }
 
+bool module_is_open(enum module module) { return opened[module]; }
+
+GC_ERROR module_open(enum module module, HANDLE *handle)
+{
+    GC_ERROR result = check_initialised();
+    if (!result && opened[module])
+        result = fail(GC_ERR_RESOURCE_IN_USE, "it is open already");
+    if (!result)
+        result = module_handle(module, handle);
+    if (!result)
+        opened[module] = true;
+    return result;
+}
+
 void module_close(enum module module)
 {
-    if (opened[STREAM])
+    if (opened[STREAM]) {
+        stream_event_unregister();
         stream_close();
+    }
     if (module <= DEVICE && opened[DEVICE])
         camera_close();
     if (module == SYSTEM)

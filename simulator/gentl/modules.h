@@ -21,7 +21,7 @@ GC_ERROR check_initialised(void);
 GC_ERROR check_module(HANDLE handle, enum module module);
 /* The open module of a handle, MODULES where there is none. */
 enum module module_of(HANDLE handle);
-HANDLE module_handle(enum module module);
+GC_ERROR module_handle(enum module module, HANDLE *handle);
 bool module_is_open(enum module module);
 GC_ERROR module_open(enum module module, HANDLE *handle);
 void module_close(enum module module);

@@ -72,7 +72,6 @@ void nodes_reset(const struct control *of)
         values[GAMMA].real = 0.45;
     }
     values[FRAME_RATE].real = node_maximum(FRAME_RATE);
-    nodes_write_xml(camera);
 }
 
 double node_maximum(enum node node)
@@ -119,11 +118,6 @@ static int node_at(uint64_t address, size_t size)
 
 GC_ERROR nodes_read(uint64_t address, void *to, size_t size)
 {
-    const char *xml = nodes_xml();
-    if (address >= NODE_XML_ADDRESS && address - NODE_XML_ADDRESS + size <= strlen(xml)) {
-        memcpy(to, xml + (address - NODE_XML_ADDRESS), size);
-        return GC_ERR_SUCCESS;
-    }
     const int node = node_at(address, size);
     if (node < 0)
         return fail(GC_ERR_INVALID_ADDRESS, "no register of %zu bytes at 0x%llx", size,

@@ -71,25 +71,15 @@ struct pixel_format node_pixel_format(void);
 /* Bytes of a frame. */
 size_t node_payload(void);
 
-/* The registers: addresses from 0x1000, 64 bytes a node. The text of the node map follows. */
+/* The greatest value that the node may have now. */
+double node_maximum(enum node node);
+
+/* The registers: addresses from 0x1000, 64 bytes a node. */
 GC_ERROR nodes_read(uint64_t address, void *to, size_t size);
 /* Check a value against what the node may hold and keep it; tells which node it was. */
 GC_ERROR nodes_write(uint64_t address, const void *from, size_t size, enum node *written);
 
-#define NODE_XML_ADDRESS 0x100000u
 #define NODE_STRIDE 64u
 #define NODE_ADDRESS(node) (0x1000u + NODE_STRIDE * (uint64_t)(node))
-const char *nodes_xml(void);
-void nodes_write_xml(const struct control *camera);
-
-/* A node map of nothing but texts, for the modules of the transport layer. */
-struct text_node {
-    const char *name;
-    const char *text;
-};
-const char *text_nodes_xml(int module, const char *model, const char *port,
-                           const struct text_node *nodes, size_t count);
-#define TEXT_NODE_ADDRESS 0x1000u
-#define TEXT_NODE_SIZE 256u
 
 #endif

@@ -1,4 +1,4 @@
-/* What each node is; only the node map's two files read it. */
+/* What each node is; only registers and node map read it. */
 #ifndef NODES_TABLE_H
 #define NODES_TABLE_H
 
@@ -19,9 +19,6 @@ struct node_entry {
     const char *names[3]; /* of an enumeration, counted from 0 */
     int entries;
 };
-
-/* The greatest value that the node may have now. */
-double node_maximum(enum node node);
 
 extern const struct node_entry NODE_TABLE[NODES];
 

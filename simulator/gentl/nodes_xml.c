@@ -1,3 +1,5 @@
+#include "nodes_xml.h"
+
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
@@ -5,7 +7,6 @@
 #include "nodes_table.h"
 
 static char device_xml[65536];
-static char module_xml[4][8192];
 
 struct text {
     char *at;
@@ -134,10 +135,10 @@ void nodes_write_xml(const struct control *camera)
 
 const char *nodes_xml(void) { return device_xml; }
 
-const char *text_nodes_xml(int module, const char *model, const char *port,
-                           const struct text_node *nodes, size_t count)
+void text_nodes_write_xml(char xml[TEXT_NODES_XML], const char *model, const char *port,
+                          const struct text_node *nodes, size_t count)
 {
-    struct text to = {module_xml[module], sizeof module_xml[module]};
+    struct text to = {xml, TEXT_NODES_XML};
     put_head(&to, model, port);
     for (size_t n = 0; n < count; n++)
         put(&to, "<pFeature>%s</pFeature>\n", nodes[n].name);
@@ -146,5 +147,14 @@ const char *text_nodes_xml(int module, const char *model, const char *port,
         put_register(&to, "StringReg", nodes[n].name, TEXT_NODE_ADDRESS + n * TEXT_NODE_SIZE,
                      TEXT_NODE_SIZE, "RO", port);
     put(&to, "</RegisterDescription>\n");
-    return module_xml[module];
+}
+
+bool xml_read(const char *xml, uint64_t address, void *to, size_t size)
+{
+    const size_t length = strlen(xml);
+    const uint64_t from = address - NODE_XML_ADDRESS;
+    if (address < NODE_XML_ADDRESS || from > length || size > length - from)
+        return false;
+    memcpy(to, xml + from, size);
+    return true;
 }

@@ -85,8 +85,10 @@ static void forget(uint32_t index)
 void stream_open(void)
 {
     pthread_once(&once, init);
+    stream_lock();
     delivered = underruns = 0;
     grabbing = false;
+    stream_unlock();
 }
 
 void stream_close(void)
@@ -96,7 +98,6 @@ void stream_close(void)
     let_filling_end();
     while (announced)
         forget(announced - 1);
-    event_reset();
     stream_unlock();
 }
 
@@ -106,8 +107,9 @@ GC_ERROR stream_start(uint64_t frames)
     stream_lock();
     if (grabbing)
         result = fail(GC_ERR_RESOURCE_IN_USE, "the stream is started already");
+    else
+        wanted = frames;
     grabbing = true;
-    wanted = frames;
     stream_unlock();
     return result;
 }

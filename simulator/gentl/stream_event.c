@@ -6,18 +6,12 @@
 static bool registered, killed;
 static char handle; /* its address is the handle */
 
-void event_reset(void)
-{
-    registered = false;
-    stream_wake();
-}
-
 GC_ERROR stream_event_register(HANDLE *event)
 {
     stream_lock();
     const bool was = registered;
     registered = true;
-    killed = false;
+    killed &= was;
     stream_unlock();
     *event = &handle;
     return was ? fail(GC_ERR_RESOURCE_IN_USE, "the event of new buffers is registered already")
@@ -34,12 +28,11 @@ GC_ERROR stream_event_unregister(void)
     return was ? GC_ERR_SUCCESS : fail(GC_ERR_INVALID_HANDLE, "no event of new buffers");
 }
 
-static bool is_event(HANDLE event)
+/* With the lock held. */
+static GC_ERROR check_event(HANDLE event)
 {
-    if (event == &handle && registered)
-        return true;
-    fail(GC_ERR_INVALID_HANDLE, "no such event");
-    return false;
+    return event == &handle && registered ? GC_ERR_SUCCESS
+                                          : fail(GC_ERR_INVALID_HANDLE, "no such event");
 }
 
 GC_ERROR stream_event_get(HANDLE event, void *data, size_t *size, uint64_t timeout_ms)
@@ -50,20 +43,19 @@ GC_ERROR stream_event_get(HANDLE event, void *data, size_t *size, uint64_t timeo
     const bool forever = timeout_ms > INT64_MAX / 2000000;
     const int64_t until = forever ? 0 : now_ns() + (int64_t)timeout_ms * 1000000;
     stream_lock();
-    while (is_event(event) && !killed && !(told.buffer = stream_oldest(OUTPUT))) {
+    GC_ERROR result;
+    while (!(result = check_event(event)) && !killed && !(told.buffer = stream_oldest(OUTPUT))) {
         if (!forever && now_ns() >= until)
             break;
         stream_wait(until);
     }
-    GC_ERROR result = GC_ERR_SUCCESS;
-    if (!registered)
-        result = fail(GC_ERR_INVALID_HANDLE, "no such event");
-    else if (killed)
+    if (!result && killed) {
         result = fail(GC_ERR_ABORT, "the waiting was ended by EventKill");
-    else if (!told.buffer)
+        killed = false;
+    } else if (!result && !told.buffer) {
         result = fail(GC_ERR_TIMEOUT, "no buffer within %llu ms", (unsigned long long)timeout_ms);
-    killed = false;
-    if (result == GC_ERR_SUCCESS) {
+    }
+    if (!result) {
         told.user_pointer = ((struct buffer *)told.buffer)->user;
         stream_move(told.buffer, UNQUEUED);
         memcpy(data, &told, sizeof told);
@@ -75,12 +67,13 @@ GC_ERROR stream_event_get(HANDLE event, void *data, size_t *size, uint64_t timeo
 
 GC_ERROR stream_event_info(HANDLE event, int what, struct answer to)
 {
-    if (!is_event(event))
-        return GC_ERR_INVALID_HANDLE;
     stream_lock();
+    const GC_ERROR result = check_event(event);
     const size_t waiting = stream_count(OUTPUT);
     const uint64_t fired = stream_delivered();
     stream_unlock();
+    if (result)
+        return result;
     switch (what) {
     case EVENT_EVENT_TYPE: return answer_i32(to, EVENT_NEW_BUFFER);
     case EVENT_NUM_IN_QUEUE: return answer_size(to, waiting);
@@ -93,16 +86,20 @@ GC_ERROR stream_event_info(HANDLE event, int what, struct answer to)
 
 GC_ERROR stream_event_flush(HANDLE event)
 {
-    return is_event(event) ? stream_flush(ACQ_QUEUE_OUTPUT_DISCARD) : GC_ERR_INVALID_HANDLE;
+    stream_lock();
+    const GC_ERROR result = check_event(event);
+    stream_unlock();
+    return result ? result : stream_flush(ACQ_QUEUE_OUTPUT_DISCARD);
 }
 
 GC_ERROR stream_event_kill(HANDLE event)
 {
-    if (!is_event(event))
-        return GC_ERR_INVALID_HANDLE;
     stream_lock();
-    killed = true;
-    stream_wake();
+    const GC_ERROR result = check_event(event);
+    if (!result) {
+        killed = true;
+        stream_wake();
+    }
     stream_unlock();
-    return GC_ERR_SUCCESS;
+    return result;
 }

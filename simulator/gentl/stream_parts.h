@@ -30,6 +30,5 @@ size_t stream_count(enum place place);
 void stream_move(struct buffer *buffer, enum place to);
 uint64_t stream_delivered(void);
 GC_ERROR buffer_info(const struct buffer *buffer, int what, struct answer to);
-void event_reset(void);
 
 #endif

@@ -1,12 +1,13 @@
 """A virtual board for the tests of the rig, and the light it makes."""
 
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig import Board, Rig, RigConfig
+from rig import Board, CameraFrame, Rig, RigConfig
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.virtual_camera import VirtualCamera
@@ -17,6 +18,15 @@ SIZE = (4, 6)
 def code_plane(led: int | None) -> np.ndarray:
     """A plane that says its LED: (LED + 1) electrons per microsecond; nothing without an LED."""
     return np.full(SIZE, 0 if led is None else led + 1, np.float32)
+
+
+def led_seen(frame: CameraFrame) -> int | None:
+    """What the pixels say: `code_plane` gives 100 DN per LED and 1000 us, 0 without light."""
+    assert frame.pixels.dtype == np.uint16
+    assert len(np.unique(frame.pixels)) == 1
+    code, rest = divmod(int(frame.pixels[0, 0]), 100)
+    assert rest == 0
+    return code - 1 if code else None
 
 
 class Bench:
@@ -47,6 +57,11 @@ class Bench:
     def close(self) -> None:
         self.state.close()
         self.virtual.close()
+
+
+def burning(bench: Bench) -> int | None:
+    """The LED that burns now."""
+    return bench.state.led(time.monotonic_ns())
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import serial
 
 from rig import Board, BoardError, Step
 from simulator._board.faults import BoardFault
+from tests.rig.conftest import burning
 
 
 @pytest.fixture
@@ -18,10 +19,6 @@ def board(bench):
     board.off()
     yield board
     board.close()
-
-
-def burning(bench):
-    return bench.state.led(time.monotonic_ns())
 
 
 def test_identity(board):

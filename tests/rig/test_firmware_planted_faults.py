@@ -11,7 +11,8 @@ import pytest
 from tests.rig.conformance import BoardUnderTest, run_checks
 from tests.rig.firmware import builds
 
-LIGHT, COMMANDS, LINE, AVR = "core/light.cpp", "core/commands.cpp", "core/line.cpp", "avr/board.cpp"
+LIGHT, LINE, AVR = "core/light.cpp", "core/line.cpp", "avr/board.cpp"
+COMMANDS, VERBS = "core/commands.cpp", "core/verbs.cpp"
 BOOT = "nothing burns and the trigger is low from the start"
 WHICH = "an LED is the one that was asked for"
 FLASH = "a flash is lit, settles, triggers and goes dark as declared"
@@ -89,8 +90,8 @@ FAULTS = {
     ),
     "questions erase the memory": Fault(
         COMMANDS,
-        "    uint32_t args[MOST];",
-        "    if (asks)\n        remember();\n    uint32_t args[MOST];",
+        "    uint32_t args[verbs::MOST_ARGUMENTS];",
+        "    if (asks)\n        remember();\n    uint32_t args[verbs::MOST_ARGUMENTS];",
         "the answer to a FLASH is kept while STATUS is asked",
     ),
     "memory survives a reset": Fault(
@@ -100,19 +101,19 @@ FAULTS = {
         "the memory is empty after a start",
     ),
     "range test loose": Fault(
-        COMMANDS,
+        VERBS,
         "args[0] >= BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
         "args[0] > BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
         REFUSALS,
     ),
     "hold without limit": Fault(
-        COMMANDS, "args[1] > light::MAX_HOLD_MS", "args[1] > 999999998", REFUSALS
+        VERBS, "args[1] > light::MAX_HOLD_MS", "args[1] > 999999998", REFUSALS
     ),
     "hold of a flash without limit": Fault(
-        COMMANDS, "settle_us + hold_us > MAX_HOLD_US", "hold_us > MAX_HOLD_US", REFUSALS
+        VERBS, "settle_us + hold_us > MAX_HOLD_US", "hold_us > MAX_HOLD_US", REFUSALS
     ),
     "errors in another order": Fault(
-        COMMANDS,
+        VERBS,
         "if (args[0] >= BOARD_STEPS)\n",
         "if (args[0] >= BOARD_STEPS && !no_such_led(args[1]))\n",
         REFUSALS,

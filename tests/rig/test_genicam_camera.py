@@ -11,8 +11,10 @@ import weakref
 
 import numpy as np
 import pytest
+from genicam import gentl
 
 import rig._genicam.camera
+import rig._genicam.system
 from acquisition import NoiseModel
 from rig import CameraError, find_cameras, open_genicam
 from rig._genicam.nodes import Nodes
@@ -408,6 +410,17 @@ def test_cameras_are_found_and_picked(make):
     with pytest.raises(CameraError, match=r"no camera c8; found: c7 \("):
         open_genicam(one, serial="c8")
     open_genicam([one, one], serial="c7").close()
+
+
+def test_a_producer_that_fails_at_everything_is_told_in_one_line(make, monkeypatch):
+    def fail(harvester):
+        raise gentl.IoException("out of order")
+
+    monkeypatch.setattr(rig._genicam.system.Harvester, "update", fail)
+    monkeypatch.setattr(rig._genicam.system.Harvester, "reset", fail)
+    with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as told:
+        find_cameras([make().device.cti])
+    assert "\n" not in str(told.value)
 
 
 def resident_kb():

@@ -1,7 +1,9 @@
 """Complaints of pydantic as one line."""
 
+from typing import Annotated
+
 import pytest
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rig import first_complaint
 
@@ -12,6 +14,7 @@ class Lamp(BaseModel):
     led: int
     shade: "Lamp | None" = None
     spare: tuple[int, ...] = ()
+    watts: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)] = (1.0,)
 
     @model_validator(mode="after")
     def _spare_differs(self):
@@ -24,7 +27,9 @@ class Lamp(BaseModel):
     ("values", "said"),
     [
         pytest.param(
-            {"led": 1, "x": 2}, "unknown option 'x'; known are led, shade, spare", id="unknown"
+            {"led": 1, "x": 2},
+            "unknown option 'x'; known are led, shade, spare, watts",
+            id="unknown",
         ),
         pytest.param(
             {"led": 1, "shade": {"led": 2, "x": 2}}, "unknown option 'shade.x'", id="unknown below"
@@ -43,6 +48,16 @@ class Lamp(BaseModel):
             id="nested",
         ),
         pytest.param(
+            {"led": 1, "watts": [0]},
+            "option 'watts.0': Input should be greater than 0, not 0",
+            id="an item, and for want of it a list that is too short",
+        ),
+        pytest.param(
+            {"led": 1, "watts": []},
+            "option 'watts': Tuple should have at least 1 item after validation, not 0",
+            id="a list that is too short",
+        ),
+        pytest.param(
             {"led": "x" * 99},
             "option 'led': Input should be a valid integer, unable to parse string as an integer",
             id="long value",
@@ -50,7 +65,7 @@ class Lamp(BaseModel):
         pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the whole"),
         pytest.param(
             {"x": 1, "y": 2},
-            "unknown option 'x'; known are led, shade, spare (and 2 more)",
+            "unknown option 'x'; known are led, shade, spare, watts (and 2 more)",
             id="several complaints, the unknown name first",
         ),
     ],

@@ -16,21 +16,10 @@ from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import runs
 from rig._shooting.spacing import Spacing
 from simulator._board.faults import BoardFault
+from tests.rig.conftest import burning, led_seen
 
 EXPOSURE_US = 1000.0
 FAST = {"frame_period_ms": 20.0, "frame_timeout_s": 0.3, "settle_ms": 1.0}
-
-
-def burning(bench):
-    return bench.state.led(time.monotonic_ns())
-
-
-def led_seen(frame):
-    """What the pixels say: `code_plane` gives 100 DN per LED and 1000 us, 0 without light."""
-    assert len(np.unique(frame.pixels)) == 1
-    code, rest = divmod(int(frame.pixels[0, 0]), 100)
-    assert rest == 0
-    return code - 1 if code else None
 
 
 def taken(rig, leds, into):

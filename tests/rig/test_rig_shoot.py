@@ -13,22 +13,11 @@ from rig import Board, BoardError, CameraError, CameraFrame, RigError
 from rig._shooting.exposure import Exposure
 from rig._shooting.flash_chain import FlashChain
 from simulator._board.faults import BoardFault
+from simulator._camera.virtual_camera import VirtualCamera
+from tests.rig.conftest import burning, led_seen
 
 EXPOSURE_US = 1000.0
 TRIGGERS = pytest.mark.parametrize("trigger", ["software", "board"])
-
-
-def burning(bench):
-    return bench.state.led(time.monotonic_ns())
-
-
-def led_seen(frame):
-    """What the pixels say: `code_plane` gives 100 DN per LED and 1000 us, 0 without light."""
-    assert frame.pixels.dtype == np.uint16
-    assert len(np.unique(frame.pixels)) == 1
-    code, rest = divmod(int(frame.pixels[0, 0]), 100)
-    assert rest == 0
-    return code - 1 if code else None
 
 
 @TRIGGERS
@@ -372,6 +361,19 @@ def test_closing_an_unplugged_rig_closes_the_rest_and_tells(own_bench):
     with pytest.raises(BoardError, match="unplugged"):
         rig.close()
     assert closed == [True]
+
+
+def test_a_step_of_closing_that_breaks_keeps_none_of_the_others_from_it(bench, monkeypatch):
+    def broken(camera):
+        raise ArithmeticError("a fault of the driver")
+
+    monkeypatch.setattr(VirtualCamera, "close", broken)
+    closed = []
+    rig = bench.rig(on_close=lambda: closed.append(True))
+    with pytest.raises(ArithmeticError):
+        rig.close()
+    assert closed == [True]
+    Board(bench.virtual.port).close()
 
 
 @TRIGGERS

@@ -7,13 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from simulator._bench_state import BenchWriter
+from simulator._camera.gentl_camera import GentlCamera
+
 NOT_IMPLEMENTED = -1003
 RESOURCE_IN_USE = -1004
 ACCESS_DENIED = -1005
 INVALID_HANDLE = -1006
+INVALID_PARAMETER = -1009
 IO = -1010
 TIMEOUT = -1011
 ABORT = -1012
+INVALID_ADDRESS = -1015
 INVALID_VALUE = -1019
 
 _FRAME_INFOS = {"filled": 9, "width": 10, "height": 11, "block": 16, "format": 20, "start_ns": 28}
@@ -213,6 +218,27 @@ class Device:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class Bench:
+    """The board's side of a bench state, and cameras over it, opened by this client."""
+
+    def __init__(self, path) -> None:
+        self.path = path
+        self.writer = BenchWriter(path)
+        self.opened: list[tuple[Library, GentlCamera]] = []
+
+    def open(self, planes, *, buffers: int = 4, **options) -> Device:
+        made = GentlCamera(planes, bench_state_path=self.path, **options)
+        library = Library(made.cti)
+        self.opened.append((library, made))
+        return Device(library, buffers)
+
+    def close(self) -> None:
+        for library, made in self.opened:
+            library.close()
+            made.close()
+        self.writer.close()
 
 
 def wait_for(happened, timeout_s: float = 5.0) -> None:

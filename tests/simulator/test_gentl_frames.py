@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator._bench_state import BenchState, BenchWriter
+from simulator._bench_state import BenchState
 from simulator._camera.gentl_camera import GentlCamera
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._scene.lamps import Lamps
@@ -33,23 +33,11 @@ def plane(led):
     return (bright * (0.02, 1.0, 2.0, 5.0)[index]).astype(np.float32)
 
 
-class Bench:
-    """A board's side of the bench state, and cameras that look at it."""
-
-    def __init__(self, path):
-        self.path = path
-        self.writer = BenchWriter(path)
-        self.opened = []
-
+class Bench(gentl.Bench):
     def camera(self, planes=plane, *, size=SIZE, leds=LEDS, noise=PLAIN, **options):
         # Shots may follow each other at once.
         options = {"frame_rate_hz": 1e5, **options}
-        made = GentlCamera(
-            planes, size=size, leds=leds, noise=noise, bench_state_path=self.path, **options
-        )
-        library = gentl.Library(made.cti)
-        device = gentl.Device(library)
-        self.opened.append((library, made))
+        device = self.open(planes, size=size, leds=leds, noise=noise, **options)
         device.set("TriggerMode", "On")
         device.start()
         return device
@@ -62,12 +50,6 @@ class Bench:
     def light(self, led, for_s=10.0):
         now = time.monotonic_ns()
         self.writer.light(led, now, now + round(for_s * S))
-
-    def close(self):
-        for library, made in self.opened:
-            library.close()
-            made.close()
-        self.writer.close()
 
 
 @pytest.fixture
@@ -268,7 +250,8 @@ def test_the_black_level_can_be_set(bench):
         pytest.param({"shake_px": 9.0}, "shake of 9.0 px", id="shake"),
         pytest.param({"leds": 1025}, "1025 LEDs cannot be", id="LEDs"),
         pytest.param({"size": (0, 4)}, r"size of \(0, 4\)", id="size"),
-        pytest.param({"frame_rate_hz": 0.0}, "0.0 Hz", id="frame rate"),
+        pytest.param({"frame_rate_hz": 1e-300}, "1e-300 Hz", id="frame rate"),
+        pytest.param({"without_nodes": ["x" * 255]}, "too many nodes", id="nodes left out"),
         pytest.param({"readout_us": -1.0}, "readout of -1.0 us", id="readout"),
         pytest.param({"serial": "x" * 64}, "1 to 63 letters", id="serial number"),
         pytest.param({"size": (4, 5)}, r"plane of LED None is float32 of shape", id="plane"),

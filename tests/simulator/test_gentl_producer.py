@@ -1,6 +1,7 @@
 """The GenTL producer as a library: what any client may ask of it."""
 
 import re
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -124,6 +125,62 @@ def test_an_address_without_a_register_is_refused(device):
         device._read(8, 8)
 
 
+@pytest.mark.parametrize("of", ["camera", "system"])
+def test_a_size_beyond_all_memory_is_refused(library, device, of):
+    port = device.port if of == "camera" else library.system
+    code = gentl.ctypes
+    # Ten bytes into the text of the node map; their sum with the size is small again.
+    at, size = code.c_uint64(0x100000 + 10), code.c_size_t(2**64 - 5)
+    with pytest.raises(gentl.GentlError, match="no register") as caught:
+        library.call("GCReadPort", port, at, code.create_string_buffer(8), code.byref(size))
+    assert caught.value.code == gentl.INVALID_ADDRESS
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("TLGetNumInterfaces", "system"),
+        ("IFGetParentTL", "interface"),
+        ("IFGetNumDevices", "interface"),
+        ("DevGetPort", "device"),
+        ("DevGetParentIF", "device"),
+        ("DevGetNumDataStreams", "device"),
+        ("DSGetParentDev", "stream"),
+    ],
+)
+def test_a_question_without_a_place_for_the_answer_is_refused(library, device, name, of):
+    handles = {
+        "system": library.system,
+        "interface": library.interface,
+        "device": device.handle,
+        "stream": device.stream,
+    }
+    with pytest.raises(gentl.GentlError, match="no place for the") as caught:
+        library.call(name, handles[of], None)
+    assert caught.value.code == gentl.INVALID_PARAMETER
+
+
+def test_a_start_that_is_refused_does_not_limit_the_one_before(library, device):
+    device.set("TriggerMode", "On")
+    device.start()
+    with pytest.raises(gentl.GentlError, match="started already") as caught:
+        library.call("DSStartAcquisition", device.stream, 0, gentl.ctypes.c_uint64(1))
+    assert caught.value.code == gentl.RESOURCE_IN_USE
+    assert [device.shoot().block for _ in range(3)] == [0, 1, 2]
+
+
+def test_waiting_for_what_is_no_event_is_refused_and_ends_nobodys_waiting(library, device):
+    library.call("EventKill", device.event)
+    event, device.event = device.event, device.stream
+    with pytest.raises(gentl.GentlError) as caught:
+        device.take(0.05)
+    assert caught.value.code == gentl.INVALID_HANDLE
+    device.event = event
+    with pytest.raises(gentl.GentlError) as caught:
+        device.take(0.05)
+    assert caught.value.code == gentl.ABORT
+
+
 def test_opening_twice_is_refused_until_it_is_closed(library, device):
     with pytest.raises(gentl.GentlError) as caught:
         gentl.Device(library)
@@ -221,6 +278,9 @@ def spoil(path: Path, at: int, data: bytes) -> None:
         pytest.param("camera.control", 80, b"?" * 64, "a text does not end", id="serial number"),
         pytest.param("camera.control", 72, b"RGB\0", "unknown mosaic", id="mosaic"),
         pytest.param("camera.control", 1424, b"\xff" * 8, "negative or none", id="readout"),
+        pytest.param(
+            "camera.control", 1432, struct.pack("<d", 1e300), "out of range", id="frame period"
+        ),
         pytest.param("camera.control", SIZE, b"!", f"not {SIZE}", id="longer"),
         pytest.param("planes.f32", 12, b"!", "has 13 bytes where .* 12", id="planes longer"),
     ],

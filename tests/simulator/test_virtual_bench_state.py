@@ -128,6 +128,13 @@ def test_the_ring_keeps_the_newest_and_says_when_it_forgot(room):
         reader.lit_ns(50, 200)
 
 
+def test_a_full_ring_has_forgotten_nothing(room):
+    _, writer, reader = room
+    for k in range(RING):
+        writer.light(k, 10 + 10 * k, 20 + 10 * k)
+    assert reader.lit_ns(0, 10 * RING + 20) == dict.fromkeys(range(RING), 10)
+
+
 def test_a_dimmed_led_counts_by_its_light(room):
     _, writer, reader = room
     writer.light(3, 0, 1000, level=819)

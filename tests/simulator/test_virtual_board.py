@@ -501,6 +501,21 @@ def test_closing_ends_process_and_file():
     assert not board.bench_state_path.exists()
 
 
+def test_an_interrupted_start_leaves_nothing(monkeypatch, tmp_path):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    first_line = VirtualBoard._first_line
+
+    def interrupted(board):
+        first_line(board)
+        assert list(tmp_path.iterdir())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(VirtualBoard, "_first_line", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        VirtualBoard(2)
+    assert not list(tmp_path.iterdir())
+
+
 def test_closing_after_a_death_still_cleans_up():
     with VirtualBoard(3) as board:
         os.kill(board.pid, signal.SIGKILL)

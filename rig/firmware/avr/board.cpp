@@ -27,7 +27,7 @@
 static const uint8_t RING = 128;
 static volatile uint8_t ring[RING];
 static volatile uint8_t ring_in;
-static uint8_t ring_out;
+static volatile uint8_t ring_out;
 
 // The clock at the last overflow of timer 1, which counts half microseconds.
 static volatile uint32_t overflow_us;

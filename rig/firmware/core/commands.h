@@ -1,4 +1,4 @@
-// What each command does and answers.
+// Commands from the host: read, remembered, and replied to. What each verb does is in verbs.h.
 #ifndef SGP_COMMANDS_H
 #define SGP_COMMANDS_H
 

@@ -69,6 +69,13 @@ bool whole() {
 
 }  // namespace
 
+bool Word::is(const char *text) const {
+    uint8_t i = 0;
+    while (i < length && text[i] == at[i] && text[i] != '\0')
+        i++;
+    return i == length && text[i] == '\0';
+}
+
 uint16_t crc(uint16_t now, uint8_t byte) {
     // The bitwise rule of polynomial 0x1021 for a whole byte at once.
     now = static_cast<uint16_t>(now >> 8 | now << 8);

@@ -12,6 +12,7 @@ const uint8_t LONGEST_WORDS = LONGEST - 11;  // without mark, number, space and 
 struct Word {
     const char *at;
     uint8_t length;
+    bool is(const char *text) const;
 };
 
 void start();

@@ -1,0 +1,37 @@
+"""Plane waves of one length in all directions, the stuff of noise, grain and wandering paint."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
+    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one length.
+
+    The directions are spread evenly over the half circle and then shaken, so that a few waves
+    already look the same from all sides.
+    """
+    rng = np.random.default_rng(seed)
+    angle = (np.arange(count) + rng.uniform(-0.5, 0.5, count)) * math.pi / count
+    k = 2 * math.pi / wavelength_mm
+    phase = rng.uniform(0, 2 * math.pi, count)
+    return np.stack([k * np.cos(angle), k * np.sin(angle), phase], axis=1)
+
+
+@numba.njit(parallel=True, cache=True)
+def add_waves(x: Array, y: Array, waves: Array, gain: float, out: Array) -> None:
+    """Add the height and gradient of plane waves to ``out`` (3, n)."""
+    for i in numba.prange(len(x)):
+        for j in range(len(waves)):
+            kx, ky, phase = waves[j, 0], waves[j, 1], waves[j, 2]
+            angle = kx * x[i] + ky * y[i] + phase
+            slope = -gain * math.sin(angle)
+            out[0, i] += gain * math.cos(angle)
+            out[1, i] += kx * slope
+            out[2, i] += ky * slope
