@@ -2,25 +2,33 @@
 
 from acquisition._engine.engine import check_resume, record, resume
 from acquisition._engine.rehearsal import rehearse
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._errors import DataError, MissingPathError, SessionInUseError, StorageError
 from acquisition._export.export import Export, prepare_export
 from acquisition._import.frames import import_frames, read_import
-from acquisition._import.watch import Watch, WatchResult, lights_in_order, watch_folder
+from acquisition._import.watch import WatchResult, watch_folder
+from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._metering.light_level import MeteringGoal
 from acquisition._metering.metered import Metered, MeteredLight
 from acquisition._metering.metering import meter
-from acquisition._pixels.images import read_image, write_exr, write_png, write_tiff
+from acquisition._pixels.images import (
+    read_image,
+    read_image_with_alpha,
+    write_exr,
+    write_png,
+    write_tiff,
+)
 from acquisition._pixels.mask_files import read_mask, read_mask_shares
 from acquisition._pixels.raw import RawFrame, read_raw
 from acquisition._plan.estimate import PlanEstimate, estimate_plan
-from acquisition._plan.plan import CapturePlan, PlannedShot, read_plan
+from acquisition._plan.plan import CapturePlan, read_plan
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._preflight.check import Check
 from acquisition._preflight.preflight import Preflight, preflight, preflight_resume
 from acquisition._session.compact import Compaction, compact_session
-from acquisition._session.frame import SessionFrame
 from acquisition._session.journal import EventLine, FrameLine
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
+from acquisition._session.session_frame import SessionFrame
 from acquisition._session.verify import Verification, verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._software import SOFTWARE, software_version
@@ -56,6 +64,7 @@ __all__ = [
     "RawFrame",
     "Session",
     "SessionFrame",
+    "SessionInUseError",
     "SessionWriter",
     "Source",
     "StorageError",
@@ -75,6 +84,7 @@ __all__ = [
     "prepare_export",
     "read_camera",
     "read_image",
+    "read_image_with_alpha",
     "read_import",
     "read_lights",
     "read_mask",

@@ -9,5 +9,9 @@ class StorageError(Exception):
     """The disk under a capture refused a write (exit code 3 at the front door)."""
 
 
+class SessionInUseError(StorageError):
+    """Another process is writing to the session."""
+
+
 class DataError(Exception):
     """An input or session is damaged, incomplete, inconsistent or not understood (exit code 4)."""

@@ -1,7 +1,7 @@
 """The disk under a capture: writes that survive a power cut, one writer per folder, clear errors.
 
-All that is particular to POSIX is here: `flock` and the fsync of a folder. Windows has neither in
-this form; there the lock and the folder fsync are left out.
+All that is particular to a system is here: `flock` and the fsync of a folder, which Windows does
+not have in this form and where they are left out, and the flag of files that are no text.
 """
 
 from __future__ import annotations
@@ -15,10 +15,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from acquisition._errors import StorageError
+from acquisition._errors import DataError, SessionInUseError, StorageError
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    _BINARY = os.O_BINARY
+else:
     import fcntl
+
+    _BINARY = 0
 
 _PART = ".part-"
 
@@ -57,30 +61,35 @@ def is_part(path: Path) -> bool:
     return path.name.startswith(".")
 
 
-def publish(part: Path, path: Path) -> None:
-    """Make a finished temporary file durable under its own name: fsync, rename, fsync of folder."""
-    with disk(path, "write"):
-        # Read-write, because Windows refuses to flush a file opened for reading.
-        descriptor = os.open(part, os.O_RDWR)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-        os.replace(part, path)
-        sync_folder(path.parent)
+@contextmanager
+def published(path: Path) -> Iterator[Path]:
+    """Give a temporary name to write to; then the file is made durable and gets its own.
 
-
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a whole small file, or leave what was there: the old file or none, never a part."""
+    fsync, rename, fsync of the folder: there is the old file, or none, or the new one, never a
+    part of it. After an error inside the block nothing new is there.
+    """
     part = part_path(path)
     try:
+        yield part
         with disk(path, "write"):
-            part.write_bytes(data)
-        publish(part, path)
+            # Read-write, because Windows refuses to flush a file opened for reading.
+            descriptor = os.open(part, os.O_RDWR)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+            os.replace(part, path)
+            sync_folder(path.parent)
     except BaseException:
         with suppress(OSError):
             part.unlink(missing_ok=True)
         raise
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Write a whole small file, or leave what was there."""
+    with published(path) as part, disk(path, "write"):
+        part.write_bytes(data)
 
 
 def read_file(path: Path) -> bytes:
@@ -96,13 +105,23 @@ def read_file(path: Path) -> bytes:
     return path.read_bytes()
 
 
+def open_binary(path: Path, flags: int) -> int:
+    """Open a file as `os.open` does, for bytes: Windows would put a 13 before each 10 of a text."""
+    return os.open(path, flags | _BINARY, 0o666)
+
+
 def append_durably(descriptor: int, path: Path, data: bytes) -> None:
     """Append to an open file and fsync it. After an error the end of the file is not known."""
     with disk(path, "append"):
-        view = memoryview(data)
-        while view:
-            view = view[os.write(descriptor, view) :]
+        write_whole(descriptor, data)
         os.fsync(descriptor)
+
+
+def write_whole(descriptor: int, data: bytes | memoryview) -> None:
+    """Write all of the bytes: a system may take them in pieces."""
+    view = memoryview(data)
+    while view:
+        view = view[os.write(descriptor, view) :]
 
 
 def make_folder(folder: Path) -> None:
@@ -115,12 +134,19 @@ def make_folder(folder: Path) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make names in a folder durable (on POSIX a rename is not, until its folder is synced)."""
+    """Make names in a folder durable (on POSIX a rename is not, until its folder is synced).
+
+    Some file systems, mostly of networks, know no fsync of a folder and say so: there is nothing
+    more to ask of them.
+    """
     if sys.platform == "win32":
         return
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:
+            raise
     finally:
         os.close(descriptor)
 
@@ -132,8 +158,10 @@ def lock_folder(folder: Path) -> int:
 
     Raises
     ------
+    SessionInUseError
+        If another writer holds it.
     StorageError
-        If another writer holds it, or the file system knows no locks.
+        If the file system knows no locks.
     """
     if sys.platform == "win32":
         return os.open(os.devnull, os.O_RDONLY)
@@ -143,7 +171,7 @@ def lock_folder(folder: Path) -> int:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(descriptor)
-            raise StorageError(
+            raise SessionInUseError(
                 f"{folder}: another process is recording into this session; "
                 "wait for it to end or choose another folder"
             ) from None
@@ -151,6 +179,24 @@ def lock_folder(folder: Path) -> int:
             os.close(descriptor)
             raise
     return descriptor
+
+
+def library_path(path: Path) -> str:
+    """Return a path as the image libraries take it: as text in UTF-8.
+
+    Raises
+    ------
+    DataError
+        If it is none, as names from old disks may be.
+    """
+    text = str(path)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise DataError(
+            f"{ascii(text)[1:-1]}: the name is no UTF-8: rename the file or its folder"
+        ) from None
+    return text
 
 
 def sha256_of(data: bytes | memoryview) -> str:

@@ -15,7 +15,6 @@ import argparse
 import os
 import time
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -25,53 +24,15 @@ import numpy.typing as npt
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 from acquisition import write_png
-from processing import LocalTransferResult, NormalMap, read_normals, transfer_local
+from processing import NormalMap, read_normals, transfer_local
+from sgp._paper.faces import FACES
 
-Mask = npt.NDArray[np.bool_]
-
-
-class Pair(NamedTuple):
-    source: str
-    target: str
-    # Of the part: middle (column, row) and half axes of an ellipse.
-    ellipse: tuple[int, int, int, int]
-    at: tuple[float, float]
-    scale: float
-    rotate_deg: float
-    mirror: bool
-    # What the picture shows of the target: first column and row, side.
-    view: tuple[int, int, int]
+# What the pictures show of the target: first column and row, side.
+VIEW = (215, 92, 180)
 
 
-PAIRS = (
-    Pair("cat", "bear", (390, 166, 45, 35), (303, 188), 1.2, 6, False, (215, 92, 180)),
-    Pair("buddha", "bear", (305, 118, 27, 34), (303, 185), 1.5, 0, True, (215, 92, 180)),
-)
-
-
-def ellipse(size: tuple[int, int], where: tuple[int, int, int, int]) -> Mask:
-    x, y, a, b = where
-    rows, columns = np.mgrid[: size[0], : size[1]]
-    return np.asarray(((columns - x) / a) ** 2 + ((rows - y) / b) ** 2 <= 1)
-
-
-def set_in(
-    pair: Pair, source: NormalMap, target: NormalMap, reach_px: float | None
-) -> LocalTransferResult:
-    return transfer_local(
-        source,
-        target,
-        source_mask=ellipse(source.size, pair.ellipse),
-        at=pair.at,
-        scale=pair.scale,
-        rotate_deg=pair.rotate_deg,
-        mirror=pair.mirror,
-        reach_px=reach_px,
-    )
-
-
-def picture(maps: list[NormalMap], view: tuple[int, int, int]) -> npt.NDArray[np.uint8]:
-    x, y, side = view
+def picture(maps: list[NormalMap]) -> npt.NDArray[np.uint8]:
+    x, y, side = VIEW
     shown = []
     for one in maps:
         shade = np.clip(one.normals @ np.array([-0.4, 0.5, 0.77], np.float32), 0, 1)
@@ -95,23 +56,23 @@ def main() -> None:
     if "SGP_DATA" in os.environ:
         folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
         print("pair           | seam/interior | pasted | detail error (paper's filter) | CPU s")
-        for pair in PAIRS:
+        for face in FACES.values():
             source, target = (
-                read_normals(folder / name).normal_map for name in (pair.source, pair.target)
+                read_normals(folder / name).normal_map for name in (face.source, face.target)
             )
-            pasted = set_in(pair, source, target, 1e-2)
+            pasted = face.set_in(source, target, reach_px=1e-2)
             begun = time.process_time()
-            done = set_in(pair, source, target, None)
+            done = face.set_in(source, target)
             seconds = time.process_time() - begun
             print(
-                f"{pair.source:6} to {pair.target:5}| {done.seam.ratio:13.2f} | "
+                f"{face.source:6} to {face.target:5}| {done.seam.ratio:13.2f} | "
                 f"{pasted.seam.ratio:6.2f} | {done.fidelity.detail_mae_deg:.2f} "
                 f"({done.fidelity_paper.detail_mae_deg:.2f}) deg               | {seconds:.2f}"
             )
             if given.out is not None:
                 shown = [done.placed, target, pasted.normal_map, done.normal_map]
-                path = given.out / f"local-{pair.source}-{pair.target}.png"
-                write_png(path, picture(shown, pair.view))
+                path = given.out / f"local-{face.source}-{face.target}.png"
+                write_png(path, picture(shown))
     else:
         print("SGP_DATA is not set: no faces")
     transfer_local(relief(64, 0), relief(64, 1))

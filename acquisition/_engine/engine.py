@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from acquisition._engine.carry_out import STALL_S, carry_out
 from acquisition._engine.recording import Hooks, OnEvent, OnFrame
 from acquisition._engine.rig_fits import check_calibrations, check_exposures, check_lights
+from acquisition._engine.rig_records import camera_record, rig_record
 from acquisition._engine.same_rig import check_same
 from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality
-from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import LEFT_OUT
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -20,11 +22,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import CameraInfo, Mounting, Rig
-
-# Options of a rig file that say which board and camera are meant, by ports and files that may
-# change; what was found there is in the record.
-_WHERE: Final = ("board", "camera", "cti", "model", "port")
+from rig import Rig
 
 
 def record(
@@ -234,8 +232,8 @@ def _dark(session: Session) -> dict[float, FrameQuality]:
 def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:
     return Manifest.begin(
         folder,
-        rig=_rig_record(rig),
-        camera=_camera_record(rig.camera.info, sensor),
+        rig=rig_record(rig),
+        camera=camera_record(rig.camera.info, sensor),
         sensor=sensor,
         **others,
     )
@@ -245,39 +243,3 @@ def _manifest_like(rig: Rig, folder: Path, begun: Session) -> Manifest:
     """Describe this rig as if the session began now."""
     known = begun.manifest
     return _manifest(rig, folder, begun.sensor, operator=known.operator, object=known.object)
-
-
-def _rig_record(rig: Rig) -> dict[str, Any]:
-    config, board = rig.config, rig.board.identity
-    return {
-        "name": config.name,
-        "driver": config.driver,
-        "board": board.name,
-        "protocol": str(board.protocol),
-        "firmware": board.firmware,
-        "leds": board.leds,
-        "mounting": None if config.mounting == Mounting() else config.mounting,
-        "dead_leds": config.dead_leds,
-        "trigger": config.trigger,
-        "options": {
-            name: value
-            for name, value in config.options.items()
-            if value is not None and name not in _WHERE
-        }
-        or None,
-    }
-
-
-def _camera_record(info: CameraInfo, sensor: NoiseModel | None) -> dict[str, Any]:
-    return {
-        "vendor": info.vendor,
-        "model": info.model,
-        "serial": info.serial,
-        "width": info.width,
-        "height": info.height,
-        "pixel_format": info.pixel_format,
-        "bit_depth": info.bit_depth,
-        "cfa": info.cfa,
-        "black_level_dn": 0.0 if sensor is None else sensor.black_level_dn,
-        "white_level_dn": None if sensor is None else sensor.white_level_dn,
-    }

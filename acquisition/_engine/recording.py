@@ -16,7 +16,8 @@ from acquisition._engine.stop_request import StopRequest
 from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, above_dark
-from acquisition._plan.plan import CapturePlan, PlannedShot, ShotKey
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot, ShotKey
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.writer import SessionWriter
 from rig import Rig, RigError, Shot

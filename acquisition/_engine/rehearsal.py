@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
 from rig import Rig
 
 OnShot = Callable[[int, int], None]

@@ -7,7 +7,7 @@ from typing import Final
 
 from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality
-from acquisition._plan.plan import PlannedShot
+from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
 
 # Percentiles that rise where light falls on a large part of the frame, or on a thousandth of it.

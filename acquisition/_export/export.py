@@ -20,7 +20,7 @@ from acquisition._export.notes import (
     layout_remarks,
     recording_notes,
 )
-from acquisition._export.record import (
+from acquisition._export.recording_json import (
     ExportedFrame,
     RecordingNotes,
     Values,

@@ -16,7 +16,7 @@ from acquisition._errors import StorageError
 from acquisition._export.caption import Caption
 from acquisition._pixels.images import read_image
 from acquisition._pixels.png_chunks import SIGNATURE
-from acquisition._storage import disk, part_path, publish, write_durably
+from acquisition._storage import disk, library_path, published
 
 # Five times as fast as the other PNG writer at hand, and smaller on sensor noise.
 _PNG_OPTIONS = (
@@ -54,8 +54,10 @@ def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Cap
     chunks = [_chunk(b"gAMA", _GAMMA_LINEAR)]
     fields = {**caption.texts(), "XML:com.adobe.xmp": caption.xmp()}
     chunks += [_chunk(b"iTXt", _international(*field)) for field in fields.items()]
-    write_durably(path, b"".join([data[:_HEADER_END], *chunks, data[_HEADER_END:]]))
-    _check(path, path, pixels)
+    with published(path) as part:
+        with disk(path, "write"):
+            part.write_bytes(b"".join([data[:_HEADER_END], *chunks, data[_HEADER_END:]]))
+        _check(part, path, pixels)
 
 
 def write_captioned_exr(
@@ -101,19 +103,14 @@ def write_captioned_exr(
             spec.attribute(name, value)
     if caption.exposure_us is not None:
         spec.attribute("ExposureTime", caption.exposure_us / 1e6)
-    part = part_path(path)
-    try:
+    with published(path) as part:
         with disk(path, "write"):
             part.touch()  # the library gives no reason when it cannot
         file = oiio.ImageOutput.create("openexr")
-        done = file is not None and file.open(str(part), spec) and file.write_image(image)
+        done = file is not None and file.open(library_path(part), spec) and file.write_image(image)
         if not (file is not None and file.close() and done):
             raise StorageError(f"{path}: cannot be written as EXR: check the disk")
         _check(part, path, pixels)
-        publish(part, path)
-    finally:
-        with disk(path, "clear up"):
-            part.unlink(missing_ok=True)
 
 
 def _check(written: Path, path: Path, pixels: npt.NDArray[np.generic]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._pixels.images import write_png
-from acquisition._storage import disk, part_path, publish, write_durably
+from acquisition._storage import disk, published, write_durably
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition._values.lights import Array, Lights
 
@@ -70,8 +70,6 @@ def _normals(path: Path, normals: npt.NDArray[np.float32]) -> Path:
     # SciPy's writers take as long to import as the rest of this package.
     from scipy.io import savemat
 
-    part = part_path(path)
-    with disk(path, "write"):
+    with published(path) as part, disk(path, "write"):
         savemat(part, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)
-    publish(part, path)
     return path

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._export.record import RECORD_FILE, RecordingNotes, read_recording_notes
+from acquisition._export.recording_json import RECORD_FILE, RecordingNotes, read_recording_notes
 from acquisition._import.image import (
     ImportedImage,
     imported_image,
@@ -20,10 +20,11 @@ from acquisition._import.image import (
 )
 from acquisition._pixels.images import write_exr, write_png
 from acquisition._pixels.raw import is_raw
-from acquisition._plan.plan import PlannedShot
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import FrameLine
+from acquisition._session.layout import MASK, TRUE_NORMALS
 from acquisition._session.manifest import Manifest
-from acquisition._session.session import MASK, TRUE_NORMALS, Session
+from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._source.source import Frame, Source
@@ -52,6 +53,11 @@ def read_import(
     notes = read_recording_notes(_folder(path)) if path.exists() else None
     if notes is None:
         return read_source(path, lights=lights, mask_path=mask_path)
+    if Path(notes.frames[0].file).suffix == ".exr":
+        raise DataError(
+            f"{path}: is an EXR stack, which holds floats, and a session holds whole numbers: "
+            "export the session as lp, diligent or alicevision to bring it back"
+        )
     camera = None
     if lights is None and (file := _beside(path, notes.lights_file)) is not None:
         lights = read_lights(file)

@@ -14,6 +14,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
+from acquisition._storage import library_path
 
 # Some cameras measure the black level anew for each frame: how much it may vary, of white.
 _BLACK_SLACK = 0.001
@@ -163,7 +164,7 @@ def read_shot_data(path: Path) -> ShotData:
 
 def _header(path: Path) -> ShotData:
     """Read Exif, also of RAW files built like TIFF, of which the library sees the thumbnail."""
-    file = oiio.ImageInput.open(str(path))
+    file = oiio.ImageInput.open(library_path(path))
     if file is None:
         oiio.geterror()  # unread, it would be printed at exit
         return ShotData()

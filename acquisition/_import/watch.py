@@ -12,47 +12,25 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_of, told_by, write_imported
 from acquisition._import.image import ImportedImage
 from acquisition._import.watch_files import WatchedFolder
-from acquisition._import.watch_match import PACE_INTERVALS, Arrival, Match, match_shots, pace_of
-from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._import.watch_match import (
+    PACE_INTERVALS,
+    Arrival,
+    Match,
+    Pace,
+    ends_with_gap,
+    match_shots,
+    pace_of,
+)
+from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.layout import is_session
 from acquisition._session.manifest import Manifest
-from acquisition._session.session import Session, is_session
+from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
-from acquisition._values.lights import Lights, led_id
+from acquisition._values.lights import Lights
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
-
-
-@dataclass(frozen=True)
-class Watch:
-    """What to watch for.
-
-    Parameters
-    ----------
-    folder
-        Where the camera's images appear. Names that begin with a dot are ignored, and where there
-        is camera RAW everything else is.
-    shots
-        The shots in the order in which they are taken: `CapturePlan.shots`, or `lights_in_order`.
-    plan
-        The plan they come from, if any; it is stored in the session.
-    interval_s
-        Seconds between shots; default: found from the first images.
-    gaps
-        False where pauses mean nothing: images are matched by order alone.
-    timeout_s
-        How long to wait for the next image.
-    settle_s
-        How long a file must stay as it is to count as whole.
-    """
-
-    folder: Path
-    shots: tuple[PlannedShot, ...]
-    plan: CapturePlan | None = None
-    interval_s: float | None = None
-    gaps: bool = True
-    timeout_s: float = 600.0
-    settle_s: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +50,6 @@ class WatchResult:
     session: Session
     missing: tuple[PlannedShot, ...]
     warnings: tuple[str, ...]
-
-
-def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:
-    """Return one shot of each LED from 0, of unknown exposure."""
-    return tuple(PlannedShot("light", led, 0, 0, None) for led in range(leds))
 
 
 def watch_folder(
@@ -146,8 +119,8 @@ class _Watcher:
     ) -> None:
         self._watch = watch
         self._out = out
-        self._lights = _lights_of(watch.shots, lights)
-        self._called = _called(watch.shots)
+        self._lights = lights_of_shots(watch.shots, lights)
+        self._called = shots_by_name(watch.shots)
         self._tell = tell
         self._on_frame = on_frame
         self._texts = texts
@@ -193,14 +166,14 @@ class _Watcher:
         begun = next((line.details for line in session.events if line.event == _WATCHED), None)
         # A watch that was killed at once left a session in which nothing stands yet.
         blank = session.manifest.rig is None and not (session.recorded or session.events)
-        if not blank and (begun is None or begun.get("shots") != _files(self._watch.shots)):
+        if not blank and (begun is None or begun.get("shots") != shot_files(self._watch.shots)):
             raise DataError(
                 f"{self._out}: was not begun by watching a folder for these shots: choose a new "
                 "folder, or the same --leds or --plan"
             )
         self._writer = SessionWriter.reopen(self._out)
         if begun is None:
-            self._writer.write_event(_WATCHED, shots=_files(self._watch.shots))
+            self._writer.write_event(_WATCHED, shots=shot_files(self._watch.shots))
         indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
         for frame in session.frames:
             if frame.line.origin is not None:
@@ -236,9 +209,20 @@ class _Watcher:
         pace = pace_of(series, self._watch.interval_s) if self._watch.gaps else None
         if self._watch.gaps and pace is None and len(series) > PACE_INTERVALS:
             self._say("taken at no steady pace: a missing image shows in the numbers of the names")
+        if pace is not None and not decide and self._may_be_late(series, pace):
+            series = series[:-1]
         known = {**named, **self._recorded}
         match = match_shots(series, len(shots), known, pace, gaps=self._watch.gaps)
         return replace(match, shots={**named, **match.shots})
+
+    def _may_be_late(self, series: Sequence[Arrival], pace: Pace) -> bool:
+        """Tell whether the last image, after a gap, is to wait for the next for two paces.
+
+        Where that one comes too early there is no gap: the image was only held up on its way.
+        """
+        if not ends_with_gap(series, pace) or series[-1].name in self._recorded:
+            return False
+        return self._files.age_s(series[-1].name) < 2 * pace.interval_s
 
     def _record(self, match: Match) -> bool:
         """Record what was matched; tell whether there was anything."""
@@ -256,7 +240,7 @@ class _Watcher:
         missing = self._missing
         if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
             self._say(
-                f"the last shot is there and {len(missing)} are missing: save an image as "
+                f"the last shot is there, {len(missing)} missing before it: save an image as "
                 f"{Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to fill its place"
             )
         return bool(new)
@@ -278,7 +262,9 @@ class _Watcher:
                 **{"operator": "", "object": "", **self._texts},
             )
             self._writer = SessionWriter.create(self._out, manifest)
-            self._writer.write_event(_WATCHED, shots=_files(self._watch.shots), **told_by(image))
+            self._writer.write_event(
+                _WATCHED, shots=shot_files(self._watch.shots), **told_by(image)
+            )
         return self._writer
 
     def _say(self, line: str) -> None:
@@ -297,29 +283,3 @@ class _Watcher:
             self._writer.complete()
         self._writer.close()
         return WatchResult(Session.open(self._out), self._missing, tuple(self._said))
-
-
-def _files(shots: Sequence[PlannedShot]) -> list[str]:
-    return [shot.file for shot in shots]
-
-
-def _called(shots: Sequence[PlannedShot]) -> dict[str, int]:
-    """Return the shots by the names of files meant for them: ``l07_e0``, or ``l07`` for its first.
-
-    In lower case, without a suffix.
-    """
-    names: dict[str, int] = {}
-    for index, shot in enumerate(shots):
-        names[Path(shot.file).stem.casefold()] = index
-        if shot.led is not None:
-            names.setdefault(led_id(shot.led).casefold(), index)
-    return names
-
-
-def _lights_of(shots: Sequence[PlannedShot], lights: Lights | None) -> Lights | None:
-    """Return the lights of the shots' LEDs, under the LEDs' names."""
-    if lights is None:
-        return None
-    ids = list(dict.fromkeys(led_id(shot.led) for shot in shots if shot.led is not None))
-    indices, _ = lights.match(ids)
-    return replace(lights.take(indices), ids=tuple(ids))

@@ -25,6 +25,7 @@ class _File:
     since_s: float
     arrival: Arrival | None = None
     complaint: str = ""
+    taken: bool = False
     image: ImportedImage | None = field(default=None, repr=False)
 
 
@@ -62,6 +63,8 @@ class WatchedFolder:
     def scan(self) -> bool:
         """Look at the folder; tell whether anything changed since the last time.
 
+        A file that was taken is known as it was then, whatever becomes of it.
+
         Raises
         ------
         DataError
@@ -81,8 +84,14 @@ class WatchedFolder:
                     continue
                 state = (status.st_size, status.st_mtime_ns)
                 known = self._files.get(path.name)
-                same = known is not None and known.state == state
-                found[path.name] = known if known is not None and same else _File(state, now)
+                if known is None or not (known.taken or known.state == state):
+                    known = _File(state, now)
+                elif known.state != state:
+                    self._say(
+                        f"{path.name}: was written anew after it was recorded; the session holds "
+                        "what it was"
+                    )
+                found[path.name] = known
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
         if any(is_raw(Path(name)) for name in found):
@@ -93,6 +102,10 @@ class WatchedFolder:
         self._files = found
         return changed
 
+    def age_s(self, name: str) -> float:
+        """Return for how long a file has been as it is, seconds."""
+        return time.monotonic() - self._files[name].since_s
+
     def arrival(self, name: str, recorded: Container[str]) -> Arrival | None:
         """Return a file as it may be matched, None while it is not whole.
 
@@ -100,7 +113,7 @@ class WatchedFolder:
         """
         file, path = self._files[name], self.folder / name
         if file.arrival is None and not file.complaint:
-            settled = time.monotonic() - file.since_s >= self._settle_s and file.state[0] > 0
+            settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
             try:
                 if name in recorded:
                     file.arrival = _arrival(name, file, read_shot_data(path))
@@ -124,6 +137,7 @@ class WatchedFolder:
         """
         file, path = self._files[name], self.folder / name
         image, file.image = file.image, None
+        file.taken = True
         try:
             return image or read_for_import(path)
         except MissingPathError as error:

@@ -16,6 +16,8 @@ _LEAST_PACE_S: Final = 0.5
 # How far an interval may lie from a whole number of paces for a series to count as regular.
 _SLACK: Final = 0.3
 _GAP: Final = 1.5
+# How many later files may show that one was not taken late but only written late.
+_LOOK_AHEAD: Final = 3
 # Cameras note whole seconds: a pace below this cannot be told from them.
 _CLOCK_PACE_S: Final = 3.0
 # Running numbers have four digits: those near the end come before those near the beginning.
@@ -186,8 +188,9 @@ def match_shots(
     given = set(known.values())
     before: Arrival | None = None
     last = -1
-    for arrival in arrivals:
-        steps = 1 if before is None or not gaps else _steps(before, arrival, pace)
+    for place, arrival in enumerate(arrivals):
+        later = arrivals[place + 1 : place + 1 + _LOOK_AHEAD]
+        steps = 1 if before is None or not gaps else _steps(before, arrival, later, pace)
         index = known.get(arrival.name, last + steps)
         if arrival.name not in known:
             if index >= count or index in given:
@@ -201,10 +204,22 @@ def match_shots(
     return Match(shots, tuple(told), tuple(unused))
 
 
-def _steps(before: Arrival, arrival: Arrival, pace: Pace | None) -> int:
+def ends_with_gap(arrivals: Sequence[Arrival], pace: Pace) -> bool:
+    """Tell whether a gap lies before the last file that later files may yet show to be none."""
+    return len(arrivals) > 1 and _steps(arrivals[-2], arrivals[-1], (), pace) > 1
+
+
+def _steps(before: Arrival, arrival: Arrival, later: Sequence[Arrival], pace: Pace | None) -> int:
+    """Return how many shots a file lies after another: 1 where none is missing between.
+
+    A file that was held up on its way, or written anew, has a late time. Those after it then come
+    too early for the gap before it to be one.
+    """
     if pace is not None:
-        paces = pace.between(before, arrival) / pace.interval_s
-        return round(paces) if paces > _GAP else 1
+        paces = [pace.between(before, other) / pace.interval_s for other in (arrival, *later)]
+        if paces[0] <= _GAP:
+            return 1
+        return max(1, min(round(after) - behind for behind, after in enumerate(paces)))
     one, other = before.number, arrival.number
     if one is None or other is None or one[0] != other[0]:
         return 1

@@ -38,7 +38,6 @@ def meter(
     plan: CapturePlan,
     goal: MeteringGoal | None = None,
     *,
-    white_level_dn: float | None = None,
     on_light: OnLight | None = None,
 ) -> Metered:
     """Choose the exposures of a plan by trying them on what lies under the camera now.
@@ -52,8 +51,6 @@ def meter(
         Its ``max_clipped_fraction`` holds where it is less than the goal's.
     goal
         How bright frames are to be; default the 99.5th percentile at 0.7 of full scale.
-    white_level_dn
-        Grey value from which a sample is clipped; default the greatest of the camera's bits.
     on_light
         Called for each LED with what was found, how many are done, and how many there are.
 
@@ -72,7 +69,7 @@ def meter(
     goal = goal or MeteringGoal()
     if plan.max_clipped_fraction < goal.max_clipped_fraction:
         goal = MeteringGoal(**{**asdict(goal), "max_clipped_fraction": plan.max_clipped_fraction})
-    trial = _Trial(rig, plan.gain_db, goal, white_level_dn)
+    trial = _Trial(rig, plan.gain_db, goal)
     lights = []
     for led in plan.leds:
         lights.append(trial.light(led))
@@ -110,9 +107,7 @@ def meter(
 class _Trial:
     """Takes trial shots and judges them."""
 
-    def __init__(
-        self, rig: Rig, gain_db: float, goal: MeteringGoal, white_level_dn: float | None
-    ) -> None:
+    def __init__(self, rig: Rig, gain_db: float, goal: MeteringGoal) -> None:
         info = rig.camera.info
         self._rig = rig
         self._gain_db = gain_db
@@ -120,7 +115,7 @@ class _Trial:
         self._low_us = info.exposure_min_us
         hold_us = _SHARE_OF_HOLD * rig.board.identity.max_hold_ms * 1000
         self.high_us = max(min(info.exposure_max_us, goal.longest_us, hold_us), self._low_us)
-        self.white_dn = float(2**info.bit_depth - 1 if white_level_dn is None else white_level_dn)
+        self.white_dn = float(2**info.bit_depth - 1)
         # The shortest exposure sees neither room light nor dark current: what is left is black.
         unlit = rig.shoot(None, self._low_us, gain_db).frame
         self.black_dn = float(np.median(unlit.pixels))

@@ -6,9 +6,8 @@ alpha and invent a date; this module is the only place that has to know.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.png_chunks import SIGNATURE, check_png
 from acquisition._pixels.raw import is_raw
-from acquisition._storage import disk, part_path
+from acquisition._storage import disk, library_path, published
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
@@ -56,18 +55,33 @@ def read_image(path: str | Path) -> Image:
         If it is a folder, empty, not an image, cut short or damaged, or holds samples or channels
         that are not the above.
     """
+    return read_image_with_alpha(path)[0]
+
+
+def read_image_with_alpha(path: str | Path) -> tuple[Image, Image | None]:
+    """Read an image as `read_image` does, and its alpha beside it.
+
+    Returns
+    -------
+    tuple[Image, Image | None]
+        What `read_image` returns, and alpha ``(H, W)`` of the same type, or None where there is
+        none. Both are as stored: whether the file's colours are multiplied by alpha is not known.
+    """
     path = Path(path)
     _check_png_file(path)
     with _opened(path) as (file, channels, dtype):
-        pixels = file.read_image(0, 0, 0, file.spec().nchannels, file.spec().format.basetype)
+        spec = file.spec()
+        pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
+        alpha_channel = spec.alpha_channel
         # JPEG returns pixels from a file cut short, and only the message tells.
         message = file.geterror()
     if pixels is None or message:
         raise DataError(f"{path}: cut short or damaged ({_line(message)}): copy it again")
+    pixels = pixels.astype(dtype, copy=False)
+    alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
     if channels != list(range(pixels.shape[2])):  # picking copies, and most files need none
         pixels = pixels[..., channels]
-    chosen = pixels.astype(dtype, copy=False)
-    return np.ascontiguousarray(chosen[..., 0] if len(channels) == 1 else chosen)
+    return np.ascontiguousarray(pixels[..., 0] if len(channels) == 1 else pixels), alpha
 
 
 def image_form(path: str | Path) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
@@ -126,7 +140,7 @@ def _opened(path: Path) -> Iterator[tuple[oiio.ImageInput, list[int], type[np.ge
         raise DataError(f"{path}: camera RAW has no picture of its own: read it as RAW")
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
-    file = oiio.ImageInput.open(str(path), hints)
+    file = oiio.ImageInput.open(library_path(path), hints)
     if file is None:
         raise DataError(f"{path}: not a readable image ({_line(oiio.geterror())})")
     try:
@@ -183,19 +197,13 @@ def _write(
     spec.attribute("compression", compression)
     spec.attribute("png:compressionLevel", 1)  # half the time of the default, the same size
     spec.attribute("DateTime", "")  # otherwise the clock goes into the file
-    part = part_path(path)
-    try:
+    with published(path) as part:
         with disk(path, "write"):
             part.touch()  # the library gives no reason when it cannot
         _encode(part, array, spec, kind, path)
         # All three encoders can report success on a full disk.
         if not _holds(part, array):
             raise StorageError(f"{path}: written incompletely: check the disk")
-        with disk(path, "write"):
-            os.replace(part, path)
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def _encode(
@@ -204,7 +212,7 @@ def _encode(
     file = oiio.ImageOutput.create(kind)
     if file is None:
         raise StorageError(f"{path}: no writer for {kind} in this OpenImageIO: install another")
-    done = file.open(str(part), spec)
+    done = file.open(library_path(part), spec)
     done = done and file.write_image(array)
     message = file.geterror()
     # After close a TIFF that is right may leave a message about Exif: only the results count.

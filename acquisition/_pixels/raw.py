@@ -11,6 +11,7 @@ import numpy.typing as npt
 import rawpy
 
 from acquisition._errors import DataError, MissingPathError
+from acquisition._storage import library_path
 from acquisition._suffixes import RAW_SUFFIXES
 
 
@@ -71,7 +72,7 @@ def read_raw(path: str | Path) -> RawFrame:
     if not path.is_file():  # a pipe or a device, which may never end
         raise DataError(f"{path}: not a regular file: put the image itself there")
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(library_path(path)) as raw:
             if raw.raw_type != rawpy.RawType.Flat or raw.raw_pattern is None:
                 raise DataError(
                     f"{path}: this RAW holds no colour filter mosaic: convert it to 16-bit TIFF"
@@ -106,7 +107,7 @@ def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | 
     What is not known is None. A DataError names a file that is no RAW.
     """
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(library_path(path)) as raw:
             return _told(raw)
     except rawpy.LibRawError as error:
         raise DataError(f"{path}: {_reason(error)}") from error

@@ -30,7 +30,7 @@ class PlanEstimate:
 
 
 def estimate_plan(
-    plan: CapturePlan, *, width: int, height: int, channels: int = 1, frame_s: float = 0.0
+    plan: CapturePlan, *, width: int, height: int, frame_s: float = 0.0
 ) -> PlanEstimate:
     """Work out what a plan costs without retakes.
 
@@ -38,17 +38,17 @@ def estimate_plan(
     ----------
     plan
         The plan.
-    width, height, channels
-        Of a frame of 16-bit samples.
+    width, height
+        Of a frame of 16-bit samples, pixels.
     frame_s
-        What a frame takes beside its exposure: settling, readout, commands.
+        What a frame takes beside its exposure, seconds: settling, readout, commands.
     """
     shots = plan.shots()
     exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6
-    size = len(shots) * frame_bytes(width, height, channels)
+    size = len(shots) * frame_bytes(width, height)
     return PlanEstimate(len(shots), exposure_s, exposure_s + len(shots) * frame_s, size)
 
 
-def frame_bytes(width: int, height: int, channels: int = 1) -> int:
-    """Bytes of a frame of 16-bit samples, uncompressed."""
-    return 2 * width * height * channels
+def frame_bytes(width: int, height: int) -> int:
+    """Bytes of a frame of 16-bit samples, uncompressed; cameras deliver grey or mosaics."""
+    return 2 * width * height

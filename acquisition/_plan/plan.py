@@ -18,9 +18,7 @@ from pydantic import (
 )
 
 from acquisition._errors import DataError
-from acquisition._plan.planned_shot import PlannedShot as PlannedShot
-from acquisition._plan.planned_shot import Role as Role
-from acquisition._plan.planned_shot import ShotKey as ShotKey
+from acquisition._plan.planned_shot import PlannedShot, Role
 from acquisition._toml import read_toml, validated
 
 
@@ -146,13 +144,13 @@ class CapturePlan(BaseModel):
         for led in self.leds:
             if led >= led_count:
                 raise DataError(
-                    f"plan: LED {led} does not exist, the board has 0 to {led_count - 1}; "
-                    "correct leds in the plan"
+                    f"the plan's LED {led} does not exist, the board has 0 to {led_count - 1}; "
+                    "correct leds"
                 )
         dead = sorted(set(self.leds) & set(dead_leds))
         if dead:
             raise DataError(
-                f"plan: LED {dead[0]} is marked dead in the rig file; leave it out of leds"
+                f"the plan's LED {dead[0]} is marked dead in the rig file; leave it out of leds"
             )
 
     def without(self, dead_leds: Iterable[int]) -> tuple[CapturePlan, tuple[int, ...]]:

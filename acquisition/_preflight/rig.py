@@ -51,7 +51,11 @@ def check_board(rig: Rig, plan: CapturePlan) -> Check:
 
 
 def check_camera(rig: Rig, plan: CapturePlan) -> Check:
-    """Check that the camera takes the plan's exposures and gain, and says so in its frames."""
+    """Check that the camera takes the plan's exposures and gain, and says so in its frames.
+
+    What it did to its pictures by itself was turned off and read back when it was opened; that is
+    told, with the names of what was on: such a camera was set up by something else before.
+    """
     info = rig.camera.info
     who = f"{info.vendor} {info.model} {info.serial}".strip()
     values: dict[str, float | int | str | None] = {
@@ -59,6 +63,7 @@ def check_camera(rig: Rig, plan: CapturePlan) -> Check:
         "width": info.width,
         "height": info.height,
         "pixel_format": info.pixel_format,
+        "turned_off": ", ".join(info.turned_off),
     }
     exposures = plan.distinct_exposures_us
     for exposure_us in exposures:
@@ -76,11 +81,12 @@ def check_camera(rig: Rig, plan: CapturePlan) -> Check:
             off.append(f"{frame.exposure_us:g} us instead of {exposure_us:g} us")
         if abs(frame.gain_db - plan.gain_db) > 0.1:
             off.append(f"a gain of {frame.gain_db:g} dB instead of {plan.gain_db:g} dB")
-    text = f"{who}, {info.width} x {info.height}, {info.pixel_format}"
+    turned_off = f" (on when it was opened: {values['turned_off']})" if info.turned_off else ""
+    text = f"{who}, {info.width} x {info.height}, {info.pixel_format}, automatics off{turned_off}"
     if off:
         text += f": took {', '.join(sorted(set(off)))}: plan what the camera can"
         return Check("camera", "warning", text, values)
-    return Check("camera", "ok", f"{text}", values)
+    return Check("camera", "ok", text, values)
 
 
 def check_brightness(rig: Rig, plan: CapturePlan) -> Check:

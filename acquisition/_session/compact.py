@@ -5,37 +5,32 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._errors import DataError, StorageError
 from acquisition._pixels.compact_tiff import deflate_tiff
 from acquisition._pixels.images import read_image
-from acquisition._session.frame import SessionFrame
-from acquisition._session.journal import EventLine, Journal
-from acquisition._session.journal_file import Clock, JournalFile
-from acquisition._session.session import (
+from acquisition._session.journal import COMPACTED, REOPENED, EventLine, Journal
+from acquisition._session.journal_file import JournalFile, utc_now
+from acquisition._session.layout import (
     ASIDE,
-    COMPACTED,
     COMPLETE,
     FRAMES,
     JOURNAL,
-    Session,
     completion_mark,
-    examine,
     leaves,
 )
+from acquisition._session.lock import lock_session
+from acquisition._session.session import Session, examine
+from acquisition._session.session_frame import SessionFrame
 from acquisition._software import software_version
 from acquisition._storage import (
     disk,
-    lock_folder,
     make_folder,
-    part_path,
-    publish,
+    published,
     read_file,
     sha256_of,
     sync_folder,
@@ -69,15 +64,10 @@ class Compaction:
     complete: bool
 
 
-def _now() -> datetime:
-    return datetime.now(UTC)
-
-
 def compact_session(
     folder: str | Path,
     *,
     on_frame: Callable[[SessionFrame, int, int], None] | None = None,
-    clock: Clock = _now,
 ) -> Compaction:
     """Store the frames of a session anew as compressed TIFF, pixel for pixel the same.
 
@@ -93,8 +83,6 @@ def compact_session(
         The session, complete or not.
     on_frame
         Called after each frame with it, how many are done, and how many there are.
-    clock
-        Gives the time of each line.
 
     Returns
     -------
@@ -112,25 +100,18 @@ def compact_session(
         whole in either case.
     """
     folder = Path(folder)
-    if not folder.exists():
-        raise MissingPathError(f"{folder}: no such folder")
-    if not folder.is_dir():
-        raise DataError(f"{folder}: is not a session: it is a file")
-    lock = lock_folder(folder)
+    lock = lock_session(folder)
     try:
         found = examine(folder)
-        if found.session is None or found.problems:
-            raise DataError(found.problems[0])
-        return _Compactor(folder, found.journal, found.session, clock).run(on_frame)
+        return _Compactor(folder, found.journal, found.sound()).run(on_frame)
     finally:
         os.close(lock)
 
 
 class _Compactor:
-    def __init__(self, folder: Path, journal: Journal, session: Session, clock: Clock) -> None:
+    def __init__(self, folder: Path, journal: Journal, session: Session) -> None:
         self._folder = folder
         self._found = journal
-        self._clock = clock
         self._complete = session.complete or (
             not session.missing and _was_complete(folder, journal)
         )
@@ -180,19 +161,13 @@ class _Compactor:
         if len(data) >= frame.bytes:
             return None
         new = self._free_path(frame.path)
-        part = part_path(new)
-        try:
+        with published(new) as part:
             with disk(new, "write"):
                 part.write_bytes(data)
             # What counts is that the reader gives the pixels back, not that the writer meant to.
             if not np.array_equal(read_image(part), pixels):
                 raise StorageError(f"{new}: does not read back as written: check the disk")
             self._open_journal()
-            publish(part, new)
-        except BaseException:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise
         details = {
             "frame_seq": frame.line.seq,
             "file": f"{FRAMES}/{new.name}",
@@ -237,9 +212,7 @@ class _Compactor:
                 mark.unlink()
                 sync_folder(self._folder)
         details = {"software_version": software_version(), "unrecorded": []}
-        self._journal = JournalFile.resume(
-            self._folder / JOURNAL, self._found, self._clock, details
-        )
+        self._journal = JournalFile.resume(self._folder / JOURNAL, self._found, utc_now, details)
         return self._journal
 
     def _finish(self) -> None:
@@ -291,7 +264,7 @@ def _was_complete(folder: Path, journal: Journal) -> bool:
         digest.update(piece)
         if mark.startswith(digest.hexdigest().encode("ascii")):
             return all(
-                isinstance(line, EventLine) and line.event in (COMPACTED, "reopened")
+                isinstance(line, EventLine) and line.event in (COMPACTED, REOPENED)
                 for line in journal.lines[number:]
             )
     return False

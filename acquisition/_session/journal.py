@@ -15,12 +15,15 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 
-from acquisition._plan.plan import Role, ShotKey
+from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
 from rig import first_complaint
 
 GENESIS = "0" * 64
+# Events that readers act on.
+COMPACTED = "compacted"
 LEFT_OUT = "left_out"
+REOPENED = "reopened"
 
 _SEAL = re.compile(rb'(.*),"line_sha256":"([0-9a-f]{64})"\}', re.DOTALL)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from acquisition._errors import DataError, StorageError
 from acquisition._session.journal import (
     GENESIS,
+    REOPENED,
     EventLine,
     Journal,
     Line,
@@ -20,11 +21,16 @@ from acquisition._session.journal import (
     encode_line,
     parse_journal,
 )
-from acquisition._storage import append_durably, disk, read_file, write_durably
+from acquisition._storage import append_durably, disk, open_binary, read_file, write_durably
 from rig import first_complaint
 
 Clock = Callable[[], datetime]
 AnyLine = TypeVar("AnyLine", bound=Line)
+
+
+def utc_now() -> datetime:
+    """Return the time; it is for people, the order of lines is that of their numbers."""
+    return datetime.now(UTC)
 
 
 class JournalFile:
@@ -59,7 +65,7 @@ class JournalFile:
         """
         file = cls(path, clock)
         file._seq, file._previous = len(found.lines), found.last_sha256
-        values = {"event": "reopened", "details": {**details, "torn": found.torn.decode("latin-1")}}
+        values = {"event": REOPENED, "details": {**details, "torn": found.torn.decode("latin-1")}}
         _, sealed, own = file._seal(EventLine, values)
         write_durably(path, found.text + sealed)
         file._open(own)
@@ -127,7 +133,7 @@ class JournalFile:
 
     def _open(self, own: str) -> None:
         with disk(self.path, "open"):
-            self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+            self._descriptor = open_binary(self.path, os.O_WRONLY | os.O_APPEND)
         self._seq, self._previous = self._seq + 1, own
 
 

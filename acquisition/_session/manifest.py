@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-import numpy as np
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import AwareDatetime, Field, JsonValue, model_validator
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.value_records import (
+    CameraModelRecord,
+    LightsRecord,
+    SensorRecord,
+    Size,
+    Table,
+)
 from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
 from acquisition._values.camera_model import CameraModel
@@ -33,23 +38,17 @@ _ADDED: Final = {
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
 
-_Size = Annotated[int, Field(ge=1)]
 _Index = Annotated[int, Field(ge=0)]
-_Vector = tuple[float, float, float]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class SoftwareRecord(_Table):
+class SoftwareRecord(Table):
     """The program that wrote the session."""
 
     name: str = SOFTWARE
     version: str = Field(default_factory=software_version)
 
 
-class RigRecord(_Table):
+class RigRecord(Table):
     """The rig: name and driver of the rig file, and how its board identified itself.
 
     ``mounting`` is how the camera was mounted, where its frames do not stand upright; ``dead_leds``
@@ -62,14 +61,14 @@ class RigRecord(_Table):
     board: str
     protocol: str
     firmware: str
-    leds: _Size
+    leds: Size
     mounting: Mounting | None = None
     dead_leds: tuple[_Index, ...] = ()
     trigger: Literal["software", "board"] = "software"
     options: dict[str, JsonValue] | None = None
 
 
-class CameraRecord(_Table):
+class CameraRecord(Table):
     """The camera as a device, and the frames it delivers.
 
     ``bit_depth`` counts the significant low bits of each 16-bit sample. ``cfa`` names the colours
@@ -77,8 +76,8 @@ class CameraRecord(_Table):
     (grey or mosaic) or 3 (RGB). Absent levels: black 0, white ``2 ** bit_depth - 1``.
     """
 
-    width: _Size
-    height: _Size
+    width: Size
+    height: Size
     channels: Literal[1, 3] = 1
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     pixel_format: str = ""
@@ -109,90 +108,7 @@ class CameraRecord(_Table):
         return self
 
 
-class SensorRecord(_Table):
-    """A `NoiseModel`, written out; what is left out has the model's default."""
-
-    electrons_per_dn: float
-    read_noise_e: float
-    black_level_dn: float
-    bit_depth: int
-    quantum_efficiency: float | None = None
-    full_well_e: float | None = None
-    dark_current_e_per_s: float | None = None
-    dsnu_e: float | None = None
-    prnu: float | None = None
-    hot_pixel_fraction: float | None = None
-    hot_pixel_e_per_s: float | None = None
-
-    @classmethod
-    def of(cls, sensor: NoiseModel) -> SensorRecord:
-        """Write out a sensor."""
-        values = {item.name: (getattr(sensor, item.name), item.default) for item in fields(sensor)}
-        return cls.model_validate(
-            {name: value for name, (value, default) in values.items() if value != default}
-        )
-
-    def value(self) -> NoiseModel:
-        """Return the sensor; raises DataError where the numbers make none."""
-        return NoiseModel(**self.model_dump(exclude_none=True))
-
-
-class CameraModelRecord(_Table):
-    """A `CameraModel`, written out."""
-
-    K: tuple[_Vector, _Vector, _Vector]
-    distortion: tuple[float, ...]
-    width: _Size
-    height: _Size
-    working_distance_mm: float | None = None
-
-    @classmethod
-    def of(cls, camera: CameraModel) -> CameraModelRecord:
-        """Write out a camera model."""
-        return cls(
-            K=camera.K.tolist(),
-            distortion=camera.distortion.tolist(),
-            width=camera.width,
-            height=camera.height,
-            working_distance_mm=camera.working_distance_mm,
-        )
-
-    def value(self) -> CameraModel:
-        """Return the camera model; raises DataError where the numbers make none."""
-        return CameraModel(
-            np.array(self.K),
-            self.width,
-            self.height,
-            self.working_distance_mm,
-            np.array(self.distortion),
-        )
-
-
-class LightsRecord(_Table):
-    """`Lights`, written out: one row per light, either directions or positions."""
-
-    ids: tuple[str, ...]
-    directions: tuple[_Vector, ...] | None = None
-    positions_mm: tuple[_Vector, ...] | None = None
-    intensities: tuple[_Vector, ...]
-    axes: tuple[_Vector, ...]
-    mu: tuple[float, ...]
-
-    @classmethod
-    def of(cls, lights: Lights) -> LightsRecord:
-        """Write out lights."""
-        columns = ("directions", "positions_mm", "intensities", "axes", "mu")
-        arrays = {name: getattr(lights, name) for name in columns}
-        rows = {name: array.tolist() for name, array in arrays.items() if array is not None}
-        return cls(ids=lights.ids, **rows)
-
-    def value(self) -> Lights:
-        """Return the lights; raises DataError where the numbers make none."""
-        columns = self.model_dump(exclude={"ids"}, exclude_none=True)
-        return Lights(ids=self.ids, **{name: np.array(rows) for name, rows in columns.items()})
-
-
-class Manifest(_Table):
+class Manifest(Table):
     """What ``session.toml`` holds.
 
     Sessions of version 1 have the defaults of what version 2 added.

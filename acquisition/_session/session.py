@@ -6,31 +6,25 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from acquisition._errors import DataError, MissingPathError
-from acquisition._plan.plan import PlannedShot
-from acquisition._session.frame import SessionFrame
-from acquisition._session.journal import EventLine, FrameLine, Journal, StartLine, parse_journal
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
+from acquisition._session.layout import (
+    ASIDE,
+    COMPLETE,
+    FRAMES,
+    JOURNAL,
+    MANIFEST,
+    completion_mark,
+    is_session,
+)
 from acquisition._session.manifest import Manifest, parse_manifest
+from acquisition._session.recorded import recorded_frames
+from acquisition._session.session_frame import SessionFrame
 from acquisition._storage import is_part, read_file, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-
-MANIFEST = "session.toml"
-JOURNAL = "journal.jsonl"
-COMPLETE = "COMPLETE"
-FRAMES = "frames"
-DERIVED = "derived"
-# Not part of the recording, but read with it.
-MASK = f"{DERIVED}/mask.png"
-TRUE_MASK = f"{DERIVED}/truth/mask.png"
-TRUE_NORMALS = f"{DERIVED}/truth/normals.exr"
-COMPACTED = "compacted"
-# COMPLETE as it was before a compaction that has not ended: it tells a complete session whose
-# compaction was cut off from a recording that never came to its end.
-ASIDE = f"{DERIVED}/{COMPLETE}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +74,7 @@ class Session:
         DataError
             If it is no session, of another format version, or damaged.
         """
-        found = examine(Path(folder))
-        if found.session is None or found.problems:
-            raise DataError(found.problems[0])
-        return found.session
+        return examine(Path(folder)).sound()
 
     @property
     def camera_model(self) -> CameraModel | None:
@@ -117,10 +108,11 @@ class Examination:
     toml_sha256: str
     problems: tuple[str, ...]
 
-
-def is_session(folder: Path) -> bool:
-    """Tell a session from other folders."""
-    return (folder / MANIFEST).is_file() or (folder / JOURNAL).is_file()
+    def sound(self) -> Session:
+        """Return the session, or raise its first problem as a DataError."""
+        if self.session is None or self.problems:
+            raise DataError(self.problems[0])
+        return self.session
 
 
 def examine(folder: Path) -> Examination:
@@ -140,14 +132,6 @@ def examine(folder: Path) -> Examination:
         raise DataError(f"{where}: cannot be read: {error.strerror}; check the disk") from error
 
 
-def leaves(path: Path, folder: Path) -> bool:
-    """Tell whether a path leads out of a folder, links followed."""
-    try:
-        return not path.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # links in a circle
-        return True
-
-
 def _examine(folder: Path) -> Examination:
     if not folder.exists():
         raise MissingPathError(f"{folder}: no such folder")
@@ -162,7 +146,7 @@ def _examine(folder: Path) -> Examination:
     complete = _completion(folder, data, journal, problems, warnings)
     if manifest is None:
         return Examination(None, journal, toml_sha256, tuple(problems))
-    recorded = _recorded(folder, manifest, journal, problems)
+    recorded = recorded_frames(folder, manifest, journal, problems)
     counted = {frame.line.key: frame for frame in recorded if frame.line.status == "ok"}
     planned = manifest.plan.shots() if manifest.plan is not None else ()
     if manifest.plan is not None:
@@ -263,57 +247,7 @@ def _completion(
     return True
 
 
-def completion_mark(journal: bytes) -> bytes:
-    """Return what COMPLETE must hold; the form is that of sha256sum."""
-    return f"{sha256_of(journal)}  {JOURNAL}\n".encode("ascii")
-
-
 def _names(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder that are not rests of unfinished writes, if it exists."""
     if folder.is_dir():
         yield from sorted(path for path in folder.iterdir() if not is_part(path))
-
-
-def _recorded(
-    folder: Path, manifest: Manifest, journal: Journal, problems: list[str]
-) -> tuple[SessionFrame, ...]:
-    frames: dict[int, SessionFrame] = {}
-    for line in journal.lines:
-        if isinstance(line, FrameLine):
-            facts = (line.file, line.bytes, line.file_sha256)
-            seq, of = line.seq, line
-        elif isinstance(line, EventLine) and line.event == COMPACTED:
-            compacted = _compacted(line, frames)
-            if compacted is None:
-                problems.append(f"{folder / JOURNAL}: line {line.seq + 1} compacts no frame")
-                continue
-            seq, facts = compacted
-            of = frames[seq].line
-        else:
-            continue
-        path = folder / facts[0]
-        if leaves(path, folder):
-            problems.append(f"{path}: is a link that leaves the session; put the file itself there")
-        frames[seq] = SessionFrame(path, of, facts[1], facts[2], manifest.camera.shape)
-    return tuple(frames.values())
-
-
-def _compacted(
-    line: EventLine, frames: dict[int, SessionFrame]
-) -> tuple[int, tuple[str, int, str]] | None:
-    """Return which frame an event compacted, and its file, size and hash since."""
-    details = line.details
-    seq = details.get("frame_seq")
-    if not isinstance(seq, int) or seq not in frames:
-        return None
-    known = frames[seq].line
-    try:
-        changed = {
-            "file": details["file"],
-            "bytes": details["bytes"],
-            "file_sha256": details["file_sha256"],
-        }
-        new = FrameLine.model_validate({**known.model_dump(), **changed})
-    except (KeyError, ValidationError):
-        return None
-    return seq, (new.file, new.bytes, new.file_sha256)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._errors import DataError
-from acquisition._session.frame import SessionFrame
 from acquisition._session.journal import FrameLine
-from acquisition._session.session import FRAMES, examine
+from acquisition._session.layout import FRAMES
+from acquisition._session.session import examine
+from acquisition._session.session_frame import SessionFrame
 from acquisition._storage import is_part, read_file, sha256_of
 
 
@@ -139,7 +140,8 @@ def _check_files(
         if path.name in known:
             continue
         if is_part(path):
-            warnings.append(f"{path}: is the rest of a write that never finished; it may go")
+            if not path.is_dir():
+                warnings.append(f"{path}: is the rest of a write that never finished; it may go")
         elif complete:
             problems.append(
                 f"{path}: is in no line of the journal; restore the journal if that is not whole"

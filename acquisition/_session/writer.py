@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -15,36 +14,22 @@ from typing import Any, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._pixels.quality import FrameQuality, measure_quality
-from acquisition._plan.plan import PlannedShot, ShotKey
-from acquisition._session.frame_file import store_frame
+from acquisition._errors import DataError, StorageError
+from acquisition._pixels.quality import FrameQuality
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.creation import begin
+from acquisition._session.frame_check import measure_frame
+from acquisition._session.frame_names import FrameNames
 from acquisition._session.journal import Echo, EventLine, FrameLine
-from acquisition._session.journal_file import AnyLine, Clock, JournalFile
+from acquisition._session.journal_file import AnyLine, Clock, JournalFile, utc_now
+from acquisition._session.layout import COMPLETE, FRAMES, completion_mark
 from acquisition._session.manifest import Manifest
-from acquisition._session.recovery import set_aside
-from acquisition._session.session import (
-    COMPLETE,
-    FRAMES,
-    JOURNAL,
-    MANIFEST,
-    completion_mark,
-    examine,
-)
-from acquisition._software import software_version
-from acquisition._storage import (
-    disk,
-    lock_folder,
-    make_folder,
-    part_path,
-    sha256_of,
-    write_durably,
-)
-from acquisition._toml import to_toml
-
-
-def _now() -> datetime:
-    return datetime.now(UTC)
+from acquisition._session.open_shots import OpenShots
+from acquisition._session.recovery import take_up
+from acquisition._session.session import Session, examine
+from acquisition._session.shared_use import SharedUse
+from acquisition._session.stored_frame import store_frame
+from acquisition._storage import write_durably
 
 
 class SessionWriter:
@@ -59,25 +44,28 @@ class SessionWriter:
     any more, and only then is the session free for others.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, journal: JournalFile, lock: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        manifest: Manifest,
+        journal: JournalFile,
+        lock: int,
+        begun: Session | None = None,
+    ) -> None:
         self.folder = folder
         self.manifest = manifest
         self._journal = journal
-        self._lock: int | None = lock
-        # Held while a line is written; the other one only while these are looked at or changed.
-        self._order = threading.Lock()
-        self._state = threading.Lock()
-        self._busy = 0
-        self._closed = False
+        self._lock = lock
+        self._use = SharedUse(folder, self._release)
+        self._order = threading.Lock()  # held while a line is written
         self._sound = True
-        shots = () if manifest.plan is None else manifest.plan.shots()
-        self._planned = {shot.key for shot in shots}
-        self._missing: dict[ShotKey, PlannedShot] = {shot.key: shot for shot in shots}
-        self._demanded = len(self._missing)
-        self._names: set[str] = set()
+        self._shots = OpenShots(manifest.plan, begun)
+        recorded = () if begun is None else begun.recorded
+        names = (Path(frame.line.file).name for frame in recorded)
+        self._names = FrameNames(folder / FRAMES, manifest.plan, names)
 
     @classmethod
-    def create(cls, folder: str | Path, manifest: Manifest, *, clock: Clock = _now) -> Self:
+    def create(cls, folder: str | Path, manifest: Manifest, *, clock: Clock = utc_now) -> Self:
         """Begin a session in a new or empty folder and take it for this process alone.
 
         Parameters
@@ -92,32 +80,15 @@ class SessionWriter:
         Raises
         ------
         DataError
-            If a text of the manifest is none.
+            If a text of the manifest is none, or the name of the folder.
         StorageError
             If the folder holds anything, another process records into it, or the disk refuses.
         """
-        folder = Path(folder)
-        data = to_toml(manifest)
-        make_folder(folder)
-        lock = lock_folder(folder)
-        try:
-            with disk(folder, "list the folder"):
-                found = sorted(path.name for path in folder.iterdir())
-            # The rest of a creation that was killed is no content.
-            if set(found) - {part_path(Path(MANIFEST)).name}:
-                raise StorageError(
-                    f"{folder}: is not empty (it holds {found[-1]}); choose a new folder"
-                )
-            write_durably(folder / MANIFEST, data)
-            make_folder(folder / FRAMES)
-            journal = JournalFile.begin(folder / JOURNAL, sha256_of(data), clock)
-        except BaseException:
-            os.close(lock)
-            raise
-        return cls(folder, manifest, journal, lock)
+        journal, lock = begin(Path(folder), manifest, clock)
+        return cls(Path(folder), manifest, journal, lock)
 
     @classmethod
-    def reopen(cls, folder: str | Path, *, clock: Clock = _now) -> Self:
+    def reopen(cls, folder: str | Path) -> Self:
         """Go on with a session that was interrupted, and take it for this process alone.
 
         Recovery loses nothing that was whole: a torn last line is moved into a ``reopened`` event,
@@ -133,47 +104,18 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        folder = Path(folder)
-        if not folder.exists():
-            raise MissingPathError(f"{folder}: no such folder")
-        if not folder.is_dir():
-            raise DataError(f"{folder}: is not a session: it is a file")
-        lock = lock_folder(folder)
-        try:
-            found = examine(folder)
-            session = found.session
-            if session is None or found.problems:
-                raise DataError(found.problems[0])
-            if session.complete:
-                raise DataError(f"{folder}: is complete; record into a new folder")
-            session.manifest.check_current(folder)
-            aside = set_aside(folder, {frame.path.name for frame in session.recorded})
-            path = folder / JOURNAL
-            if found.journal.lines:
-                details = {"software_version": software_version(), "unrecorded": aside}
-                journal = JournalFile.resume(path, found.journal, clock, details)
-            else:
-                journal = JournalFile.begin(path, found.toml_sha256, clock)
-        except BaseException:
-            os.close(lock)
-            raise
-        writer = cls(folder, session.manifest, journal, lock)
-        writer._missing = {shot.key: shot for shot in session.missing}
-        writer._demanded -= len(session.left_out)
-        writer._names = {Path(frame.line.file).name for frame in session.recorded}
-        return writer
+        session, journal, lock = take_up(Path(folder))
+        return cls(session.folder, session.manifest, journal, lock, session)
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
         """Planned shots that are demanded and not recorded yet, in plan order."""
-        with self._state:
-            return tuple(self._missing.values())
+        return self._shots.missing
 
     @property
     def demanded(self) -> int:
         """How many shots there must be in the end: all of the plan, less those left out."""
-        with self._state:
-            return self._demanded
+        return self._shots.demanded
 
     def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
         """Measure a frame, and check that it is one of this session.
@@ -183,23 +125,9 @@ class SessionWriter:
         DataError
             If the pixels are not what the manifest states, or the shot is not in the plan.
         """
-        if self.manifest.plan is not None and shot.key not in self._planned:
+        if not self._shots.may_have(shot.key):
             raise DataError(f"{self.folder}: {shot.file} is not in the plan of this session")
-        camera = self.manifest.camera
-        if pixels.dtype != np.uint16 or pixels.shape != camera.shape:
-            raise DataError(
-                f"{self.folder}: {shot.file} has {pixels.dtype} pixels of shape {pixels.shape}; "
-                f"this session holds uint16 of {camera.shape}"
-            )
-        quality = measure_quality(
-            pixels, white_level_dn=camera.white_dn, black_level_dn=camera.black_level_dn
-        )
-        if quality.percentiles_dn["100"] >= 2**camera.bit_depth:
-            raise DataError(
-                f"{self.folder}: {shot.file} has a value of {quality.percentiles_dn['100']}, more "
-                f"than {camera.bit_depth} bits hold; set the camera to deliver low-aligned samples"
-            )
-        return quality
+        return measure_frame(pixels, self.manifest.camera, self.folder, shot.file)
 
     def write_frame(
         self,
@@ -273,7 +201,7 @@ class SessionWriter:
             "status": status,
             "origin": origin,
         }
-        with self._used(), self._name_for(shot) as path:
+        with self._used(), self._names.reserve(shot) as path:
             stored = store_frame(path, pixels)
             values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}
             before_line()
@@ -300,7 +228,7 @@ class SessionWriter:
         Raises
         ------
         DataError
-            If planned shots are missing.
+            If planned shots are missing, or a recorded frame is not there any more.
         StorageError
             If the disk refuses, or another program changed the journal.
         """
@@ -311,15 +239,14 @@ class SessionWriter:
                 f"{missing[0].file}; take them before completing"
             )
         with self._used(), self._order:
-            write_durably(self.folder / COMPLETE, completion_mark(self._journal.read_back()))
+            mark = completion_mark(self._journal.read_back())
+            self._check_files()
+            write_durably(self.folder / COMPLETE, mark)
         self.close()
 
     def close(self) -> None:
         """Let go of the session, complete or not; harmless when repeated. Waits for nobody."""
-        with self._state:
-            self._closed = True
-            if not self._busy:
-                self._release()
+        self._use.close()
 
     def __enter__(self) -> Self:
         return self
@@ -334,65 +261,32 @@ class SessionWriter:
 
     @contextmanager
     def _used(self) -> Iterator[None]:
-        """Keep the session's files open meanwhile."""
-        with self._state:
-            self._check_open()
+        """Keep the session's files open meanwhile, and refuse where no line could follow."""
+        with self._use.held():
             if not self._sound:
                 raise StorageError(
                     f"{self.folder}: an earlier line was cut short; reopen the session"
                 )
-            self._busy += 1
-        try:
             yield
-        finally:
-            with self._state:
-                self._busy -= 1
-                if self._closed and not self._busy:
-                    self._release()
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise StorageError(f"{self.folder}: is closed; reopen the session to go on")
 
     def _release(self) -> None:
         self._journal.close()
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
+        os.close(self._lock)
+
+    def _check_files(self) -> None:
+        """Tell of frames that were lost since, while the object may still lie under the camera."""
+        for frame in examine(self.folder).sound().recorded:
+            if not frame.has_its_size():
+                raise DataError(
+                    f"{frame.path}: is not there as it was recorded; restore it, then resume"
+                )
 
     def _append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
         with self._order:
-            self._check_open()
+            self._use.check_open()
             try:
                 line = self._journal.append(kind, values)
             finally:
                 self._sound = self._journal.sound
-        if isinstance(line, FrameLine) and line.status == "ok":
-            with self._state:
-                self._missing.pop(line.key, None)
-        elif isinstance(line, EventLine) and (dead := line.left_out):
-            with self._state:
-                for shot in [s for s in self._missing.values() if s.lit_led in dead]:
-                    del self._missing[shot.key]
-                    self._demanded -= 1
+        self._shots.note(line)
         return line
-
-    @contextmanager
-    def _name_for(self, shot: PlannedShot) -> Iterator[Path]:
-        """Reserve the file for the next take; numbers of planned repeats are kept for them."""
-        plan = self.manifest.plan
-        number, retake = shot.repeat, 1 if plan is None else max(plan.repeats, plan.flats)
-        with self._state:
-            while True:
-                path = self.folder / FRAMES / shot.take_file(number)
-                if path.name not in self._names and not path.exists():
-                    break
-                number, retake = retake, retake + 1
-            self._names.add(path.name)
-        try:
-            yield path
-        except BaseException:
-            # The file may be there by now, without a line; then it keeps its name.
-            with self._state:
-                self._names.discard(path.name)
-            raise

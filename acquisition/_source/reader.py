@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._session.session import is_session
+from acquisition._session.layout import is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.session import read_session

@@ -11,16 +11,9 @@ import numpy.typing as npt
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.mask_files import read_mask
-from acquisition._session.frame import SessionFrame
-from acquisition._session.session import (
-    COMPLETE,
-    JOURNAL,
-    MANIFEST,
-    MASK,
-    TRUE_MASK,
-    TRUE_NORMALS,
-    Session,
-)
+from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
+from acquisition._session.session import Session
+from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
 from rig import Mounting
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, read_image
-from acquisition._plan.plan import Role
+from acquisition._plan.planned_shot import Role
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 

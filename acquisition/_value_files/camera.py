@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from acquisition._errors import DataError
-from acquisition._session.manifest import CameraModelRecord
+from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._values.camera_model import CameraModel

@@ -38,6 +38,8 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
         "camera": camera.model_dump(),
         "lights": None if session.lights is None else len(session.lights),
     }
+    # Without a plan nothing says how many there should be.
+    missing = "" if manifest.plan is None else f"{len(session.missing)} missing, "
     told = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
     summary = [
         f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
@@ -47,8 +49,7 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
         f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
         f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
         + (f", colour filter {camera.cfa}" if camera.cfa else ""),
-        f"frames    {len(session.frames)}, {len(session.missing)} missing, "
-        f"{len(metrics['rejected'])} rejected",
+        f"frames    {len(session.frames)}, {missing}{len(metrics['rejected'])} rejected",
     ]
     if events:
         summary.append(f"events    {', '.join(f'{n} x {name}' for name, n in events.items())}")
@@ -59,7 +60,7 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
     return Result(
         outputs={"session": session.folder},
         metrics=metrics,
-        warnings=[*session.warnings, *warnings],
+        warnings=list(dict.fromkeys([*session.warnings, *warnings])),
         summary=summary,
     )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from acquisition import DataError, FrameLine, MissingPathError, Session
+from acquisition import DataError, FrameLine, MissingPathError, Session, SessionInUseError
 from sgp._console import note, progress
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
@@ -51,7 +51,7 @@ class CaptureTalk:
         trace: TracebackType | None,
     ) -> None:
         self._stack.close()
-        if error is not None:
+        if error is not None and not isinstance(error, SessionInUseError):
             self._tell_what_is_left(error)
 
     def on_frame(self, line: FrameLine, done: int, total: int) -> None:
@@ -106,5 +106,5 @@ class CaptureTalk:
             f"{self._out}: incomplete, {len(session.frames)} frames are whole, "
             f"{len(session.missing)} are missing; "
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
-            "`capture resume` takes what is missing"
+            f"`capture resume {self._out}` takes what is missing"
         )

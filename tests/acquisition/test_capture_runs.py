@@ -94,7 +94,15 @@ def _may_mount() -> bool:
 
 
 @pytest.mark.skipif(not _may_mount(), reason="this system allows no user namespace (unshare -rm)")
-@pytest.mark.parametrize("fault", ["disk full", "disk read-only"])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "disk full",
+        "disk read-only at first",
+        "disk read-only in the midst",
+        "disk read-only on resuming",
+    ],
+)
 def test_a_disk_that_fails_ends_dark_and_resumable(fault: str) -> None:
     assert f"{fault}: exit code 3" in run("capture_faults.py", "--only", fault)
 
@@ -121,7 +129,7 @@ def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.M
     class State:
         def close(self) -> None: ...
 
-    monkeypatch.setattr(capture_faults, "__file__", str(talk))
+    monkeypatch.setattr(capture_faults, "STRUCK", talk)
     monkeypatch.setattr(capture_faults, "open_state", lambda path: State())
     monkeypatch.setattr(capture_faults, "last_light_ns", lambda *_: int(state.read_text()))
     code, line, dark_s, unclear = capture_faults.run("none", "run", tmp_path)

@@ -26,7 +26,8 @@ from hypothesis import strategies as st
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.compact_tiff import deflate_tiff
 from acquisition._pixels.images import read_image
-from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session import compact as _compact
 from acquisition._session.compact import compact_session
 from acquisition._session.manifest import CameraRecord, Manifest

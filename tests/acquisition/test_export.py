@@ -23,10 +23,11 @@ from acquisition._export.export import Layout, prepare_export
 from acquisition._export.images import write_captioned_png
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_exr, write_png
-from acquisition._plan.plan import PlannedShot
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.compact import compact_session
-from acquisition._session.manifest import CameraModelRecord, LightsRecord, Manifest
+from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
+from acquisition._session.value_records import CameraModelRecord, LightsRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source

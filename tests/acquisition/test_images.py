@@ -20,7 +20,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._pixels.images import image_form, read_image, write_exr, write_png, write_tiff
+from acquisition._pixels.images import (
+    image_form,
+    read_image,
+    read_image_with_alpha,
+    write_exr,
+    write_png,
+    write_tiff,
+)
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -147,6 +154,23 @@ def test_bytes_laid_out_by_hand(
     assert pixels.flags.c_contiguous
     np.testing.assert_array_equal(pixels, expected)
     assert image_form(path) == (expected.shape, expected.dtype)
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        pytest.param(png(RGBA.reshape(4, -1), 8, 6), RGBA[..., 3], id="png RGB"),
+        pytest.param(png(GREY_ALPHA.reshape(4, -1), 8, 4), GREY_ALPHA[..., 1], id="png grey"),
+        pytest.param(png(RGB.reshape(4, -1), 8, 2), None, id="none"),
+    ],
+)
+def test_alpha_is_given_beside_the_colours(
+    tmp_path: Path, data: bytes, expected: np.ndarray | None
+) -> None:
+    (tmp_path / "a.png").write_bytes(data)
+    pixels, alpha = read_image_with_alpha(tmp_path / "a.png")
+    np.testing.assert_array_equal(pixels, read_image(tmp_path / "a.png"))
+    np.testing.assert_equal(alpha, expected)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._plan.plan import CapturePlan, PlannedShot, read_plan
+from acquisition._plan.plan import CapturePlan, read_plan
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._toml import to_toml
 
 

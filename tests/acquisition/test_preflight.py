@@ -7,6 +7,7 @@ import os
 import shutil
 import stat
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -29,12 +30,15 @@ from acquisition._preflight.images import (
     detail,
 )
 from acquisition._preflight.preflight import Preflight, preflight
+from acquisition._preflight.rig import check_camera
 from rig import BoardError, RigConfig
+from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import rig_for
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import scene_named
+from simulator.gentl import CompilerError, build
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
@@ -163,6 +167,40 @@ def test_an_exposure_beyond_the_camera_fails_and_what_needs_frames_is_not_done(
     assert states(flight)["disk"] == states(flight)["board"] == "ok"
     assert list(states(flight).values())[3:] == ["not done"] * 6
     assert not flight.ok
+
+
+@pytest.mark.parametrize(
+    ("automatics", "nodes", "said"),
+    [
+        pytest.param((), "", "automatics off", id="none-was-on"),
+        pytest.param(
+            ("gain", "gamma"),
+            "GainAuto, GammaEnable, Gamma",
+            "automatics off (on when it was opened: GainAuto, GammaEnable, Gamma)",
+            id="two-were-on",
+        ),
+    ],
+)
+def test_the_camera_s_automatics_are_told_as_off_and_which_were_on(
+    rendering: Rendering,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    automatics: tuple[str, ...],
+    nodes: str,
+    said: str,
+) -> None:
+    try:
+        build()
+    except CompilerError as error:
+        pytest.skip(str(error))
+    made = partial(_simulated_rig.GentlCamera, automatics=automatics)
+    monkeypatch.setattr(_simulated_rig, "GentlCamera", made)
+    plan = CapturePlan(leds=PLAN.leds, exposures_us=(1000.0,))
+    with rig_for(rendering, seed=2, camera="gentl") as rig:
+        check = check_camera(rig, plan)
+    assert check.state == "ok"
+    assert check.values["turned_off"] == nodes
+    assert check.text.endswith(said)
 
 
 def test_a_plan_for_another_board_fails(rendering: Rendering, tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ import pytest
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import import_frames, read_import
 from acquisition._import.image import read_for_import, read_shot_data
-from acquisition._import.watch import Watch, lights_in_order, watch_folder
+from acquisition._import.watch import watch_folder
+from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import read_image, write_png
 from acquisition._pixels.raw import is_raw, read_raw
 from acquisition._session.session import Session

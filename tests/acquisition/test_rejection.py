@@ -9,7 +9,7 @@ import pytest
 from acquisition._engine.rejection import is_lit, rejection
 from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, measure_quality
-from acquisition._plan.plan import PlannedShot
+from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
 
 SIZE = (480, 640)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition._errors import StorageError
+from acquisition._errors import DataError, StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
@@ -193,3 +194,66 @@ def test_a_frame_is_on_disk_under_its_name_before_its_line_is(
             ("rename", "COMPLETE"),
             ("fsync", folder.stat().st_ino),
         ]
+
+
+def interrupted(folder: Path) -> Path:
+    """Leave a session whose first frame was written and not recorded."""
+    with SessionWriter.create(folder, manifest()) as writer:
+        writer.write_frame(writer.missing[0], picture(0))
+    journal = folder / "journal.jsonl"
+    journal.write_bytes(journal.read_bytes()[:-30])
+    return folder
+
+
+def test_nothing_is_set_aside_outside_the_session(tmp_path: Path) -> None:
+    folder = interrupted(tmp_path / "s")
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    (folder / "derived").symlink_to(outside)
+    with pytest.raises(DataError, match="derived/unrecorded: is a link that leaves the session"):
+        SessionWriter.reopen(folder)
+    assert list(outside.iterdir()) == []
+    assert (folder / "frames" / "D_100us.tif").exists()
+
+
+def test_a_hidden_folder_among_the_frames_stops_nobody(tmp_path: Path) -> None:
+    """File managers and indexers leave such folders behind."""
+    folder = interrupted(tmp_path / "s")
+    (folder / "frames" / ".thumbnails").mkdir()
+    (folder / "frames" / ".thumbnails" / "a.png").write_bytes(b"small")
+    with SessionWriter.reopen(folder) as writer:
+        write_all(writer)
+        writer.complete()
+    assert (folder / "frames" / ".thumbnails" / "a.png").read_bytes() == b"small"
+    found = verify_session(folder)
+    assert (found.ok, found.complete, found.warnings) == (True, True, ())
+
+
+def lost(path: Path) -> None:
+    path.unlink()
+
+
+def shortened(path: Path) -> None:
+    os.truncate(path, 100)
+
+
+@pytest.mark.parametrize("harm", [lost, shortened])
+def test_a_recording_that_lost_a_frame_is_not_declared_complete(
+    tmp_path: Path, harm: Callable[[Path], None]
+) -> None:
+    """Disks that lie about their fsync lose files in a power cut; the operator is still there."""
+    folder = tmp_path / "s"
+    with SessionWriter.create(folder, manifest()) as writer:
+        first = writer.write_frame(writer.missing[0], picture(0))
+    kept = (folder / first.file).read_bytes()
+    harm(folder / first.file)
+    with SessionWriter.reopen(folder) as writer:
+        write_all(writer, 1)
+        with pytest.raises(DataError, match=r"D_100us\.tif: is not there as it was recorded"):
+            writer.complete()
+    assert not (folder / "COMPLETE").exists()
+    (folder / first.file).write_bytes(kept)
+    with SessionWriter.reopen(folder) as writer:
+        assert writer.missing == ()
+        writer.complete()
+    assert verify_session(folder).ok

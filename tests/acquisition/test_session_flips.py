@@ -10,9 +10,9 @@ import pytest
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.frame import SessionFrame
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
+from acquisition._session.session_frame import SessionFrame
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 

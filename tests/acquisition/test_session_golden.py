@@ -26,13 +26,13 @@ from acquisition._session.journal import Echo
 from acquisition._session.manifest import (
     FORMAT_VERSION,
     CameraRecord,
-    LightsRecord,
     Manifest,
     RigRecord,
     SoftwareRecord,
     parse_manifest,
 )
 from acquisition._session.session import Session
+from acquisition._session.value_records import LightsRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights

@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition._plan.plan import CapturePlan, PlannedShot
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, NoiseModel
-from acquisition._session.manifest import SensorRecord
+from acquisition._session.value_records import SensorRecord
 from acquisition._toml import to_toml
 
 

@@ -16,7 +16,8 @@ import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._import import watch_files as _watch_files
-from acquisition._import.watch import Watch, WatchResult, lights_in_order, watch_folder
+from acquisition._import.watch import WatchResult, watch_folder
+from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import write_exr, write_png, write_tiff
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.manifest import Manifest
@@ -112,6 +113,59 @@ def test_a_gap_in_time_leaves_a_hole_and_is_told(folder: Path, out: Path) -> Non
     assert recorded(out)[3] == "L03_E0.png"
     assert recorded(out)[4] == "IMG_0003.png"
     assert verify_session(out).ok
+
+
+def test_an_image_after_a_gap_waits_for_the_next_which_may_show_it_was_only_late(
+    folder: Path, out: Path
+) -> None:
+    for number in range(6):
+        shoot(folder, number, float(number))
+    shoot(folder, 6, 7.1)  # as late as if one were missing
+    told: list[str] = []
+
+    def tell(line: str) -> None:
+        told.append(line)
+        if line == "IMG_0005.png is L05_E0":
+            shoot(folder, 7, 7.3)
+
+    result = watch_folder(watch(folder, timeout_s=5.0), out, tell=tell)
+    assert result.session.complete
+    assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
+    assert not any("missing" in line for line in told)
+
+
+def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) -> None:
+    for number in range(6):
+        shoot(folder, number, 0.6 * number)
+    shoot(folder, 7, 0.6 * 7)
+    began_s = time.monotonic()
+    told_s: dict[str, float] = {}
+    result = watch_folder(
+        watch(folder, timeout_s=3.0),
+        out,
+        tell=lambda line: told_s.setdefault(line, time.monotonic() - began_s),
+    )
+    assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
+    assert 1.2 <= told_s["IMG_0007.png is L07_E0"] < 2.5
+
+
+def test_an_image_written_anew_moves_no_other_and_is_told(folder: Path, out: Path) -> None:
+    for number in range(6):
+        shoot(folder, number, 2.0 * number)
+
+    def tell(line: str) -> None:
+        told.append(line)
+        if line == "IMG_0005.png is L05_E0":
+            write_png(folder / "IMG_0002.png", picture(99))  # the time of now
+            shoot(folder, 7, 14.0)
+
+    told: list[str] = []
+    result = watch_folder(watch(folder), out, tell=tell)
+    assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in (0, 1, 2, 3, 4, 5, 7)}
+    assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
+    anew = "IMG_0002.png: was written anew after it was recorded; the session holds what it was"
+    assert told.count(anew) == 1
+    assert not any("no steady pace" in line for line in told)
 
 
 def test_images_taken_by_hand_are_matched_by_number_and_that_is_told(

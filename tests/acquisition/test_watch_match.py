@@ -31,6 +31,18 @@ def matched(arrivals: list[Arrival], count: int = 36, interval_s: float | None =
         pytest.param([0, 4, 6, 8, 10, 12], None, [0, 2, 3, 4, 5, 6], id="second-missing"),
         pytest.param([0, 2, 4, 6, 8, 10, 14.4], None, [0, 1, 2, 3, 4, 5, 7], id="late-gap"),
         pytest.param([0, 2, 4, 6, 8, 10, 12.9], None, [0, 1, 2, 3, 4, 5, 6], id="only-slow"),
+        # Held up on its way, or written anew: those after it come too early for a gap.
+        pytest.param([0, 2, 4, 6, 8, 11.8, 12], None, list(range(7)), id="held-up"),
+        pytest.param(
+            [0, 2, 4, 6, 8, 10, 18, 18.2, 18.4, 18.6, 20], None, list(range(11)), id="held-up-burst"
+        ),
+        pytest.param([0, 2, 4, 6, 8, 10, 14.2, 14, 16], None, list(range(9)), id="overtaken"),
+        pytest.param(
+            [0, 2, 4, 6, 8, 10, 14, 16, 18, 20],
+            None,
+            [0, 1, 2, 3, 4, 5, 7, 8, 9, 10],
+            id="gap-in-the-midst",
+        ),
         pytest.param([0, 5, 6, 19, 21, 40], None, [0, 1, 2, 3, 4, 5], id="by-hand"),
         pytest.param([0, 9, 1, 30, 2, 50], [1, 2, 4, 5, 6, 8], [0, 1, 3, 4, 5, 7], id="numbers"),
         pytest.param([0, 0.1, 0.2, 0.4, 0.5, 0.6], None, [0, 1, 2, 3, 4, 5], id="copied"),

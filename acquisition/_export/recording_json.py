@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import Role
+from acquisition._plan.planned_shot import Role
 from acquisition._session.manifest import CameraRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import read_text

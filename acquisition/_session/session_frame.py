@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._pixels.images import read_image
-from acquisition._plan.plan import Role
+from acquisition._plan.planned_shot import Role
 from acquisition._session.journal import FrameLine
 from acquisition._storage import sha256_of
 from acquisition._values.lights import led_id
@@ -62,6 +62,10 @@ class SessionFrame:
     def exposure_us(self) -> float | None:
         """Exposure the camera reported, microseconds."""
         return self.line.exposure_us
+
+    def has_its_size(self) -> bool:
+        """Tell whether the file is there and as long as recorded: quick, and no proof."""
+        return self.path.is_file() and self.path.stat().st_size == self.bytes
 
     def read(self) -> npt.NDArray[np.uint16]:
         """Return the pixels as the sensor gave them, ``(H, W)`` or ``(H, W, 3)`` uint16.

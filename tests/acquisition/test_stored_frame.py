@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from acquisition._errors import StorageError
 from acquisition._pixels.images import read_image
-from acquisition._session.frame import pixels_sha256
-from acquisition._session.frame_file import store_frame
+from acquisition._session.session_frame import pixels_sha256
+from acquisition._session.stored_frame import store_frame
 
 
 def picture(shape: tuple[int, ...], seed: int = 0) -> npt.NDArray[np.uint16]:

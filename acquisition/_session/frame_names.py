@@ -1,0 +1,50 @@
+"""The files that frames go to: every take has its own, and none is written twice."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
+
+
+class FrameNames:
+    """Gives names out; safe to use from several threads.
+
+    Parameters
+    ----------
+    folder
+        Of the frames.
+    plan
+        Of the session; the numbers of its repeats are kept for them.
+    taken
+        Names that frames were recorded under, whether their files are still there or not.
+    """
+
+    def __init__(self, folder: Path, plan: CapturePlan | None, taken: Iterable[str] = ()) -> None:
+        self._folder = folder
+        self._first_retake = 1 if plan is None else max(plan.repeats, plan.flats)
+        self._taken = set(taken)
+        self._lock = threading.Lock()
+
+    @contextmanager
+    def reserve(self, shot: PlannedShot) -> Iterator[Path]:
+        """Give the path for the next take of a shot; after an error inside the block it is free."""
+        number, retake = shot.repeat, self._first_retake
+        with self._lock:
+            while True:
+                path = self._folder / shot.take_file(number)
+                if path.name not in self._taken and not path.exists():
+                    break
+                number, retake = retake, retake + 1
+            self._taken.add(path.name)
+        try:
+            yield path
+        except BaseException:
+            # The file may be there by now, without a line; then it keeps its name.
+            with self._lock:
+                self._taken.discard(path.name)
+            raise

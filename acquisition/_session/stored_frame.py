@@ -1,0 +1,71 @@
+"""The file of a fresh frame: uncompressed TIFF, written straight from the array, safe on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._pixels.plain_tiff import plain_tiff_header
+from acquisition._storage import disk, open_binary, published, write_whole
+
+# Pieces that are hashed while they are still in the cache.
+_PIECE: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class StoredFrame:
+    """What the journal says of a frame's file.
+
+    Parameters
+    ----------
+    bytes
+        Size of the file.
+    file_sha256, pixels_sha256
+        Hashes of the file, and of the samples as 16-bit little-endian, row by row from the top,
+        channels innermost.
+    """
+
+    bytes: int
+    file_sha256: str
+    pixels_sha256: str
+
+
+def store_frame(path: Path, pixels: npt.NDArray[np.uint16]) -> StoredFrame:
+    """Write a frame under a temporary name, flush it, and give it its name.
+
+    The samples go to the disk from where they are: nothing is copied, and the interpreter's lock is
+    free while the disk and the hashes work. Equal pixels give equal bytes.
+
+    Parameters
+    ----------
+    path
+        A name that is not taken.
+    pixels
+        ``(H, W)`` or ``(H, W, 3)`` uint16; contiguous, or they are copied once.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses; what lies under ``path`` then, if anything, is the whole frame.
+    """
+    samples = np.ascontiguousarray(pixels, dtype="<u2").data.cast("B")
+    header = plain_tiff_header(pixels.shape, len(samples))
+    of_file, of_pixels = hashlib.sha256(header), hashlib.sha256()
+    with published(path) as part, disk(path, "write"):
+        descriptor = open_binary(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        try:
+            write_whole(descriptor, header)
+            for start in range(0, len(samples), _PIECE):
+                piece = samples[start : start + _PIECE]
+                write_whole(descriptor, piece)
+                of_file.update(piece)
+                of_pixels.update(piece)
+        finally:
+            os.close(descriptor)
+    return StoredFrame(len(header) + len(samples), of_file.hexdigest(), of_pixels.hexdigest())

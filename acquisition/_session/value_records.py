@@ -1,0 +1,105 @@
+"""Calibrated values as ``session.toml`` holds them: sensor, camera model and lights."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
+
+Size = Annotated[int, Field(ge=1)]
+_Vector = tuple[float, float, float]
+
+
+class Table(BaseModel):
+    """A table of ``session.toml``: unknown keys and numbers that are none are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class SensorRecord(Table):
+    """A `NoiseModel`, written out; what is left out has the model's default."""
+
+    electrons_per_dn: float
+    read_noise_e: float
+    black_level_dn: float
+    bit_depth: int
+    quantum_efficiency: float | None = None
+    full_well_e: float | None = None
+    dark_current_e_per_s: float | None = None
+    dsnu_e: float | None = None
+    prnu: float | None = None
+    hot_pixel_fraction: float | None = None
+    hot_pixel_e_per_s: float | None = None
+
+    @classmethod
+    def of(cls, sensor: NoiseModel) -> SensorRecord:
+        """Write out a sensor."""
+        values = {item.name: (getattr(sensor, item.name), item.default) for item in fields(sensor)}
+        return cls.model_validate(
+            {name: value for name, (value, default) in values.items() if value != default}
+        )
+
+    def value(self) -> NoiseModel:
+        """Return the sensor; raises DataError where the numbers make none."""
+        return NoiseModel(**self.model_dump(exclude_none=True))
+
+
+class CameraModelRecord(Table):
+    """A `CameraModel`, written out."""
+
+    K: tuple[_Vector, _Vector, _Vector]
+    distortion: tuple[float, ...]
+    width: Size
+    height: Size
+    working_distance_mm: float | None = None
+
+    @classmethod
+    def of(cls, camera: CameraModel) -> CameraModelRecord:
+        """Write out a camera model."""
+        return cls(
+            K=camera.K.tolist(),
+            distortion=camera.distortion.tolist(),
+            width=camera.width,
+            height=camera.height,
+            working_distance_mm=camera.working_distance_mm,
+        )
+
+    def value(self) -> CameraModel:
+        """Return the camera model; raises DataError where the numbers make none."""
+        return CameraModel(
+            np.array(self.K),
+            self.width,
+            self.height,
+            self.working_distance_mm,
+            np.array(self.distortion),
+        )
+
+
+class LightsRecord(Table):
+    """`Lights`, written out: one row per light, either directions or positions."""
+
+    ids: tuple[str, ...]
+    directions: tuple[_Vector, ...] | None = None
+    positions_mm: tuple[_Vector, ...] | None = None
+    intensities: tuple[_Vector, ...]
+    axes: tuple[_Vector, ...]
+    mu: tuple[float, ...]
+
+    @classmethod
+    def of(cls, lights: Lights) -> LightsRecord:
+        """Write out lights."""
+        columns = ("directions", "positions_mm", "intensities", "axes", "mu")
+        arrays = {name: getattr(lights, name) for name in columns}
+        rows = {name: array.tolist() for name, array in arrays.items() if array is not None}
+        return cls(ids=lights.ids, **rows)
+
+    def value(self) -> Lights:
+        """Return the lights; raises DataError where the numbers make none."""
+        columns = self.model_dump(exclude={"ids"}, exclude_none=True)
+        return Lights(ids=self.ids, **{name: np.array(rows) for name, rows in columns.items()})

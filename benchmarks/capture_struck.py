@@ -1,0 +1,120 @@
+"""A `capture` command on the simulated rig with a fault planted, as a process of its own.
+
+python benchmarks/capture_struck.py FAULT run|resume FOLDER, started by capture_faults.py
+
+FAULT is a key of `PLANTS`, or "none". Beside what the operator is told, stderr has a line with the
+bench state and one for each frame that is safe.
+"""
+
+import os
+import sys
+import threading
+import time
+from datetime import UTC, datetime, timedelta
+
+from capture_bench import PLAN, bench_of, open_planes
+
+BENCH, SHOT = "bench: ", "frame: "
+# The frame, command or write from which on things go wrong.
+FAULT_AT = 14
+STALL_S = 1.5
+
+
+def main(fault, command, folder):
+    """Run a command with a fault planted."""
+    import sgp.commands.capture as capture
+    from sgp.app import _group
+    from sgp.app import run as front_door
+
+    PLANTS.get(fault, lambda: None)()
+    plan = PLAN.changed(retakes=3) if fault.endswith("retakes") else PLAN
+
+    def opened(_):
+        rig = open_planes()
+        print(f"{BENCH}{bench_of(rig)}", file=sys.stderr, flush=True)
+        return rig
+
+    class Talk(capture.CaptureTalk):
+        def on_frame(self, line, done, total):
+            super().on_frame(line, done, total)
+            print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
+
+    capture.open_rig = opened
+    capture.CaptureTalk = Talk
+    capture.chosen_plan = lambda *_: (plan, ())
+    sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
+
+
+def stall():
+    """From some write on, fsync does not come back."""
+    import acquisition
+
+    real, calls = os.fsync, [0]
+
+    def fsync(descriptor):
+        calls[0] += 1
+        if calls[0] > 3 * FAULT_AT:
+            threading.Event().wait()
+        real(descriptor)
+
+    os.fsync = fsync
+    sgp_record = acquisition.record
+    import sgp.commands.capture as capture
+
+    capture.record = lambda *words, **more: sgp_record(*words, **more, stall_s=STALL_S)
+
+
+def unplug():
+    """The camera is unplugged instead of exposing."""
+    import simulator._simulated_rig as simulated
+
+    class Unplugged(simulated.GentlCamera):
+        def __init__(self, *words, **more):
+            super().__init__(*words, **more)
+            self.set_fault(FAULT_AT, "unplug")
+
+    simulated.GentlCamera = Unplugged
+
+
+def reset():
+    """The board restarts in the middle of a command."""
+    import simulator._simulated_rig as simulated
+    from simulator._board.faults import BoardFault
+
+    class Restarting(simulated.VirtualBoard):
+        def __init__(self, *words):
+            super().__init__(*words)
+            self.set_faults(BoardFault(kind="reset", verb="OFF", skip=FAULT_AT + 2))
+
+    simulated.VirtualBoard = Restarting
+
+
+def jump():
+    """The clock on the wall is wrong by another number of hours every time it is read."""
+    import acquisition._session.writer as session_writer
+
+    calls = [0]
+
+    def now():
+        calls[0] += 1
+        return datetime.now(UTC) + timedelta(hours=(-1, 24, 0)[calls[0] % 3])
+
+    real = session_writer.SessionWriter.create.__func__
+    session_writer.SessionWriter.create = classmethod(
+        lambda cls, folder, manifest: real(cls, folder, manifest, clock=now)
+    )
+    real_time = time.time
+    time.time = lambda: real_time() + (-3600, 86400, 0)[calls[0] % 3]
+
+
+PLANTS = {
+    "writer stalled": stall,
+    "camera unplugged": unplug,
+    "board reset": reset,
+    "board reset, retakes": reset,
+    "clock jump": jump,
+}
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

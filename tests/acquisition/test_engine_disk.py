@@ -1,0 +1,69 @@
+"""A disk that refuses one call, any one: dark, told in a line, whole, and resumable."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from acquisition._engine.engine import record, resume
+from acquisition._errors import StorageError
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.verify import verify_session
+from tests.acquisition.fake_bench import TOLD, Bench, rig_on
+
+SHORT = CapturePlan(leds=(3, 0), exposures_us=(200.0,), ambient=True)
+
+
+class Refusing:
+    """A system call that fails the nth time, and afterwards works again or does not."""
+
+    def __init__(self, call: str, nth: int, forever: bool) -> None:
+        self._real = getattr(os, call)
+        self._nth = nth
+        self._forever = forever
+        self.calls = 0
+
+    def __call__(self, *arguments: Any) -> Any:
+        self.calls += 1
+        if self.calls == self._nth or (self._forever and self.calls > self._nth > 0):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return self._real(*arguments)
+
+
+def recorded(folder: Path, call: str, nth: int, forever: bool) -> tuple[int, Bench]:
+    """Record on a disk that refuses one call, and return how often the call was made."""
+    bench, refusing = Bench(), Refusing(call, nth, forever)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, call, refusing)
+        if nth:
+            with pytest.raises(StorageError, match="No space left"):
+                record(rig_on(bench), SHORT, folder, **TOLD)
+        else:
+            record(rig_on(bench), SHORT, folder, **TOLD)
+    return refusing.calls, bench
+
+
+@pytest.mark.parametrize("forever", [False, True])
+@pytest.mark.parametrize("call", ["write", "fsync", "replace"])
+def test_whatever_call_a_disk_refuses_nothing_recorded_is_lost(
+    tmp_path: Path, call: str, forever: bool
+) -> None:
+    calls, _ = recorded(tmp_path / "sound", call, 0, forever)
+    assert calls > 4
+    for nth in range(1, calls + 1):
+        folder = tmp_path / str(nth)
+        _, bench = recorded(folder, call, nth, forever)
+        assert bench.burning is None
+        if not (folder / "session.toml").exists():
+            record(rig_on(Bench()), SHORT, folder, **TOLD)  # as if nothing had been begun
+            continue
+        found = verify_session(folder)
+        assert found.problems == ()
+        if not found.complete:
+            resume(rig_on(Bench()), folder)
+        found = verify_session(folder)
+        assert (found.problems, found.complete) == ((), True)

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition import _storage
+from acquisition._errors import DataError, StorageError
+from acquisition._export.caption import Caption
+from acquisition._export.images import write_captioned_exr, write_captioned_png
+from acquisition._export.tables import write_diligent_tables
+from acquisition._import.frames import import_frames, read_import
+from acquisition._pixels.images import read_image, write_png
+from acquisition._pixels.raw import read_raw
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._storage import write_durably
+from acquisition._values.lights import Lights
+
+PIXELS = np.arange(48, dtype=np.uint16).reshape(6, 8)
+CAPTION = Caption("coin", "Ada", "", "", "", datetime(2026, 1, 2, tzinfo=UTC), "program 1")
+
+
+def manifest() -> Manifest:
+    return Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=CapturePlan(leds=(0, 1), exposures_us=(100.0,)),
+        camera=CameraRecord(width=8, height=6, bit_depth=12),
+    )
+
+
+def test_a_file_system_without_an_fsync_of_folders_takes_a_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.fsync
+
+    def files_only(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", files_only)
+    with SessionWriter.create(tmp_path / "s", manifest()) as writer:
+        for shot in writer.missing:
+            writer.write_frame(shot, PIXELS)
+        writer.complete()
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_a_folder_whose_fsync_fails_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", failing)
+    with pytest.raises(StorageError, match="the disk fails"):
+        write_durably(tmp_path / "a", b"data")
+
+
+def test_nothing_is_written_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows puts a carriage return before each 10 in a file that was not opened as binary."""
+    binary = 0o100000  # O_LARGEFILE here: nothing changes by it
+    monkeypatch.setattr(_storage, "_BINARY", binary)
+    real = os.open
+    asked: list[int] = []
+
+    def logged(path: Any, flags: int, *mode: int) -> int:
+        if flags & os.O_WRONLY:
+            asked.append(flags)
+        return real(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", logged)
+    with SessionWriter.create(tmp_path / "s", manifest()) as writer:
+        writer.write_frame(writer.missing[0], PIXELS)
+    assert len(asked) >= 2  # the journal and a frame
+    assert all(flags & binary for flags in asked)
+
+
+def test_a_png_that_does_not_read_back_replaces_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_captioned_png(tmp_path / "a.png", PIXELS, CAPTION)
+    before = (tmp_path / "a.png").read_bytes()
+    monkeypatch.setattr("acquisition._export.images.read_image", lambda path: read_image(path) + 1)
+    with pytest.raises(StorageError, match="does not read back"):
+        write_captioned_png(tmp_path / "a.png", PIXELS[::-1], CAPTION)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert (tmp_path / "a.png").read_bytes() == before
+
+
+def test_normals_that_the_disk_refuses_leave_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, *_: Any, **__: Any) -> None:
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("scipy.io.savemat", full)
+    lights = Lights(directions=np.array([[0.0, 0.0, 1.0]]))
+    with pytest.raises(StorageError, match=r"Normal_gt\.mat: cannot write: No space left"):
+        write_diligent_tables(tmp_path, ["001.png"], lights, np.zeros((2, 2, 3), np.float32))
+    assert not any(path.name.startswith(".") for path in tmp_path.iterdir())
+
+
+@pytest.fixture
+def latin(tmp_path: Path) -> Path:
+    """A folder named as old disks name it: in no UTF-8."""
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system takes only names in UTF-8")
+    return folder
+
+
+def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
+    (latin / "a.png").write_bytes(b"x")
+    (latin / "a.dng").write_bytes(b"x")
+    for read in (
+        lambda: read_image(latin / "a.png"),
+        lambda: read_raw(latin / "a.dng"),
+        lambda: write_png(latin / "b.png", PIXELS),
+        lambda: write_captioned_png(latin / "b.png", PIXELS, CAPTION),
+        lambda: write_captioned_exr(latin / "b.exr", PIXELS.astype(np.float32), CAPTION, {}),
+    ):
+        with pytest.raises(DataError, match=r"no UTF-8: rename the file or its folder"):
+            read()
+    assert sorted(path.name for path in latin.iterdir()) == ["a.dng", "a.png"]
+
+
+def test_a_session_where_its_frames_could_not_be_read_is_not_begun(latin: Path) -> None:
+    with pytest.raises(DataError, match="no UTF-8"):
+        SessionWriter.create(latin / "s", manifest())
+    assert list(latin.iterdir()) == []
+
+
+def test_an_import_keeps_strange_names(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for number in range(2):
+        write_png(tmp_path / "in" / f"日本\n{number}.png", PIXELS)
+    import_frames(read_import(tmp_path / "in"), tmp_path / "out")
+    session = Session.open(tmp_path / "out")
+    assert [frame.line.origin for frame in session.frames] == ["日本\n0.png", "日本\n1.png"]
+    assert verify_session(tmp_path / "out").ok
