@@ -8,7 +8,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, MissingPathError, read_image, read_mask, write_exr, write_png
+from acquisition import (
+    DataError,
+    MissingPathError,
+    read_image_with_alpha,
+    read_mask,
+    write_exr,
+    write_png,
+)
 from processing._normal_map import NormalMap
 
 Float = npt.NDArray[np.float32]
@@ -48,20 +55,20 @@ def read_normals(
     path
         An image (.exr, .npy, .tif, .png, .jpg) whose red, green and blue are x, y and z, or a
         folder with ``normals.*`` or ``normal_map.*``. Integers encode ``n / 2 + 0.5``; floats hold
-        either that or the vectors themselves, whichever are closer to unit length. Alpha is
-        dropped.
+        either that or the vectors themselves, whichever are closer to unit length.
     mask_path
         An image that is brighter than half of its range inside. Default: ``mask.png`` beside the
-        image where there is one. With no mask at all, pixels that do not decode to a unit vector
-        (black, white and mid-grey backgrounds) are outside.
+        image where there is one, else the image's alpha, unless it is opaque everywhere. With no
+        mask at all, pixels that do not decode to a unit vector (black, white and mid-grey
+        backgrounds) are outside.
     green
         ``down`` for maps whose green grows downwards (DirectX); y is then turned round.
 
     Returns
     -------
     NormalMapFile
-        The map, brought to unit length, and warnings: 8-bit quantisation, pixels inside the mask
-        without a normal, normals that face away.
+        The map, brought to unit length, and warnings: what became of alpha, 8-bit quantisation,
+        pixels inside the mask without a normal, normals that face away.
 
     Raises
     ------
@@ -72,14 +79,24 @@ def read_normals(
         normals.
     """
     file = _find_image(Path(path))
-    pixels = _read_pixels(file)
+    pixels, alpha = _read_pixels(file)
     if pixels.ndim != 3 or pixels.shape[2] != 3:
         raise DataError(f"{file}: a normal map has three channels, this is of shape {pixels.shape}")
     beside = file.parent / "mask.png"
     mask_file = Path(mask_path) if mask_path is not None else beside if beside.exists() else None
     height, width = pixels.shape[:2]
     mask = None if mask_file is None else read_mask(mask_file, (height, width))
-    vectors = _decode(pixels)
+    vectors, encoded = _decode(pixels)
+    notes: list[str] = []
+    if alpha is not None:
+        share = _share(alpha)
+        if encoded:
+            _undo_premultiplication(vectors, share)
+        if mask_file is None:
+            mask, note = _mask_of_alpha(file, share)
+        else:
+            note = f"{file}: its alpha channel is ignored, the mask is {mask_file}"
+        notes.append(note)
     if green == "down":
         vectors[..., 1] *= -1
     length = np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))
@@ -87,14 +104,17 @@ def read_normals(
     drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
     candidates = drawn if mask is None else mask
     close = int(np.count_nonzero(candidates & (np.abs(length - 1) < _CLOSE)))
-    if 2 * close <= np.count_nonzero(candidates):
+    count = int(np.count_nonzero(candidates))
+    if 2 * close <= count:
+        decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
         raise DataError(
-            f"{file}: {close} of {np.count_nonzero(candidates)} pixels decode to a unit vector: "
-            "this is not a normal map, or its mask is another's"
+            f"{file}: {decoded} to a unit vector: this is not a normal map, or its mask is "
+            "another's"
         )
     normal_map = NormalMap.from_vectors(vectors, unit & candidates)
     read = (file,) if mask_file is None else (file, mask_file)
-    return NormalMapFile(normal_map, tuple(_warnings(file, pixels, normal_map, mask)), read)
+    notes += _warnings(file, pixels, normal_map, mask)
+    return NormalMapFile(normal_map, tuple(notes), read)
 
 
 def write_normals(
@@ -146,10 +166,10 @@ def _find_image(path: Path) -> Path:
     )
 
 
-def _read_pixels(file: Path) -> Pixels:
+def _read_pixels(file: Path) -> tuple[Pixels, Pixels | None]:
+    """Return colours and alpha."""
     if file.suffix.lower() != ".npy":
-        picture: Pixels = read_image(file)
-        return picture
+        return read_image_with_alpha(file)
     try:
         with file.open("rb") as stream:
             array: Pixels = np.lib.format.read_array(stream, allow_pickle=False)
@@ -158,22 +178,55 @@ def _read_pixels(file: Path) -> Pixels:
     if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
         raise DataError(f"{file}: numbers of type {array.dtype}, expected float, uint8 or uint16")
     if array.ndim == 3 and array.shape[2] == 4:
-        array = array[..., :3]
-    return array
+        return array[..., :3], array[..., 3]
+    return array, None
 
 
-def _decode(pixels: Pixels) -> Float:
+def _share(alpha: Pixels) -> Float:
+    full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
+    share: Float = np.nan_to_num(alpha.astype(np.float32) / np.float32(full))
+    return share
+
+
+def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, str]:
+    """Return the mask that alpha draws, and what to say about it."""
+    inside = share > 0.5
+    if not inside.any():
+        raise DataError(
+            f"{file}: its alpha channel leaves nothing inside: save it without alpha, or put a "
+            "mask.png beside it"
+        )
+    if inside.all():
+        return None, f"{file}: its alpha channel is opaque everywhere and is ignored"
+    count = np.count_nonzero(inside)
+    return inside, f"{file}: its alpha channel is the mask, {count} of {inside.size} pixels"
+
+
+def _undo_premultiplication(vectors: Float, share: Float) -> None:
+    """Divide encoded colours by alpha if they are multiplied by it: files do not tell reliably.
+
+    Vectors that are stored as they are only change their length.
+    """
+    partly = (share > 0) & (share < 1)
+    stored = vectors[partly]
+    divided = (stored + 1) / share[partly][:, None] - 1
+    if _distance_to_unit(divided) < _distance_to_unit(stored):
+        vectors[partly] = divided
+
+
+def _decode(pixels: Pixels) -> tuple[Float, bool]:
+    """Return vectors, and whether they were encoded as ``n / 2 + 0.5``."""
     if np.issubdtype(pixels.dtype, np.integer):
         scale = 2.0 / float(np.iinfo(pixels.dtype).max)
-        return (pixels * scale - 1.0).astype(np.float32)
+        return (pixels * scale - 1.0).astype(np.float32), True
     stored = pixels.astype(np.float32)
     stored[~np.isfinite(stored).all(axis=2)] = 0
     encoded = stored * 2 - 1
     # A pixel of zeros is background in either reading and must not vote.
     drawn = stored.any(axis=2)
-    return (
-        stored if _distance_to_unit(stored[drawn]) <= _distance_to_unit(encoded[drawn]) else encoded
-    )
+    if _distance_to_unit(stored[drawn]) <= _distance_to_unit(encoded[drawn]):
+        return stored, False
+    return encoded, True
 
 
 def _distance_to_unit(vectors: Float) -> float:

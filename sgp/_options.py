@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,13 +11,16 @@ from typing import Annotated
 from cyclopts import Parameter, Token
 from cyclopts.validators import Number
 
-from processing import Method
+from processing import MAX_PROJECTED_PIXELS, Method
 from sgp._exit import UsageError
 
 
 def _whole(kind: object, tokens: Sequence[Token]) -> int:
     """Read a whole number; the parser's own reading would round 1.5."""
-    return int(tokens[0].value)
+    try:
+        return int(tokens[0].value)
+    except ValueError as error:
+        raise ValueError(f"{tokens[0].value} is not a whole number") from error
 
 
 Whole = Annotated[int, Parameter(converter=_whole)]
@@ -75,3 +79,22 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     if len(values) != count:
         raise UsageError(f"{option} {text}: give {count} numbers with commas between")
     return values
+
+
+def image_size(option: str, text: str) -> tuple[int, int]:
+    """Read ``WxH``; returns (width, height).
+
+    Raises
+    ------
+    UsageError
+        If it is anything else, or more pixels than a projection may have.
+    """
+    match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", text)
+    if match is None:
+        raise UsageError(f"{option} {text}: give width and height in pixels, such as 640x512")
+    width, height = int(match[1]), int(match[2])
+    if width * height > MAX_PROJECTED_PIXELS:
+        raise UsageError(
+            f"{option} {text}: {MAX_PROJECTED_PIXELS // 10**6} million pixels are the most"
+        )
+    return width, height

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import inspect
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -40,7 +40,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             if out is None:
                 return command(*args, **kwargs)
             check_folder(out, force=force)
-            _check_apart(out, [value for value in parameters.values() if isinstance(value, Path)])
+            _check_apart(out, _paths(parameters.values()))
             result = command(*args, **kwargs)
             write_record(out / record, _name(command), parameters, result)
             return result
@@ -81,6 +81,12 @@ def _name(command: Callable[..., Result]) -> str:
     group = command.__module__.rpartition(".")[2].partition("_")[0]
     words = ["sgp", group, command.__name__.rstrip("_")]
     return " ".join(dict.fromkeys(words))
+
+
+def _paths(values: Iterable[Any]) -> list[Path]:
+    """Return the paths among some arguments, those of options that take several too."""
+    several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
+    return [path for group in several for path in group if isinstance(path, Path)]
 
 
 def _check_apart(out: Path, inputs: list[Path]) -> None:

@@ -15,7 +15,7 @@ from matplotlib.patches import Ellipse as EllipsePatch
 
 from acquisition import Lights
 from calibration import SphereCalibration
-from processing import NormalMap
+from processing import HeightProfile, NormalMap
 
 Image = npt.NDArray[np.float32]
 
@@ -79,7 +79,8 @@ def map_panel(title: str, values: Image, unit: str, *, error: bool = False) -> P
         box = _box(np.isfinite(values))
         shown = axes.imshow(values[box], cmap="magma" if error else "viridis", vmin=low, vmax=high)
         axes.axis("off")
-        axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.8)
+        beyond = "max" if error else "both"  # the scale leaves out the most extreme pixels
+        axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.8, extend=beyond)
 
     return Panel(title, draw)
 
@@ -148,6 +149,24 @@ def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Pan
         axes.set_xlim(-1.05, 1.05)
         axes.set_ylim(-1.05, 1.05)
         axes.axis("off")
+
+    return Panel(title, draw)
+
+
+def profile_panel(title: str, profile: HeightProfile) -> Panel:
+    """Plot a result's heights, as they are and smoothed, over the target's in ascending order."""
+
+    def draw(axes: Axes) -> None:
+        pick = profile.ranks()
+        smoothed, result, target = (
+            heights[pick] for heights in (profile.smoothed, profile.result, profile.target)
+        )
+        axes.plot(pick, smoothed, "-", color="tab:red", lw=0.5, label="result, 5 x 5 mean")
+        axes.plot(pick, result, ".", color="tab:green", ms=1.5, mew=0, label="result")
+        axes.plot(pick, target, "-", color="tab:blue", label="target, sorted")
+        axes.set_xlabel("pixel, in ascending order of the target's height")
+        axes.set_ylabel(f"height ({profile.unit})")
+        axes.legend(loc="upper left", fontsize=8, markerscale=5)
 
     return Panel(title, draw)
 

@@ -5,24 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from processing import HeightProfile, NormalMap, height_profile, integrate
-from sgp._overview import Panel, write_overview
+from sgp._overview import profile_panel, write_overview
 from sgp._result import Result
-
-# More points than this only make the picture slow.
-_DRAWN = 4000
 
 
 def write_height_profile(
     out: Path, target: NormalMap, transferred: NormalMap, result: Result
 ) -> None:
-    """Integrate two maps, draw their height profile and add its figures."""
+    """Integrate two maps, write their height profile as picture and data, and add its figures."""
     profile = height_profile(integrate(target), integrate(transferred))
-    path = out / "height_profile.png"
-    write_overview(path, "Height profile", [_panel(profile)], columns=1)
-    result.outputs["height_profile"] = path
+    picture, data = out / "height_profile.png", out / "height_profile.csv"
+    panel = profile_panel(f"rms {profile.rms:.3g} {profile.unit}", profile)
+    write_overview(picture, "Height profile", [panel], columns=1)
+    write_profile_data(data, profile)
+    result.outputs |= {"height_profile": picture, "height_profile_data": data}
     result.metrics |= {
         f"height_rms_{profile.unit}": profile.rms,
         f"height_smoothed_rms_{profile.unit}": profile.smoothed_rms,
@@ -34,15 +32,10 @@ def write_height_profile(
     )
 
 
-def _panel(profile: HeightProfile) -> Panel:
-    def draw(axes: Axes) -> None:
-        count = len(profile.target)
-        pick = np.unique(np.linspace(0, count - 1, min(count, _DRAWN)).astype(np.intp))
-        axes.plot(pick, profile.result[pick], ",", color="tab:green", label="result")
-        axes.plot(pick, profile.smoothed[pick], "-", color="tab:red", lw=0.5, label="5 x 5 mean")
-        axes.plot(pick, profile.target[pick], "-", color="tab:blue", label="target, sorted")
-        axes.set_xlabel("pixel")
-        axes.set_ylabel(f"height ({profile.unit})")
-        axes.legend(loc="upper left", fontsize=8)
-
-    return Panel(f"rms {profile.rms:.3g} {profile.unit}", draw)
+def write_profile_data(path: Path, profile: HeightProfile) -> None:
+    """Write the points that `profile_panel` draws as a table: rank of the pixel, heights."""
+    pick = profile.ranks()
+    heights = ("target", "result", "smoothed")
+    rows = np.column_stack([pick, *(getattr(profile, name)[pick] for name in heights)])
+    header = ",".join(["pixel", *(f"{name}_{profile.unit}" for name in heights)])
+    np.savetxt(path, rows, ["%d", *["%.7g"] * 3], delimiter=",", header=header, comments="")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import os
+import re
 import signal
 import sys
 from importlib.resources import files
@@ -61,13 +62,18 @@ def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
     """Name commands with the help of their docstrings, read without running the module."""
     source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
     texts = {
-        node.name: (ast.get_docstring(node) or "").partition("Parameters\n---")[0]
+        node.name: _flowing((ast.get_docstring(node) or "").partition("Parameters\n---")[0])
         for node in ast.parse(source).body
         if isinstance(node, ast.FunctionDef)
     }
     for function in functions:
         path = f"sgp.commands.{module}:{function}"
         app.command(path, name=function.rstrip("_"), help=texts[function])
+
+
+def _flowing(text: str) -> str:
+    """Put each paragraph on one line, to be wrapped as wide as the terminal is; not examples."""
+    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
 def _group(name: str) -> App:
@@ -120,7 +126,8 @@ def run(app: App, tokens: list[str]) -> int:
         )
         return _show(*outcome) if isinstance(outcome, tuple) else 0
     except CycloptsError as error:
-        return fail(f"{error} (see `{app.name[0]} --help`)", 2)
+        words = " ".join([app.name[0], *(error.command_chain or ()), "--help"])
+        return fail(f"{error} (see `{words}`)", 2)
     except KeyboardInterrupt as error:
         return fail("; ".join(["stopped by Ctrl-C", *_notes(error)]), 130)
     except SystemExit as error:

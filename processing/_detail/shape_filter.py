@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.edge_aware import smooth_within_edges
+from processing._detail.edge_aware import leave_within_edges
 from processing._detail.separation_kernels import finish, gains, leave, separate_once
 from processing._normal_map import NormalMap
 
@@ -125,10 +125,9 @@ class ShapeFilter:
             shape, detail = self._repeat(normals, mask, shape, detail)
         size = normal_map.normals.shape
         if self.kind == "guided" or self.kind == "bilateral":
-            smooth = smooth_within_edges(
+            detail = leave_within_edges(
                 self.kind, normal_map.normals, mask, shape.reshape(size), self.w
             ).reshape(height, -1)
-            np.subtract(normals, smooth, out=detail)
             finish(normals, mask, shape, detail)
         return shape.reshape(size), detail.reshape(size)
 

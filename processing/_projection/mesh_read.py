@@ -12,6 +12,7 @@ import numpy.typing as npt
 import trimesh
 
 from acquisition import DataError, MissingPathError
+from processing._projection.manifold import crowded_edges
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
@@ -87,8 +88,9 @@ def read_geometry(path: str | Path) -> Geometry:
     -------
     Geometry
         Vertices of a mesh that lie in one place are one, so that normals blend over the seams of
-        textures and between the loose faces of an STL; those that no face uses are left out. Points
-        that are not finite, as scanners write for a miss, are left out and told.
+        textures and between the loose faces of an STL; those that no face uses are left out. Edges
+        of more than two faces are told. Points that are not finite, as scanners write for a miss,
+        are left out and told.
 
     Raises
     ------
@@ -98,6 +100,8 @@ def read_geometry(path: str | Path) -> Geometry:
         If it is of another kind, damaged, truncated, or see `Geometry`.
     """
     file = Path(path)
+    if file.is_dir():
+        raise DataError(f"{file}: a folder, not a mesh: give one of {', '.join(_SUFFIXES)}")
     if not file.is_file():
         raise MissingPathError(f"{file}: there is no such mesh or point cloud file")
     suffix = file.suffix.lower()
@@ -131,7 +135,14 @@ def _mesh(file: Path, suffix: str) -> Geometry:
             raise DataError("the mesh has no faces: point clouds are read from .ply and .xyz")
         return _cloud(np.concatenate([vertices, *_ply_normals(loaded, len(vertices))], axis=1))
     checked = Geometry(vertices, faces.astype(np.int32))
-    return Geometry(*_joined(checked.vertices, faces))
+    joined, corners = _joined(checked.vertices, faces)
+    crowded = crowded_edges(corners)
+    warnings = (
+        (f"more than two faces meet at {crowded} edges (no manifold): it is drawn as it is",)
+        if crowded
+        else ()
+    )
+    return Geometry(joined, corners, warnings=warnings)
 
 
 def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Whole]:

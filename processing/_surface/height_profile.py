@@ -53,6 +53,11 @@ class HeightProfile:
         """Difference of the target's highest and lowest pixel."""
         return float(np.ptp(self.target))
 
+    def ranks(self, most: int = 4000) -> npt.NDArray[np.intp]:
+        """Return evenly spaced positions in the order, its ends among them, to draw or list."""
+        count = len(self.target)
+        return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
+
 
 def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
     """Read a result's heights along its target's.

@@ -126,6 +126,9 @@ DILIGENT: Mapping[str, Mapping[str, Row]] = {
     },
 }  # fmt: skip
 
+# Figure "performance evaluation in terms of the height profile": curves, no numbers.
+HEIGHT_PROFILES = ("Lizard", "Textile")
+
 # Local transfer: source's face onto target, error of the region's detail.
 LOCAL_DEG: Mapping[str, float] = {
     "Goethe onto Venus": 1.36,

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
 
+from processing import HeightProfile
 from sgp._overview import Panel
 from sgp._paper import figures as paper
+from sgp._paper.heights import height_profiles
 from sgp._paper.local import local_transfers
 from sgp._paper.properties import chain, exchange, of_textures
 from sgp._paper.sources import Sources
@@ -23,14 +27,36 @@ _PREFACE = (
 )
 
 
+class Picture(NamedTuple):
+    """A sheet of panels: its title, the panels, and how many stand side by side."""
+
+    title: str
+    panels: list[Panel]
+    columns: int
+
+
 @dataclass
 class Comparison:
-    """What was made: tables, pictures by name, and what had to be left out."""
+    """What was made.
+
+    Parameters
+    ----------
+    preface
+        What to know before reading.
+    tables, pictures, profiles
+        The latter two by name.
+    left_out
+        What could not be made, and why.
+    files
+        The data that were read.
+    """
 
     preface: str = _PREFACE
     tables: list[Table] = field(default_factory=list)
-    pictures: dict[str, tuple[str, list[Panel]]] = field(default_factory=dict)
+    pictures: dict[str, Picture] = field(default_factory=dict)
+    profiles: dict[str, HeightProfile] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
 
 
 def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Comparison:
@@ -50,16 +76,21 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     textures = sources.textures()
     alike, apart, again, panels = of_textures(textures, advance)
     made.tables += [alike, apart, again]
-    made.pictures["separability"] = ("Details, and the shape left in them (order 8)", panels)
+    made.pictures["separability"] = Picture(
+        "Details, and the shape left in them (order 8)", panels, 4
+    )
     if sources.data is not None:
         made.tables.append(chain(sources, advance))
     exchanged, panels = exchange(textures, advance)
     made.tables.append(exchanged)
-    made.pictures["cross_exchange"] = ("Details exchanged (order 8)", panels)
+    made.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     table, headline, panels = by_resolution(sources, points, runs, advance)
     made.tables += [table, headline]
-    made.pictures["resolution"] = ("One transfer by four methods", panels)
+    made.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
+    table, made.profiles, panels = height_profiles(sources, textures, advance)
+    made.tables.append(table)
+    made.pictures["height_profile"] = Picture("Heights along the target's (order 8)", panels, 2)
     if sources.data is None:
         made.left_out.append(
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
@@ -68,12 +99,13 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     else:
         table, variants, panels = onto_diligent(sources, runs, advance)
         made.tables += [table, variants]
-        made.pictures["diligent"] = ("Cracks on the DiLiGenT targets (order 1)", panels)
+        made.pictures["diligent"] = Picture("Cracks on the DiLiGenT targets (order 1)", panels, 5)
         table, panels = local_transfers(sources, advance)
         made.tables.append(table)
-        made.pictures["local"] = ("Faces set into other surfaces", panels)
+        made.pictures["local"] = Picture("Faces set into other surfaces", panels, 3)
     if quick:
         made.left_out.append(
             f"--quick: points above {_QUICK_POINTS}, and with them the headline ratio"
         )
+    made.files = sorted(sources.files)
     return made

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +27,12 @@ class Sources:
     ----------
     data
         The folder of given data, or None: then everything is simulated.
+    files
+        What has been read so far.
     """
 
     data: Path | None
+    files: set[Path] = field(default_factory=set)
 
     @classmethod
     def found(cls) -> Sources:
@@ -73,14 +76,21 @@ class Sources:
         MissingPathError
             If it is not there.
         """
-        return read_normals((self.data or Path()) / "normals" / name).normal_map
+        return self._read(f"normals/{name}")
 
     def cracks(self) -> NormalMap:
         """Read a relief that is dense and larger than any target, so that nothing is repeated."""
-        return read_normals((self.data or Path()) / "reliefs" / "160.jpg").normal_map
+        return self._read("reliefs/160.jpg")
+
+    def _read(self, name: str) -> NormalMap:
+        read = read_normals((self.data or Path()) / name)
+        self.files.update(read.files)
+        return read.normal_map
 
     def _bunny(self, points: int) -> NormalMap:
-        mesh = read_geometry((self.data or Path()) / "meshes" / "stanford-bunny.obj")
+        file = (self.data or Path()) / "meshes" / "stanford-bunny.obj"
+        mesh = read_geometry(file)
+        self.files.add(file)
         span = float(np.ptp(mesh.vertices, axis=0)[:2].max())
         step = span / 128
         for _ in range(2):

@@ -38,12 +38,12 @@ def by_resolution(
     for count in points:
         name, source, target = sources.resolution_pair(count)
         placed = laid_over(source, target)
-        columns.append(f"#{np.count_nonzero(target.mask)}")
-        advance(f"{name}, {columns[-1]} points, {len(METHODS)} methods")
+        pixels = np.count_nonzero(target.mask)
+        columns.append(f"#{pixels}")
+        advance(f"{name}, {pixels} points, {len(METHODS)} methods")
         results = _add(figures, placed, target, runs)
     panels = [
-        normals_panel(f"{method}, {columns[-1]} points", result)
-        for method, result in results.items()
+        normals_panel(f"{method}, {pixels} points", result) for method, result in results.items()
     ]
     table = Table(
         "resolution",

@@ -30,7 +30,8 @@ def paper(
     Parameters
     ----------
     out
-        Folder for tables.md, tables.json, a picture for each table that has one, and bench.json.
+        Folder for tables.md, tables.json, a picture for each table that has one, the height
+        profiles as .csv, and bench.json.
     quick
         Up to 50 thousand points and one run each: a minute or two.
     runs
@@ -43,15 +44,19 @@ def paper(
     from sgp._overview import write_overview
     from sgp._paper.run import run_all
     from sgp._paper.tables import markdown
+    from sgp._write_profile import write_profile_data
 
     count = runs or (1 if quick else 10)
     found = run_all(quick=quick, runs=count, advance=note)
     claim_folder(out, "bench.json")
-    result = Result(warnings=list(found.left_out))
+    result = Result(warnings=list(found.left_out), inputs=found.files)
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
-    for name, (title, panels) in found.pictures.items():
+    for name, picture in found.pictures.items():
         result.outputs[name] = out / f"{name}.png"
-        write_overview(result.outputs[name], title, panels)
+        write_overview(result.outputs[name], *picture)
+    for name, profile in found.profiles.items():
+        result.outputs[f"{name}_data"] = out / f"{name}.csv"
+        write_profile_data(result.outputs[f"{name}_data"], profile)
     left_out = [f"Left out: {line}." for line in found.left_out]
     text = "\n\n".join([found.preface, *left_out, *map(markdown, found.tables)])
     result.outputs["tables"].write_text(text + "\n", encoding="utf-8")

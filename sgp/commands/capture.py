@@ -55,7 +55,7 @@ def run(
 
     For example:
 
-        capture run recordings/owl --rig bench.toml --plan plan.toml --object-name owl
+        capture run recordings/owl --rig bench.toml --plan plan.toml
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def resume(
         Check that it can be done, take the missing shots with all LEDs off and record nothing.
     """
     asked = None if plan is None else read_plan(plan)
-    Session.open(session)  # what is none is told before the rig is opened
+    begun = Session.open(session)  # what is none is told before the rig is opened
     with open_rig(rig) as opened:
         _, recorded, missing = check_resume(opened, session, asked)
         if dry_run:
@@ -178,7 +178,7 @@ def resume(
                 before_flats=talk.before_flats,
             )
     taken = [f"{len(missing)} shots were missing and have been taken"]
-    return describe(finished, [*taken, *_left_out(finished), *told.warnings])
+    return describe(finished, [*begun.warnings, *taken, *_left_out(finished), *told.warnings])
 
 
 def verify(session: Path) -> Result:
@@ -210,13 +210,13 @@ def verify(session: Path) -> Result:
         ok=found.ok and found.complete,
     )
     if found.problems:
-        result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problems")
+        several = "s" if len(found.problems) > 1 else ""
+        result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problem{several}")
     elif not found.complete:
-        missing = f", first missing {found.missing[0]}" if found.missing else ""
-        result.summary.append(
-            f"{session}: incomplete, {found.frames} frames are whole, "
-            f"{len(found.missing)} are missing{missing}"
-        )
+        missing = "but it was not brought to its end"
+        if found.missing:
+            missing = f"{len(found.missing)} are missing, first {found.missing[0]}"
+        result.summary.append(f"{session}: incomplete, {found.frames} frames are whole, {missing}")
     else:
         result.summary.append(
             f"{session}: whole and complete, {found.frames} frames, {found.bytes / 1e6:.1f} MB"

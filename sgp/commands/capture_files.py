@@ -84,7 +84,7 @@ def export(
     mask: Path | None = None,
     force: bool = False,
 ) -> Result:
-    """Write a session for other programs; `capture import` brings it back.
+    """Write a session for other programs; `capture import` brings all but exr back.
 
     recording.json tells what the images are: levels, exposures, LEDs, who recorded what, and what
     the layout has no place for. lights.json has all that is known of the lights.
@@ -271,7 +271,8 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
                 watch, out, lights=chosen, tell=tell, on_frame=advance, texts=texts
             )
     except BaseException:
-        _tell_how_to_go_on(out)
+        if told:
+            _tell_how_to_go_on(out)
         raise
     result = info(out)
     result.ok = watched.session.complete
@@ -279,7 +280,7 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
     result.warnings += [line for line in watched.warnings if line not in told]
     if watched.missing:
         result.summary.append(
-            f"{out}: INCOMPLETE, {len(watched.missing)} of {len(watch.shots)} shots are missing, "
+            f"{out}: INCOMPLETE, {len(watched.missing)} of {len(watch.shots)} shots missing, "
             f"first {watched.missing[0].file}; the same command goes on"
         )
     return result

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from acquisition import CapturePlan, estimate_plan, preflight, read_plan
+from acquisition import CapturePlan, DataError, estimate_plan, preflight, read_plan
 from rig import RigConfig, open_rig, read_rig_config
 from sgp._console import progress
 from sgp._options import Count
@@ -140,7 +140,10 @@ def chosen_plan(path: Path | None, config: RigConfig) -> tuple[CapturePlan, tupl
     else:
         planned = read_plan(path)
     chosen, left_out = planned.without(config.dead_leds)
-    chosen.check(config.leds)
+    try:
+        chosen.check(config.leds)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
     return chosen, left_out
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import read_mask, write_exr
+from acquisition import DataError, read_mask, write_exr
 from processing import angular_error, read_normals, ssim
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -49,6 +49,9 @@ def compare(
     first, second = read_normals(a, green=green), read_normals(b, green=green)
     counted = None if mask is None else read_mask(mask, second.normal_map.size)
     error = angular_error(first.normal_map, second.normal_map, counted)
+    if not error.coverage:
+        masks = "masks" if mask is None else f"masks and {mask}"
+        raise DataError(f"{a} and {b}: their {masks} do not overlap: nothing to compare")
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
     result = Result(

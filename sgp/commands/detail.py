@@ -42,7 +42,8 @@ def separate(
     out
         Folder for shape.exr, detail.exr, the same as 16-bit PNG, mask.png and detail.json.
     filter
-        Low-pass filter that makes the shape.
+        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
+        steps and occlusions.
     order
         Order of the Gaussian; 1 is the paper's.
     w

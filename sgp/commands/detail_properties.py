@@ -58,7 +58,8 @@ def properties(
         Folder for separability.exr (degree), height.exr and detail_height.exr (px),
         properties.png, exchange.png and properties.json.
     filter
-        Low-pass filter that makes the shape.
+        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
+        steps and occlusions.
     order
         Order of the Gaussian; 1 is the paper's.
     w
@@ -81,10 +82,10 @@ def properties(
         "detail_height": integrate(parts.detail).height,
     }
     panels += [
-        shaded_panel("Surface", surfaces["height"]),
+        shaded_panel("Surface, lit from the upper left", surfaces["height"]),
         shaded_panel("Surface of the detail", surfaces["detail_height"]),
     ]
-    exchange = _of_several(normal_map, others, targets, parts, result) if others else []
+    exchange = _of_several(normal_map, others, (normals, *targets), parts, result) if others else []
     claim_folder(out, "properties.json")
     for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
         result.outputs[name] = out / f"{name}.exr"
@@ -126,11 +127,12 @@ def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Pa
 def _of_several(
     normal_map: NormalMap,
     others: list[NormalMap],
-    targets: tuple[Path, ...],
+    paths: tuple[Path, ...],
     parts: Separation,
     result: Result,
 ) -> list[Panel]:
-    """Measure a map's detail on other maps; adds figures and returns pictures."""
+    """Measure a map's detail on the maps of the other paths; adds figures, returns pictures."""
+    source, *targets = (path.name for path in paths)
     by = parts.shape_filter
     chain = transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
     result.summary.append(
@@ -138,9 +140,9 @@ def _of_several(
     )
     steps = []
     for step in chain:
-        steps.append({**asdict(step), "target": str(targets[step.target])})
+        steps.append({**asdict(step), "target": str(paths[1 + step.target])})
         result.summary.append(
-            f"  {targets[step.target].name:12} {step.to_previous.mae_deg:.2f} deg, "
+            f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "
             f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
         )
     both = cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
@@ -152,8 +154,9 @@ def _of_several(
         "exchange_shape_mae_deg": [done.fidelity.shape_mae_deg for done in both],
     }
     panels = []
-    for done, error in zip(both, errors, strict=True):
-        panels.append(normals_panel("Result", done.normal_map))
+    names = ((source, targets[0]), (targets[0], source))
+    for (detail, shape), done, error in zip(names, both, errors, strict=True):
+        panels.append(normals_panel(f"Detail of {detail} on {shape}", done.normal_map))
         title = f"Detail error, mean {error:.2f} deg"
         values = np.asarray(done.fidelity.detail_error_deg, np.float32)
         panels.append(map_panel(title, values, "deg", error=True))

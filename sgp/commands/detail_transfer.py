@@ -105,7 +105,8 @@ def transfer(
     refine
         Correction steps: each about halves the shape error and raises the detail error by half.
     filter
-        Low-pass filter that makes the shape.
+        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
+        steps and occlusions.
     order
         Order of the Gaussian; 1 is the paper's.
     w
@@ -115,7 +116,7 @@ def transfer(
         Column and row (x,y) of the target where the source's first pixel goes; of a local transfer
         where the middle of its part goes.
     profile
-        Integrate target and result, and write height_profile.png.
+        Integrate target and result, and write height_profile.png and .csv.
     source_green
         Which way the green channel of the source points.
     target_green

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,10 +11,10 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from acquisition import DataError, read_camera, write_exr
-from processing import MAX_PROJECTED_PIXELS, View, read_geometry, view_rotation, write_normals
+from processing import View, read_geometry, view_rotation, write_normals
 from processing import project as project_geometry
 from sgp._exit import UsageError
-from sgp._options import Positive, Whole, numbers
+from sgp._options import Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
@@ -95,7 +94,7 @@ def project(
         raise UsageError("--distance-mm is the distance of a camera: give --camera too")
     if camera is not None and mm_per_px is not None:
         raise UsageError("with --camera the scale follows from its distance: leave --mm-per-px out")
-    pixels = None if size is None else _size(size)
+    pixels = None if size is None else image_size("--size", size)[::-1]
     try:
         rotation = view_rotation(
             view or "front",
@@ -150,15 +149,3 @@ def project(
         f"object, height spans {result.metrics['height_range_mm']:.4g} mm"
     ]
     return result
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d*)x([1-9]\d*)", text)
-    if match is None:
-        raise UsageError(f"--size {text}: give width and height in pixels, such as 640x512")
-    width, height = int(match[1]), int(match[2])
-    if width * height > MAX_PROJECTED_PIXELS:
-        raise UsageError(
-            f"--size {text}: {MAX_PROJECTED_PIXELS // 10**6} million pixels are the most"
-        )
-    return height, width

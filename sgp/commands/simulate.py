@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,7 +12,7 @@ from acquisition import Session
 from sgp._console import progress
 from sgp._diligent import write_diligent
 from sgp._exit import UsageError
-from sgp._options import Count, Positive, Seed
+from sgp._options import Count, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
 from sgp._simulation import metered_exposures, record_simulated
@@ -140,7 +139,7 @@ def simulate(
 def _scene(
     name: str, lights: int | None, size: str | None, seed: int | None
 ) -> tuple[Scene, list[Path]]:
-    pixels = None if size is None else _size(size)
+    pixels = None if size is None else image_size("--size", size)
     if name.endswith(".toml"):
         return read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
     if name not in SCENES:
@@ -151,13 +150,6 @@ def _scene(
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
     return scene_named(name, seed=seed or 0, **options), []
-
-
-def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", text)
-    if match is None:
-        raise UsageError(f"--size {text}: give width and height in pixels, such as 640x512")
-    return int(match[1]), int(match[2])
 
 
 def _made(folder: Path) -> Path:

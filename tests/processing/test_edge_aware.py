@@ -24,7 +24,8 @@ UP = (0.0, 0.0, 1.0)
 def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
     """Balls with relief in front of a slanted relief: a map full of occlusions, and its depth.
 
-    What the filters' parameters were chosen on, so that real maps could judge them.
+    Scenes of this sort, with other seeds, are what the filters' parameters were chosen on, so that
+    these and real maps can judge them.
     """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:size, :size].astype(float)
@@ -75,35 +76,27 @@ def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, 
     return float(own), float(paper), float(away)
 
 
-def judged(maps: list[tuple[NormalMap, Mask]], kind: FilterKind) -> tuple[float, float, float]:
-    """Mean own separability in the bands; leak and kept detail as fractions of the Gaussian's."""
-    edge = np.array([figures(*case, ShapeFilter(kind)) for case in maps])
-    gauss = np.array([figures(*case, PAPER) for case in maps])
-    own, leak, kept = edge.mean(axis=0) / (1, *gauss.mean(axis=0)[1:])
-    return float(own), float(leak), float(kept)
+def judge(maps: list[tuple[NormalMap, Mask]], kind: FilterKind) -> None:
+    """Hold a filter against the Gaussian: its leak against the less, its detail the more."""
+    edge = np.mean([figures(*case, ShapeFilter(kind)) for case in maps], axis=0)
+    gauss = [
+        np.mean([figures(*case, ShapeFilter("gaussian", order)) for case in maps], axis=0)
+        for order in (1, 8)
+    ]
+    (own, leak, away), (_, gauss_leaks, gauss_aways) = edge, np.transpose(gauss)
+    assert own <= 1.2
+    assert leak <= 0.5 * gauss_leaks.min()
+    assert away >= 0.75 * gauss_aways.max()
 
 
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
 def test_less_is_left_at_occlusions_and_relief_stays(kind: FilterKind) -> None:
-    maps = [(made, occlusion_band(depth, made.mask)) for made, depth in map(caps, (0, 1))]
-    own, leak, kept = judged(maps, kind)
-    assert own <= 1.2
-    assert leak <= 0.5
-    assert kept >= 0.75
+    judge([(made, occlusion_band(depth, made.mask)) for made, depth in map(caps, (0, 1))], kind)
 
 
 @needs_data
-@pytest.mark.parametrize(
-    ("kind", "most_left_deg", "most_leak", "least_kept"),
-    [
-        pytest.param("guided", 1.2, 0.5, 0.75, id="guided"),
-        # Stricter at edges, at the price of strong relief.
-        pytest.param("bilateral", 1.2, 0.4, 0.6, id="bilateral"),
-    ],
-)
-def test_occlusions_of_real_objects(
-    kind: FilterKind, most_left_deg: float, most_leak: float, least_kept: float
-) -> None:
+@pytest.mark.parametrize("kind", ["guided", "bilateral"])
+def test_occlusions_of_real_objects(kind: FilterKind) -> None:
     root = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
     maps = []
     for name in ("bear", "buddha", "cat", "cow", "goblet"):
@@ -111,10 +104,7 @@ def test_occlusions_of_real_objects(
         with np.load(root / name / "depth_gt.npz") as file:
             depth = file[file.files[0]].astype(np.float64)
         maps.append((normal_map, occlusion_band(depth, normal_map.mask)))
-    own, leak, kept = judged(maps, kind)
-    assert own <= most_left_deg
-    assert leak <= most_leak
-    assert kept >= least_kept
+    judge(maps, kind)
 
 
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from scipy.io import loadmat
 
@@ -74,7 +75,7 @@ def _write_rgba(path, cap):
     ("name", "write", "worst_deg", "warning"),
     [
         pytest.param("n.png", _write_png16, 2e-3, "", id="png-16"),
-        pytest.param("n.png", _write_rgba, 2e-3, "", id="png-alpha"),
+        pytest.param("n.png", _write_rgba, 2e-3, "opaque everywhere", id="png-alpha"),
         pytest.param(
             "n.png",
             lambda path, cap: write_png(path, _encoded(cap.normals, 255).astype(np.uint8)),
@@ -125,6 +126,74 @@ def test_every_format_decodes(tmp_path, name, write, worst_deg, warning):
     assert _worst_deg(normal_map, cap) < worst_deg
     assert len(warnings) == bool(warning)
     assert warning in "".join(warnings)
+
+
+def _write_alpha(path, sample, colours, alpha, *, associated=False):
+    """Write samples of 0..1 (colours may be vectors) with alpha, as they are."""
+    pixels = np.concatenate([colours, alpha[..., None]], axis=2).astype(np.float32)
+    if path.suffix == ".npy":
+        np.save(path, pixels)
+        return
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 4, sample)
+    if not associated:
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageOutput.create(str(path))
+    assert file.open(str(path), spec)
+    assert file.write_image(pixels)
+    assert file.close()
+
+
+ALPHA_FILES = [
+    pytest.param("n.png", oiio.UINT8, True, False, 0.8, id="png-8"),
+    pytest.param("n.png", oiio.UINT16, True, False, 5e-3, id="png-16"),
+    pytest.param("n.tif", oiio.UINT16, True, False, 5e-3, id="tiff"),
+    pytest.param("n.tif", oiio.UINT16, True, True, 5e-3, id="tiff-premultiplied"),
+    pytest.param("n.tif", oiio.UINT8, True, True, 1.5, id="tiff-8-premultiplied"),
+    pytest.param("n.exr", oiio.FLOAT, False, False, 1e-4, id="exr-vectors"),
+    pytest.param("n.exr", oiio.FLOAT, False, True, 1e-4, id="exr-vectors-premultiplied"),
+    pytest.param("n.exr", oiio.FLOAT, True, False, 1e-4, id="exr-encoded"),
+    pytest.param("n.exr", oiio.FLOAT, True, True, 1e-4, id="exr-encoded-premultiplied"),
+    pytest.param("n.npy", None, False, False, 1e-4, id="npy"),
+]
+
+
+@pytest.mark.parametrize(("name", "sample", "encoded", "multiplied", "worst_deg"), ALPHA_FILES)
+def test_alpha_is_the_mask(tmp_path, name, sample, encoded, multiplied, worst_deg):
+    """A soft edge in alpha, and normals under it that must not count."""
+    full = NormalMap.from_vectors(np.where(_cap().mask[..., None], _cap().normals, (0, 0, 1.0)))
+    columns = np.broadcast_to(np.arange(48), (48, 48))
+    alpha = np.clip((columns - 10.2) / 8, 0, 1)
+    colours = full.normals / 2 + 0.5 if encoded else full.normals
+    if multiplied:
+        colours = colours * alpha[..., None]
+    _write_alpha(tmp_path / name, sample, colours, alpha, associated=multiplied)
+    normal_map, notes, files = read_normals(tmp_path / name)
+    inside = alpha > 0.5
+    assert np.array_equal(normal_map.mask, inside)
+    assert angle_deg(normal_map.normals[inside], full.normals[inside]).max() < worst_deg
+    assert f"alpha channel is the mask, {inside.sum()} of 2304 pixels" in notes[0]
+    assert files == (tmp_path / name,)
+
+
+@pytest.mark.parametrize("named", [False, True], ids=["beside", "named"])
+def test_a_mask_file_is_stronger_than_alpha(tmp_path, named):
+    cap = _cap()
+    alpha = np.zeros(cap.size)
+    alpha[:, :9] = 1
+    _write_alpha(tmp_path / "n.png", oiio.UINT16, cap.normals / 2 + 0.5, alpha)
+    mask = tmp_path / ("other.png" if named else "mask.png")
+    write_png(mask, cap.mask.astype(np.uint8) * 255)
+    normal_map, notes, _ = read_normals(tmp_path / "n.png", mask_path=mask if named else None)
+    assert np.array_equal(normal_map.mask, cap.mask)
+    assert _worst_deg(normal_map, cap) < 2e-3
+    (note,) = notes
+    assert note == f"{tmp_path / 'n.png'}: its alpha channel is ignored, the mask is {mask}"
+
+
+def test_alpha_with_nothing_inside_is_refused(tmp_path):
+    _write_alpha(tmp_path / "n.png", oiio.UINT16, _cap().normals / 2 + 0.5, np.full((48, 48), 0.4))
+    with pytest.raises(DataError, match=r"n\.png: its alpha channel leaves nothing inside"):
+        read_normals(tmp_path / "n.png")
 
 
 def test_jpeg_decodes(tmp_path):

@@ -221,3 +221,28 @@ def test_a_missing_file_is_named(tmp_path):
 def test_geometry_that_makes_no_sense_is_refused(vertices, faces, words):
     with pytest.raises(DataError, match=words):
         Geometry(vertices, faces)
+
+
+@pytest.mark.parametrize(
+    ("faces", "edges"),
+    [
+        pytest.param("1 2 3,2 1 4", 0, id="two faces"),
+        pytest.param("1 2 3,2 1 4,1 2 5", 1, id="three faces at an edge"),
+        pytest.param("1 2 3,2 1 4,1 2 5,2 1 6", 1, id="four faces at an edge"),
+        pytest.param("1 2 3,1 2 3,1 2 3", 3, id="one face three times"),
+        pytest.param("1 2 3,2 1 4,1 2 2", 0, id="a vertex twice"),
+    ],
+)
+def test_edges_of_more_than_two_faces_are_told(tmp_path, faces, edges):
+    places = ["0 0 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 1", "0 0 -1"]
+    lines = [f"v {place}" for place in places] + [f"f {face}" for face in faces.split(",")]
+    (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
+    warnings = read_geometry(tmp_path / "mesh.obj").warnings
+    assert len(warnings) == bool(edges)
+    assert f"meet at {edges} edges" in "".join(warnings) or not edges
+
+
+def test_a_folder_is_no_mesh(tmp_path):
+    (tmp_path / "mesh.obj").mkdir()
+    with pytest.raises(DataError, match=r"mesh\.obj: a folder, not a mesh"):
+        read_geometry(tmp_path / "mesh.obj")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from processing import NormalMap, angle_deg, combine, separate
 from sgp._paper import figures as paper
 from sgp._paper import run as _paper_run
+from sgp._paper.faces import FACES
 from sgp._paper.measure import METHODS, measure
 from sgp._paper.sources import Sources, bowl
 from sgp._paper.tables import Table, markdown
@@ -22,6 +25,20 @@ def ripples(size: int = 70) -> NormalMap:
     y, x = np.mgrid[:size, :size].astype(np.float64)
     slopes = [0.4 * np.cos(x * 2 * np.pi / 7), 0.4 * np.sin(y * 2 * np.pi / 7), np.ones_like(x)]
     return NormalMap.from_vectors(np.stack(slopes, axis=2))
+
+
+STAND_INS = ("scales", "cloth")
+
+
+def check_curve(path: Path, rms: float) -> None:
+    """The points that are listed are some of all, the ends among them."""
+    pixel, target, result, smoothed = np.loadtxt(path, delimiter=",", skiprows=1).T
+    assert len(pixel) == 4000
+    assert pixel[0] == 0
+    assert pixel[-1] > 4000
+    assert (np.diff(target) >= 0).all()
+    assert np.sqrt(np.mean((result - target) ** 2)) == pytest.approx(rms, rel=0.1)
+    assert np.std(smoothed - target) < np.std(target)
 
 
 def check(made: dict, markdown_text: str) -> None:
@@ -63,7 +80,7 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
     text = (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8")
     assert set(made) == {
         "shape_similarity", "separability", "idempotence", "cross_exchange", "resolution",
-        "headline",
+        "headline", "height_profile",
     }  # fmt: skip
     check(made, text)
     assert "Left out: SGP_DATA is not set" in text
@@ -73,6 +90,12 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
     # Both cells of the headline are not there: it must not be made up.
     assert made["headline"]["rows"]["normals"] == [None, None]
     assert (tmp_path / "tables" / "resolution.png").stat().st_size > 10_000
+    assert json.loads((tmp_path / "tables" / "bench.json").read_text())["inputs"] == {}
+    heights = made["height_profile"]
+    assert heights["columns"] == [f"{name} (simulated) on bowl (simulated)" for name in STAND_INS]
+    assert (tmp_path / "tables" / "height_profile.png").stat().st_size > 10_000
+    for name, rms in zip(STAND_INS, heights["rows"]["rms of result less target, px"], strict=True):
+        check_curve(tmp_path / "tables" / f"height_profile_{name}.csv", rms)
 
 
 @needs_data
@@ -92,7 +115,13 @@ def test_with_data_every_table_is_there(sgp, tmp_path):
     assert idempotence[made["idempotence"]["columns"].index("owl")] >= 0.9996
     chain = made["chain"]["rows"]["detail to original, deg, order 8"]
     assert chain[-1] >= chain[0]
+    inputs = json.loads((tmp_path / "tables" / "bench.json").read_text())["inputs"]
+    names = {Path(name).relative_to(os.environ["SGP_DATA"]).parts[0] for name in inputs}
+    assert names == {"meshes", "normals", "reliefs"}
+    for name, digest in inputs.items():
+        assert sha256(Path(name).read_bytes()).hexdigest() == digest
     local = made["local"]["rows"]
+    assert tuple(made["local"]["columns"]) == tuple(FACES)
     assert max(local["step across the seam over the interior's, normals"]) <= 1.2
 
 
@@ -151,6 +180,20 @@ def test_a_bowl_has_the_points_that_were_asked_for():
             np.arctan2(np.hypot(*made.normals[made.mask, :2].T), made.normals[made.mask, 2])
         )
         assert tilt.max() == pytest.approx(60, abs=1)
+
+
+@needs_data
+def test_what_is_read_is_remembered():
+    sources = Sources.found()
+    sources.given("diligent/cat")
+    sources.resolution_pair(5010)
+    root = Path(os.environ["SGP_DATA"])
+    assert sorted(str(file.relative_to(root)) for file in sources.files) == [
+        "meshes/stanford-bunny.obj",
+        "normals/diligent/cat/mask.png",
+        "normals/diligent/cat/normal_map.png",
+        "reliefs/160.jpg",
+    ]
 
 
 @needs_data

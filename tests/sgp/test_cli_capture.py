@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acquisition import Session, read_image
+from acquisition._session.writer import SessionWriter
 
 RIG = """
 name = "small"
@@ -382,6 +384,29 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
     answer = sgp("capture", "resume", out, "--rig", rig)
     assert answer.code == 4
     assert "is complete" in answer.err
+
+
+def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    (out / "COMPLETE").unlink()
+    journal = (out / "journal.jsonl").read_bytes()
+    (out / "journal.jsonl").write_bytes(journal[:-40])
+    answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
+    assert answer.code == 0, answer.err
+    assert answer.err.count("the last line was cut off while being written") == 1
+    assert "1 shots were missing" in answer.err
+    assert sgp("capture", "verify", out).code == 0
+
+
+def test_a_second_writer_is_refused_in_one_line_that_claims_nothing(sgp, rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2
+    with closing(SessionWriter.reopen(out)):
+        answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
+    assert answer.code == 3
+    assert "another process is recording into this session" in answer.err
+    assert answer.err.count("\n") == 1
 
 
 def test_what_cannot_be_resumed(sgp, rig, tmp_path):

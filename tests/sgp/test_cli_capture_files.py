@@ -125,7 +125,7 @@ def test_an_exr_stack_has_every_frame(sgp, session, tmp_path):
     np.testing.assert_array_equal(stored, lit(session)[2].astype(np.float32))
     back = sgp("capture", "import", tmp_path / "out", "--out", tmp_path / "back")
     assert back.code == 4
-    assert "a session holds whole numbers" in back.err
+    assert "export the session as lp, diligent or alicevision" in back.err
     assert not (tmp_path / "back").exists()
 
 
@@ -272,6 +272,21 @@ def test_watches_that_cannot_be(sgp, tmp_path, words, said):
     assert said in answer.err
     assert answer.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_watch_for_other_shots_is_refused_and_does_not_ask_to_be_tried_again(sgp, tmp_path):
+    folder = tethered(tmp_path / "in", [0, 2, 4])
+    words = ("capture", "import", folder, "--watch", "--out", tmp_path / "out", "--timeout-s", 2)
+    answer = sgp(*words, "--leds", 4)
+    assert answer.code == 4
+    assert "INCOMPLETE, 1 of 4 shots missing, first L03_E0.tif" in answer.out
+    assert "frames    3, 0 rejected" in answer.out
+    told = sgp("capture", "verify", tmp_path / "out")
+    assert "incomplete, 3 frames are whole, but it was not brought to its end" in told.out
+    answer = sgp(*words, "--leds", 5)
+    assert answer.code == 4
+    assert "not begun by watching a folder for these shots" in answer.err
+    assert answer.err.count("\n") == 1
 
 
 def test_a_watch_never_writes_into_a_folder_of_other_things(sgp, tmp_path):

@@ -1,6 +1,7 @@
 """A plan shown without hardware, and a rig checked against it, as an operator does."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -101,6 +102,8 @@ def test_plans_that_are_refused(sgp, plan, text, said):
     assert answer.code == 4
     assert answer.out == ""
     assert said in answer.err
+    assert answer.err.startswith("error: ")
+    assert "plan.toml: " in answer.err
     assert len(answer.err.splitlines()) == 1
 
 
@@ -149,3 +152,14 @@ def test_a_rig_that_is_not_ready_gives_exit_3_and_says_why(sgp, rig, plan, tmp_p
 def test_help_has_an_example(sgp):
     for command in ("plan", "check"):
         assert f"capture {command} " in sgp("capture", command, "--help").out
+
+
+def test_help_is_wrapped_by_paragraphs(sgp, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    shown = sgp("capture", "import", "--help").out.partition("For example:")
+    lines = [line for line in shown[0].splitlines()[3:] if line]
+    # Each line but the last of a paragraph has no room for the next one's first word.
+    short = [one for one, next_one in pairwise(lines) if len(f"{one} {next_one.split()[0]}") <= 60]
+    assert len(lines) >= 4
+    assert short == []
+    assert len(shown[2].partition("Parameters")[0].splitlines()) > 4, "examples stay lines"

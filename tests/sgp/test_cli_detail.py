@@ -58,6 +58,23 @@ def test_a_transfer_writes_maps_errors_and_where_the_source_went(sgp, maps):
     assert made["metrics"]["height_rms_px"] < made["metrics"]["height_range_px"]
 
 
+def test_the_height_profile_as_data_is_what_the_figures_tell(sgp, maps):
+    out = maps / "out"
+    answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
+    assert answer.code == 0, answer.err
+    metrics = record(out)["metrics"]
+    assert record(out)["outputs"]["height_profile_data"] == "height_profile.csv"
+    lines = (out / "height_profile.csv").read_text(encoding="utf-8").splitlines()
+    assert lines[0] == "pixel,target_px,result_px,smoothed_px"
+    pixel, target, result, smoothed = np.loadtxt(lines[1:], delimiter=",").T
+    # A map of few pixels is listed whole.
+    np.testing.assert_array_equal(pixel, np.arange(read_normals(out).normal_map.mask.sum()))
+    assert (np.diff(target) >= 0).all()
+    for heights, name in ((result, "height_rms_px"), (smoothed, "height_smoothed_rms_px")):
+        assert np.sqrt(np.mean((heights - target) ** 2)) == pytest.approx(metrics[name], rel=1e-4)
+    assert np.ptp(target) == pytest.approx(metrics["height_range_px"], rel=1e-5)
+
+
 def test_a_part_is_set_in_and_the_rest_stays(sgp, maps):
     out = maps / "out"
     answer = sgp(
@@ -176,3 +193,54 @@ def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
     assert angle_deg(found.normals, given.normals).max() < 0.01
     answer = sgp("detail", "transfer", maps / "alpha.png", maps / "target", "--out", maps / "out")
     assert answer.code == 0, answer.err
+
+
+@pytest.mark.parametrize("command", ["separate", "transfer", "properties", "combine", "compare"])
+def test_alpha_is_told_by_every_command_that_reads_maps(sgp, maps, command):
+    colours = np.rint((relief(2, (40, 50)).normals / 2 + 0.5) * 255).astype(np.uint8)
+    alpha = disc((40, 50), 25, 20, 17)[..., None]
+    cv2.imwrite(str(maps / "cut.png"), np.concatenate([colours[..., ::-1], alpha], axis=2))
+    words = {
+        "separate": ["detail", "separate", "cut.png"],
+        "transfer": ["detail", "transfer", "cut.png", "target"],
+        "properties": ["detail", "properties", "source", "cut.png"],
+        "combine": ["detail", "combine", "source", "cut.png"],
+        "compare": ["compare", "cut.png", "source"],
+    }[command]
+    paths = [maps / word if (maps / word).exists() else word for word in words]
+    answer = sgp(*paths, "--out", maps / "out", "--json")
+    assert answer.code == 0, answer.err
+    notes = [line for line in json.loads(answer.out)["warnings"] if "alpha channel" in line]
+    (note,) = notes
+    assert f"is the mask, {np.count_nonzero(alpha)} of 2000 pixels" in note
+
+
+@pytest.mark.parametrize("where", ["target", "target/below"])
+def test_results_never_go_into_one_of_several_targets(sgp, maps, where):
+    before = sorted(path.name for path in (maps / "target").iterdir())
+    answer = sgp(
+        *("detail", "properties", maps / "source", maps / "target"),
+        *("--out", maps / where, "--force"),
+    )
+    assert answer.code == 2
+    assert "read from" in answer.err
+    assert sorted(path.name for path in (maps / "target").iterdir()) == before
+
+
+@pytest.mark.parametrize("words", [["separate"], ["transfer"], ["properties"]])
+def test_help_names_the_filters(sgp, words):
+    said = " ".join(sgp("detail", *words, "--help").out.replace("\u2502", " ").split())
+    assert "gaussian, box, or guided or bilateral, which stop at steps and occlusions" in said
+
+
+def test_maps_that_do_not_overlap_are_not_compared(sgp, maps):
+    whole = relief(3, (40, 50))
+    for name, part in (("left", np.s_[:, :20]), ("right", np.s_[:, 30:])):
+        mask = np.zeros(whole.size, np.bool_)
+        mask[part] = True
+        (maps / name).mkdir()
+        write_normals(maps / name, NormalMap(np.where(mask[..., None], whole.normals, 0), mask))
+    answer = sgp("compare", maps / "left", maps / "right")
+    assert answer.code == 4
+    assert answer.err.count("\n") == 1
+    assert "their masks do not overlap: nothing to compare" in answer.err

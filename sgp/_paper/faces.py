@@ -1,0 +1,64 @@
+"""The faces that are set into other surfaces: which part of what goes where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from processing import LocalTransferResult, NormalMap, transfer_local
+
+# The paper's granularity for faces.
+FACE_W = 10
+
+
+class Face(NamedTuple):
+    """A face of one DiLiGenT map and its place on another.
+
+    Parameters
+    ----------
+    source, target
+        Names of the maps.
+    ellipse
+        Round the face: column, row, half axes, in pixels of the source.
+    at
+        Column and row of the target where its middle goes.
+    scale, rotate_deg, mirror
+        As of `transfer_local`.
+    """
+
+    source: str
+    target: str
+    ellipse: tuple[int, int, int, int]
+    at: tuple[float, float]
+    scale: float
+    rotate_deg: float
+    mirror: bool
+
+    def set_in(
+        self, source: NormalMap, target: NormalMap, *, order: int = 8, reach_px: float | None = None
+    ) -> LocalTransferResult:
+        """Set the face into the target at the paper's granularity."""
+        x, y, across, down = self.ellipse
+        rows, columns = np.ogrid[: source.size[0], : source.size[1]]
+        part: npt.NDArray[np.bool_] = ((columns - x) / across) ** 2 + ((rows - y) / down) ** 2 <= 1
+        return transfer_local(
+            source,
+            target,
+            source_mask=part,
+            at=self.at,
+            scale=self.scale,
+            rotate_deg=self.rotate_deg,
+            mirror=self.mirror,
+            w=FACE_W,
+            order=order,
+            reach_px=reach_px,
+        )
+
+
+FACES: Mapping[str, Face] = {
+    "Cat onto Bear": Face("cat", "bear", (390, 166, 45, 35), (303, 188), 1.2, 6, False),
+    "Buddha onto Bear": Face("buddha", "bear", (305, 118, 27, 34), (303, 185), 1.5, 0, True),
+}
