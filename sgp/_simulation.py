@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CapturePlan, Session, record
+from rig import RigConfig
 from sgp._console import progress
 from simulator import Rendering, rig_for
 
@@ -71,17 +72,20 @@ def record_simulated(
 ) -> Session:
     """Record a rendering through the simulated rig, without waiting for exposures to pass.
 
+    The scene's dead LEDs are left out, as an operator would list them in the rig file.
+
     Raises
     ------
     RigError, DataError, StorageError
         As recording does; what was recorded by then stays whole.
     """
     truth = rendering.truth
-    plan = CapturePlan(leds=tuple(range(len(rendering.planes))), exposures_us=exposures_us)
+    leds, lamps = len(rendering.planes), rendering.scene.lamps
+    dead = tuple(led for led in lamps.dead if led < leds)  # the rig refuses others
+    config = RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
+    plan = CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
-        rig_for(
-            rendering, seed=seed, noisy=noisy, realtime=False, lamps=rendering.scene.lamps
-        ) as rig,
+        rig_for(rendering, config, seed=seed, noisy=noisy, realtime=False, lamps=lamps) as rig,
         progress("recording") as advance,
     ):
         return record(

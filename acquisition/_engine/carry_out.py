@@ -10,10 +10,11 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition._engine.recording import ROOM, THREADS, Hooks, Recording, StoppedError, Stored
+from acquisition._engine.references import References
 from acquisition._engine.stop_request import StopRequest
 from acquisition._engine.write_queue import WriteQueue
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.quality import FrameQuality, measure_quality
+from acquisition._pixels.quality import measure_quality
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.writer import SessionWriter
 from rig import Rig, RigError
@@ -30,7 +31,7 @@ def carry_out(
     plan: CapturePlan,
     hooks: Hooks,
     events: Sequence[tuple[str, Mapping[str, Any]]],
-    dark: Mapping[float, FrameQuality],
+    references: References,
     stall_s: float,
 ) -> None:
     """Take what a session is missing and complete it, or leave it dark and resumable.
@@ -47,8 +48,8 @@ def carry_out(
         Who is told.
     events
         Written first.
-    dark
-        Frames that were taken with all LEDs off before, by their exposure.
+    references
+        What was recorded before tells.
     stall_s
         How long the disk may take no frame at all.
 
@@ -64,7 +65,7 @@ def carry_out(
             writer.folder, room=ROOM, threads=THREADS, stall_s=stall_s
         )
         try:
-            recording = Recording(rig, writer, plan, queue, hooks, dark)
+            recording = Recording(rig, writer, plan, queue, hooks, references)
             for name, details in events:
                 recording.event(name, **details)
             recording.run(stop)

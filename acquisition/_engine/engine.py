@@ -8,11 +8,11 @@ from typing import Any
 
 from acquisition._engine.carry_out import STALL_S, carry_out
 from acquisition._engine.recording import Hooks, OnEvent, OnFrame
+from acquisition._engine.references import References
 from acquisition._engine.rig_fits import check_calibrations, check_exposures, check_lights
 from acquisition._engine.rig_records import camera_record, rig_record
 from acquisition._engine.same_rig import check_same
 from acquisition._errors import DataError
-from acquisition._pixels.quality import FrameQuality
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import LEFT_OUT
@@ -121,7 +121,7 @@ def record(
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
     hooks = Hooks(on_frame, on_event, on_stop, before_flats)
     with SessionWriter.create(folder, manifest) as writer:
-        carry_out(rig, writer, plan, hooks, events, {}, stall_s)
+        carry_out(rig, writer, plan, hooks, events, References(manifest.camera), stall_s)
     return Session.open(folder)
 
 
@@ -178,7 +178,7 @@ def resume(
             writer.write_event(LEFT_OUT, **details)
             if on_event is not None:
                 on_event(LEFT_OUT, details)
-        carry_out(rig, writer, recorded, hooks, events, _dark(begun), stall_s)
+        carry_out(rig, writer, recorded, hooks, events, References.of(begun), stall_s)
     return Session.open(folder)
 
 
@@ -211,22 +211,6 @@ def check_resume(
     dead = rig.config.dead_leds
     recorded.without(dead)
     return begun, recorded, tuple(shot for shot in begun.missing if shot.lit_led not in dead)
-
-
-def _dark(session: Session) -> dict[float, FrameQuality]:
-    """Return the figures of the frames with all LEDs off, by the exposure that was planned."""
-    plan = session.manifest.plan
-    planned = {} if plan is None else {shot.key: shot.exposure_us for shot in plan.shots()}
-    unlit = [frame.line for frame in session.frames if frame.role in ("dark", "ambient")]
-    # Ambient frames last, as they count before dark ones.
-    unlit.sort(key=lambda line: line.role == "ambient")
-    return {
-        exposure_us: FrameQuality(
-            line.clipped_fraction, line.percentiles_dn, line.sharpness, line.mean_dn
-        )
-        for line in unlit
-        if (exposure_us := planned.get(line.key)) is not None
-    }
 
 
 def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:

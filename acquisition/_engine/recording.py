@@ -11,7 +11,8 @@ from functools import partial
 from itertools import takewhile
 from typing import Any, Final, cast
 
-from acquisition._engine.rejection import rejection
+from acquisition._engine.references import References, quality_of
+from acquisition._engine.rejection import SeenLight, rejection
 from acquisition._engine.stop_request import StopRequest
 from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import DataError
@@ -82,8 +83,8 @@ class Recording:
         For what is to be written.
     hooks
         Who is told.
-    dark
-        Frames that were taken with all LEDs off before, by their exposure.
+    references
+        What was recorded before tells.
     """
 
     def __init__(
@@ -93,14 +94,16 @@ class Recording:
         plan: CapturePlan,
         queue: WriteQueue[Stored | None],
         hooks: Hooks,
-        dark: Mapping[float, FrameQuality],
+        references: References,
     ) -> None:
         self._rig = rig
         self._writer = writer
         self._plan = plan
         self._queue = queue
         self._hooks = hooks
-        self._dark = dict(dark)
+        self._references = references
+        # Exposures of which a frame is kept that shows no light, so short it is.
+        self._unseen_us: set[float] = set()
         self._todo = deque(writer.missing)
         self._total = writer.demanded
         self._done = self._total - len(self._todo)
@@ -142,8 +145,19 @@ class Recording:
                 self._take_again(stored.shot)
                 continue
             self._done += 1
+            self._look_at_light(stored)
             if self._hooks.on_frame is not None:
                 self._hooks.on_frame(stored.line, self._done, self._total)
+
+    def _look_at_light(self, stored: Stored) -> None:
+        """Remember what an LED gave, and tell of the first of an exposure that shows nothing."""
+        shot = stored.shot
+        if shot.lit_led is None or self._references.note(shot, quality_of(stored.line)):
+            return
+        exposure_us = _exposure_us(shot)
+        if exposure_us not in self._unseen_us:
+            self._unseen_us.add(exposure_us)
+            self.event("no_light_seen", led=shot.lit_led, exposure_us=exposure_us)
 
     def event(self, name: str, **details: Any) -> None:
         """Have an event written in its turn, and tell of it."""
@@ -169,10 +183,20 @@ class Recording:
             if stop.asked:
                 return
             self._card_is_there = True
-        if self._sequenced:
+        if self._longer_is_unknown(first):
+            self._queue.drain()
+        elif self._sequenced:
             self._take_many(stop)
         else:
             self._take_one()
+
+    def _longer_is_unknown(self, shot: PlannedShot) -> bool:
+        """Tell whether a longer exposure of the LED, which this one is judged by, is on its way."""
+        if shot.lit_led is None or self._queue.settled or self._references.light(shot) is not None:
+            return False
+        brackets = range(len(self._plan.exposures_us))
+        longest_us = max(self._plan.exposure_us(shot.lit_led, bracket) for bracket in brackets)
+        return _exposure_us(shot) < longest_us
 
     def _take_one(self) -> None:
         planned = self._todo[0]
@@ -211,12 +235,11 @@ class Recording:
     def _keep(self, planned: PlannedShot, shot: Shot) -> None:
         quality = None
         if planned.lit_led is None:
-            # At once, as later frames are judged by it. Ambient light is part of what they have
-            # without their LED, so an ambient frame replaces a dark one.
+            # At once, as later frames are judged by it.
             quality = self._writer.measure(planned, shot.frame.pixels)
-            self._dark[_exposure_us(planned)] = quality
-        dark = self._dark.get(_exposure_us(planned))
-        self._queue.put(partial(self._store, planned, shot, quality, dark))
+            self._references.note(planned, quality)
+        dark, light = self._references.dark(planned), self._references.light(planned)
+        self._queue.put(partial(self._store, planned, shot, quality, dark, light))
 
     def _pause(self) -> None:
         self._rig.off()
@@ -241,15 +264,16 @@ class Recording:
         shot: Shot,
         quality: FrameQuality | None,
         dark: FrameQuality | None,
+        light: SeenLight | None,
         turn: Turn,
     ) -> Stored:
-        frame, camera = shot.frame, self._writer.manifest.camera
+        frame, range_dn = shot.frame, self._references.range_dn
         quality = quality or self._writer.measure(planned, frame.pixels)
-        range_dn = camera.white_dn - camera.black_level_dn
         rejected = rejection(
             planned,
             quality,
             dark=dark,
+            seen=light,
             range_dn=range_dn,
             max_clipped_fraction=self._plan.max_clipped_fraction,
         )

@@ -1,8 +1,13 @@
-"""Why a frame does not count: too much of it is clipped, or its LED gave no light."""
+"""Why a frame does not count: too much of it is clipped, or its LED gave no light.
+
+A short exposure may show no light although its LED burned. What the LED gave at a longer one then
+tells how much there could be to see.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 from acquisition._errors import DataError
@@ -18,6 +23,43 @@ _LEAST_DN: Final = 1.0
 # By how much of the sensor's range a highlight smaller than that must stand out: single samples
 # that come and go by themselves are weaker.
 _HIGHLIGHT: Final = 0.05
+# How many times the margin must be expected before light that is not seen is missing.
+_SURELY: Final = 3.0
+
+
+@dataclass(frozen=True)
+class SeenLight:
+    """How far a frame of an LED was above the dark one, on the percentiles that light raises.
+
+    Samples that were clipped make it less than it was.
+    """
+
+    exposure_us: float
+    rise_dn: Mapping[str, int]
+
+    @classmethod
+    def of(
+        cls,
+        exposure_us: float,
+        light_dn: Mapping[str, int],
+        dark_dn: Mapping[str, int],
+        range_dn: float,
+    ) -> SeenLight | None:
+        """Return it, from the percentiles of both frames; None where the frame shows no light."""
+        if not is_lit(light_dn, dark_dn, range_dn):
+            return None
+        names = (*_RISING, "100")
+        return cls(exposure_us, {name: light_dn[name] - dark_dn[name] for name in names})
+
+    def must_show(self, exposure_us: float, dark_dn: Mapping[str, int], range_dn: float) -> bool:
+        """Tell whether the same LED must be seen at another exposure too."""
+        share = exposure_us / self.exposure_us
+        rise = {name: share * dn for name, dn in self.rise_dn.items()}
+        margin_dn = _SURELY * _margin_dn(dark_dn)
+        return (
+            any(rise[name] > margin_dn for name in _RISING)
+            or rise["100"] > _SURELY * _HIGHLIGHT * range_dn
+        )
 
 
 def rejection(
@@ -25,6 +67,7 @@ def rejection(
     quality: FrameQuality,
     *,
     dark: FrameQuality | None,
+    seen: SeenLight | None = None,
     range_dn: float,
     max_clipped_fraction: float,
 ) -> RigError | DataError | None:
@@ -39,6 +82,9 @@ def rejection(
     dark
         Of a frame of the same exposure with all LEDs off; None where there is none, and then
         nothing is said about light.
+    seen
+        What the LED gave at a longer exposure. A frame without light counts where so short an
+        exposure need not show any.
     range_dn
         White level less black level.
     max_clipped_fraction
@@ -60,6 +106,12 @@ def rejection(
         return None
     if is_lit(quality.percentiles_dn, dark.percentiles_dn, range_dn):
         return None
+    if (
+        seen is not None
+        and shot.exposure_us is not None
+        and not seen.must_show(shot.exposure_us, dark.percentiles_dn, range_dn)
+    ):
+        return None
     return RigError(
         f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "
         "the one with all LEDs off; check the LED and the lens, expose longer, or list it in "
@@ -69,7 +121,11 @@ def rejection(
 
 def is_lit(light_dn: Mapping[str, int], dark_dn: Mapping[str, int], range_dn: float) -> bool:
     """Tell whether light fell on a frame, from its percentiles and those of a dark one."""
-    margin_dn = max(_LEAST_DN, _SPREADS * (dark_dn["99"] - dark_dn["1"]))
+    margin_dn = _margin_dn(dark_dn)
     if any(light_dn[name] >= dark_dn[name] + margin_dn for name in _RISING):
         return True
     return light_dn["100"] > dark_dn["100"] + _HIGHLIGHT * range_dn
+
+
+def _margin_dn(dark_dn: Mapping[str, int]) -> float:
+    return max(_LEAST_DN, _SPREADS * (dark_dn["99"] - dark_dn["1"]))

@@ -191,8 +191,9 @@ class CapturePlan(BaseModel):
     def shots(self) -> tuple[PlannedShot, ...]:
         """Return the shots in the order in which they are taken: dark, ambient, lights, flats.
 
-        The exposure changes as seldom as can be, as cameras take time for it: bracket after
-        bracket, and within one the LEDs of one exposure together.
+        The exposure changes as seldom as can be, as cameras take time for it: each LED's longest
+        exposure, then its next, and within these the LEDs of one exposure together. So what an LED
+        gives is known when a frame comes that may be too short to show it.
         """
         roles: tuple[tuple[Role, bool], ...] = (("dark", self.dark), ("ambient", self.ambient))
         unlit = [
@@ -201,26 +202,33 @@ class CapturePlan(BaseModel):
             if wanted
             for index, exposure_us in enumerate(self.distinct_exposures_us)
         ]
-        brackets = range(len(self.exposures_us))
+        ranks = range(len(self.exposures_us))
         lit = [
             PlannedShot("light", led, bracket, repeat, self.exposure_us(led, bracket))
-            for bracket in brackets
+            for rank in ranks
             for repeat in range(self.repeats)
-            for led in self._by_exposure(bracket)
+            for led, bracket in self._by_exposure(rank)
         ]
         flats = [
             PlannedShot("flat", None, bracket, number, self.exposure_us(led, bracket), led)
-            for bracket in brackets
+            for rank in ranks
             for number, led in enumerate(self._flat_leds())
+            for bracket in [self._from_longest(led)[rank]]
         ]
         return (*unlit, *lit, *flats)
 
-    def _by_exposure(self, bracket: int) -> list[int]:
-        """Return the LEDs in their order, but those of an exposure with the first that has it."""
-        together: dict[float, list[int]] = {}
+    def _from_longest(self, led: int) -> list[int]:
+        """Return the brackets by the exposure that the LED has in them, the longest first."""
+        brackets = range(len(self.exposures_us))
+        return sorted(brackets, key=lambda bracket: -self.exposure_us(led, bracket))
+
+    def _by_exposure(self, rank: int) -> list[tuple[int, int]]:
+        """Return each LED with its bracket of this rank, those of one exposure together."""
+        together: dict[float, list[tuple[int, int]]] = {}
         for led in self.leds:
-            together.setdefault(self.exposure_us(led, bracket), []).append(led)
-        return [led for leds in together.values() for led in leds]
+            bracket = self._from_longest(led)[rank]
+            together.setdefault(self.exposure_us(led, bracket), []).append((led, bracket))
+        return [shot for shots in together.values() for shot in shots]
 
     def _flat_leds(self) -> list[int]:
         return [self.leds[number * len(self.leds) // self.flats] for number in range(self.flats)]

@@ -63,6 +63,11 @@ class CaptureTalk:
         match event:
             case "retake":
                 note(f"again: {details['reason']}")
+            case "no_light_seen":
+                note(
+                    f"LED {details['led']} at {details['exposure_us']:g} us: too short to show its "
+                    "light, which a longer exposure showed"
+                )
             case "paused":
                 note("the disk is slower than the camera: waiting for it, with all LEDs off")
             case "not_sequenced":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -43,3 +44,44 @@ def test_another_size(tmp_path: Path) -> None:
     assert read_mask_shares(tmp_path / "m.png", (4, 6)).shape == (4, 6)
     with pytest.raises(DataError, match=r"6 x 4 pixels, but the images have 4 x 6"):
         read_mask_shares(tmp_path / "m.png", (6, 4))
+
+
+WHITE, BLACK, RED = (255, 255, 255), (0, 0, 0), (0, 0, 255)
+
+
+def write_rgba(path: Path, colours: list[tuple[int, ...]], alpha: list[int]) -> None:
+    pixels = [[(*colour, share) for colour, share in zip(colours, alpha, strict=True)]]
+    assert cv2.imwrite(str(path), np.array(pixels, np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("colours", "alpha", "shares"),
+    [
+        pytest.param([WHITE, BLACK, RED], [255, 255, 255], [1, 0, 1], id="opaque"),
+        pytest.param([WHITE, WHITE, WHITE], [255, 51, 0], [1, 0.2, 0], id="over white"),
+        pytest.param([BLACK, BLACK, BLACK], [255, 51, 0], [1, 0.2, 0], id="over black"),
+        pytest.param([RED, RED, BLACK], [255, 51, 0], [1, 0.2, 0], id="what is not seen"),
+        pytest.param([WHITE, (51, 51, 51), BLACK], [255, 51, 0], [1, 0.2, 0], id="multiplied"),
+    ],
+)
+def test_transparency(
+    tmp_path: Path, colours: list[tuple[int, ...]], alpha: list[int], shares: list[float]
+) -> None:
+    write_rgba(tmp_path / "m.png", colours, alpha)
+    np.testing.assert_allclose(read_mask_shares(tmp_path / "m.png"), [shares], rtol=1e-6)
+    assert read_mask(tmp_path / "m.png").tolist() == [[share > 0.5 for share in shares]]
+
+
+@pytest.mark.parametrize(
+    ("colours", "alpha", "said"),
+    [
+        pytest.param([WHITE, BLACK, BLACK], [255, 255, 0], "two different masks", id="two masks"),
+        pytest.param([WHITE, WHITE, BLACK], [0, 0, 0], "nothing inside", id="all transparent"),
+    ],
+)
+def test_transparency_that_is_no_mask(
+    tmp_path: Path, colours: list[tuple[int, ...]], alpha: list[int], said: str
+) -> None:
+    write_rgba(tmp_path / "m.png", colours, alpha)
+    with pytest.raises(DataError, match=said):
+        read_mask(tmp_path / "m.png")

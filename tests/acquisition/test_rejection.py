@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from acquisition._engine.rejection import is_lit, rejection
+from acquisition._engine.rejection import SeenLight, is_lit, rejection
 from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, measure_quality
 from acquisition._plan.planned_shot import PlannedShot
@@ -68,12 +68,18 @@ LIGHT = PlannedShot("light", 7, 0, 0, 500.0)
 
 
 def judged(
-    shot: PlannedShot, quality: FrameQuality, *, dark: bool = True, limit: float = 1.0
+    shot: PlannedShot,
+    quality: FrameQuality,
+    *,
+    dark: bool = True,
+    seen: SeenLight | None = None,
+    limit: float = 1.0,
 ) -> RigError | DataError | None:
     return rejection(
         shot,
         quality,
         dark=frame(0) if dark else None,
+        seen=seen,
         range_dn=WHITE - BLACK,
         max_clipped_fraction=limit,
     )
@@ -109,3 +115,42 @@ def test_what_is_not_judged_by_its_light(shot: PlannedShot, dark: bool) -> None:
 def test_a_flat_is_judged_by_the_led_that_lights_it() -> None:
     error = judged(PlannedShot("flat", None, 0, 0, 500.0, 3), frame(1))
     assert "LED 3 gave no light" in str(error)
+
+
+def gave(light_dn: npt.NDArray[np.float64] | float, exposure_us: float) -> SeenLight | None:
+    return SeenLight.of(exposure_us, frame(2, light_dn).percentiles_dn, DARK, WHITE - BLACK)
+
+
+@pytest.mark.parametrize(
+    ("light_dn", "exposure_us"),
+    [
+        pytest.param(100.0, 20_000.0, id="2.5 DN are lost in the noise"),
+        pytest.param(spot(SIZE[0] * SIZE[1] // 50, 300.0), 20_000.0, id="a dim object"),
+        pytest.param(spot(12, 2500.0), 5_000.0, id="a highlight"),
+    ],
+)
+def test_an_exposure_too_short_for_its_light_counts(
+    light_dn: npt.NDArray[np.float64] | float, exposure_us: float
+) -> None:
+    light = gave(light_dn, exposure_us)
+    assert light is not None
+    assert judged(LIGHT, frame(1), seen=light) is None
+
+
+@pytest.mark.parametrize(
+    ("light_dn", "exposure_us"),
+    [
+        pytest.param(1500.0, 20_000.0, id="37 DN would be seen"),
+        pytest.param(spot(SIZE[0] * SIZE[1] // 50, 2500.0), 20_000.0, id="62 DN of an object"),
+        pytest.param(spot(12, 2500.0), 1_000.0, id="a highlight"),
+    ],
+)
+def test_light_that_must_be_seen_is_missed(
+    light_dn: npt.NDArray[np.float64] | float, exposure_us: float
+) -> None:
+    error = judged(LIGHT, frame(1), seen=gave(light_dn, exposure_us))
+    assert isinstance(error, RigError)
+
+
+def test_a_frame_without_light_is_no_reference() -> None:
+    assert gave(0.0, 20_000.0) is None

@@ -381,9 +381,11 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
     assert sgp("capture", "resume", out, "--rig", rig).code == 0
     assert [frame.line for frame in Session.open(out).frames][: len(before)] == before
     assert sgp("capture", "verify", out).code == 0
+    journal = (out / "journal.jsonl").read_bytes()
     answer = sgp("capture", "resume", out, "--rig", rig)
-    assert answer.code == 4
-    assert "is complete" in answer.err
+    assert answer.code == 0
+    assert "complete already: nothing was missing" in answer.err
+    assert (out / "journal.jsonl").read_bytes() == journal
 
 
 def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig, plan, tmp_path):

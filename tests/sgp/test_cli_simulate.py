@@ -190,7 +190,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
         pytest.param(["coin", "--out", "o", "--lights", "0"], 2, "lights", id="no lights"),
         pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
         pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
-        pytest.param(["coin", "--out", "full"], 2, "full", id="folder that holds files"),
+        pytest.param(["coin", "--out", "full"], 2, "another folder\n", id="folder that holds files"),
         pytest.param(["coin", "--out", "bad.toml"], 2, "bad.toml", id="folder that is a file"),
         pytest.param(["coin", "--out", "o", "--sheet", "s.png"], 2, "list", id="sheet of one"),
         pytest.param(["list", "--out", "o"], 2, "--out", id="list with a folder"),
@@ -224,3 +224,25 @@ def test_metering_knows_the_quantum_efficiency():
     dim = replace(plain, truth=replace(plain.truth, noise=noise))
     (longer_us,) = metered_exposures(dim)
     assert longer_us == pytest.approx(2 * exposure_us, rel=0.1)
+
+
+def test_dead_leds_of_a_scene_are_left_out(sgp, tmp_path):
+    scene = tmp_path / "dead.toml"
+    scene.write_text(DISTANT + "[lamps]\ndead = [3]\n", encoding="utf-8")
+    answer = sgp("simulate", scene, "--out", tmp_path / "s")
+    assert answer.code == 0, answer.err
+    assert "LED 3: dead in the scene, left out" in answer.err
+    session = Session.open(tmp_path / "s")
+    assert session.complete
+    assert [frame.led for frame in session.frames if frame.role == "light"] == [0, 1, 2, 4, 5]
+    assert sgp("simulate", scene, "--format", "diligent", "--out", tmp_path / "d").code == 0
+    assert len((tmp_path / "d" / "light_directions.txt").read_text().splitlines()) == 5
+    judged = sgp("normals", tmp_path / "d", "--out", tmp_path / "n", "--json")
+    assert json.loads(judged.out)["metrics"]["mae_deg"] < 1.0
+
+
+def test_a_bracket_too_short_for_the_object_does_not_stop_a_recording(sgp, distant, tmp_path):
+    words = ("--exposure-us", "20000", "--exposure-us", "10")
+    answer = sgp("simulate", distant, "--out", tmp_path / "s", *words)
+    assert answer.code == 0, answer.err
+    assert Session.open(tmp_path / "s").complete

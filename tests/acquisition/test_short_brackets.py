@@ -1,0 +1,81 @@
+"""Brackets so short that they show no light, and LEDs that die between brackets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from acquisition._engine.engine import record, resume
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.session import Session
+from rig import CameraError, Rig, RigError
+from tests.acquisition.fake_bench import TOLD, Bench, events_of, rig_on
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def rig(bench: Bench) -> Iterator[Rig]:
+    with rig_on(bench) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("exposures_us", [(200.0, 10.0), (10.0, 200.0)], ids=["E1", "E0"])
+@pytest.mark.parametrize("leds", [(0,), (5, 0, 3)], ids=str)
+def test_a_bracket_too_short_to_show_its_light_is_kept_and_told(
+    rig: Rig, bench: Bench, tmp_path: Path, exposures_us: tuple[float, ...], leds: tuple[int, ...]
+) -> None:
+    bench.albedo = 0.02
+    told: list[str] = []
+    session = record(
+        rig,
+        CapturePlan(leds=leds, exposures_us=exposures_us),
+        tmp_path / "s",
+        **TOLD,
+        on_event=lambda event, details: told.append(event),
+    )
+    assert session.complete
+    short = exposures_us.index(10.0)
+    unseen = next(f.line for f in session.frames if (f.led, f.bracket) == (0, short))
+    assert (unseen.above_dark, unseen.status) == (0.0, "ok")
+    events = [(line.event, line.details) for line in events_of(session)]
+    assert events == [("no_light_seen", {"led": 0, "exposure_us": 10.0})]
+    assert told.count("no_light_seen") == 1
+
+
+@pytest.mark.parametrize("leds", [(0,), (5, 0, 3)], ids=str)
+def test_an_led_that_dies_between_brackets_is_missed(
+    rig: Rig, bench: Bench, tmp_path: Path, leds: tuple[int, ...]
+) -> None:
+    plan = CapturePlan(leds=leds, exposures_us=(200.0, 50.0))
+
+    def die(number: int) -> None:
+        if number > 2 + len(leds):
+            bench.dead = {0}
+
+    bench.on_trigger = die
+    with pytest.raises(RigError, match=r"L00_E1\.tif: LED 0 gave no light at 50 us"):
+        record(rig, plan, tmp_path / "s", **TOLD)
+    assert not Session.open(tmp_path / "s").complete
+
+
+def test_what_an_led_gave_is_known_when_a_recording_is_gone_on_with(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    bench.albedo = 0.02
+    plan = CapturePlan(leds=(0,), exposures_us=(200.0, 10.0))
+
+    def unplug(number: int) -> None:
+        if number == 4:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = unplug
+    with pytest.raises(CameraError):
+        record(rig, plan, tmp_path / "s", **TOLD)
+    bench.on_trigger = lambda number: None
+    assert resume(rig, tmp_path / "s").complete
