@@ -10,7 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from acquisition._errors import DataError, MissingPathError
-from rig import first_complaint
+from rig import complaints
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -28,7 +28,7 @@ def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        complaint = first_complaint(error, known=model.model_fields)
+        complaint = complaints(error, known=model.model_fields)
         raise DataError(f"{path}: {complaint}") from error
 
 

@@ -18,28 +18,31 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from matplotlib.axes import Axes
 
 # Idle threads of numba's OpenMP pool would spin, and count as CPU time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-from acquisition import write_png
 from processing import NormalMap, read_normals, transfer_local
+from sgp._overview import Panel, write_overview
 from sgp._paper.faces import FACES
 
 # What the pictures show of the target: first column and row, side.
 VIEW = (215, 92, 180)
 
 
-def picture(maps: list[NormalMap]) -> npt.NDArray[np.uint8]:
+def shaded(title: str, normal_map: NormalMap) -> Panel:
+    """Show normals lit from the upper left."""
     x, y, side = VIEW
-    shown = []
-    for one in maps:
-        shade = np.clip(one.normals @ np.array([-0.4, 0.5, 0.77], np.float32), 0, 1)
-        shade[~one.mask] = 1
+    shade = np.clip(normal_map.normals @ np.array([-0.4, 0.5, 0.77], np.float32), 0, 1)
+    shade[~normal_map.mask] = 1
+
+    def draw(axes: Axes) -> None:
         part = shade[y : y + side, x : x + side]
-        shown.append(cv2.resize(part, None, fx=1.5, fy=1.5, interpolation=cv2.INTER_CUBIC))
-    return np.rint(np.clip(np.hstack(shown), 0, 1) * 255).astype(np.uint8)
+        axes.imshow(part, cmap="gray", vmin=0, vmax=1, interpolation="bicubic")
+        axes.axis("off")
+
+    return Panel(title, draw)
 
 
 def relief(side: int, seed: int) -> NormalMap:
@@ -70,9 +73,14 @@ def main() -> None:
                 f"({done.fidelity_paper.detail_mae_deg:.2f}) deg               | {seconds:.2f}"
             )
             if given.out is not None:
-                shown = [done.placed, target, pasted.normal_map, done.normal_map]
-                path = given.out / f"local-{face.source}-{face.target}.png"
-                write_png(path, picture(shown))
+                panels = [
+                    shaded(f"{face.source}, as placed", done.placed),
+                    shaded(face.target, target),
+                    shaded("pasted", pasted.normal_map),
+                    shaded("set in", done.normal_map),
+                ]
+                name = f"local-{face.source}-{face.target}.png"
+                write_overview(given.out / name, "", panels)
     else:
         print("SGP_DATA is not set: no faces")
     transfer_local(relief(64, 0), relief(64, 1))

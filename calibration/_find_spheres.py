@@ -51,7 +51,9 @@ class SphereImage:
 
 
 def find_spheres(
-    values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()
+    values: npt.NDArray[np.float32],
+    radii_px: Sequence[float] = (),
+    beside: Sequence[SphereImage] = (),
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
@@ -66,38 +68,31 @@ def find_spheres(
         ``(N, H, W)`` linear, NaN where saturated.
     radii_px
         Radii the spheres should have in the image, to 15 %. Default: any.
+    beside
+        Spheres known already: nothing is looked for where they are.
 
     Returns
     -------
     list of SphereImage
-        Sorted by x.
-
-    Raises
-    ------
-    EstimateError
-        If none is found; the message says what was looked at.
+        Sorted by x; empty if there is none.
     """
     image = outline_image(values)
-    everywhere = _circles(image)
-    circles = [circle for circle in everywhere if _expected(circle, radii_px)]
+    circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
     found: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
-        if any(_overlap(circle, sphere.outline) for sphere in found):
+        if any(overlap(circle, sphere.outline) for sphere in (*beside, *found)):
             continue
         sphere = _verify(values, image, circle)
         if sphere is None or not _expected(sphere.outline, radii_px):
             continue
-        if not any(_overlap(sphere.outline, s.outline) for s in found):
+        if not any(overlap(sphere.outline, s.outline) for s in (*beside, *found)):
             found.append(sphere)
-    if not found:
-        sizes = ", ".join(f"{radius:.0f}" for radius in sorted(set(radii_px)))
-        sized = f", {len(circles)} of them of a radius near {sizes} px" if sizes else ""
-        raise EstimateError(
-            f"no mirror sphere found: {len(everywhere)} round outlines in the mean image{sized}, "
-            "none with a compact highlight that moves with the light; "
-            f"{'check the radius, or ' if sizes else ''}give masks or circles"
-        )
     return sorted(found, key=lambda sphere: sphere.outline.centre_px)
+
+
+def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:
+    """Count the circles of these radii in a stack, whether spheres or not."""
+    return sum(_expected(circle, radii_px) for circle in _circles(outline_image(values)))
 
 
 def _verify(
@@ -128,7 +123,7 @@ def _expected(circle: Ellipse, radii_px: Sequence[float]) -> bool:
     return not radii_px or any(abs(circle.radius_px / radius - 1) < 0.15 for radius in radii_px)
 
 
-def _overlap(a: Ellipse, b: Ellipse) -> bool:
+def overlap(a: Ellipse, b: Ellipse) -> bool:
     """Whether the centre of one lies within the other."""
     distance = np.hypot(a.centre_px[0] - b.centre_px[0], a.centre_px[1] - b.centre_px[1])
     return bool(distance < max(a.radius_px, b.radius_px))

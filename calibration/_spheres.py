@@ -7,26 +7,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import block_diag
 
 from acquisition import CameraModel, DataError, Lights, led_id
 from calibration._conic import Array, Cone, Ellipse, fit_cone
 from calibration._errors import EstimateError
 from calibration._find_spheres import SphereImage
-from calibration._light_positions import KnownSpheres, locate_lights, observed_rays
+from calibration._light_positions import locate_lights, observed_rays
+from calibration._placed_spheres import off_the_plane, place, radii_of
 from calibration._radiance import Stack
 from calibration._reflection import orthographic_directions, reflected_rays
+from calibration._search import searched_spheres
 from calibration._sphere_images import (
     Mask,
-    drop_blurred,
-    expected_radii_px,
+    circled_spheres,
+    masked_spheres,
     places,
     saturation_warning,
-    sphere_images,
 )
 
 _DISAGREEMENT_DEG = 3.0
-_OUTLINE_SIGMA_PX = 0.05
 _POOR_RESIDUAL_DEG = 0.2
 # Refining moves wrong spheres until they nearly agree: half a degree left is many at the lights.
 _UNTRUSTED_DEG = 0.5
@@ -112,8 +111,9 @@ def calibrate_spheres(
     circles
         Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
         the spheres are found; with camera and radius only those of the right size, if they lay
-        about the working plane. What was found is left out, with a warning, where its outline is
-        far less sharp than that of the others, or most of its highlights disagree with them.
+        about the working plane. What was found is left out, with a warning, where it is of another
+        size, its outline is far less sharp than that of the others, or most of its highlights
+        disagree with them.
     camera
         Camera model; positions need its working distance.
     radius_mm
@@ -142,10 +142,13 @@ def calibrate_spheres(
             f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
         )
     found = masks is None and circles is None
-    images = sphere_images(values, masks, circles, expected_radii_px(camera, radius_mm))
-    blurred: list[str] = []
-    if found:
-        images, blurred = drop_blurred(images)
+    left_out: list[str] = []
+    if masks is not None:
+        images = masked_spheres(values, masks)
+    elif circles is not None:
+        images = circled_spheres(values, circles)
+    else:
+        images, left_out = searched_spheres(values, camera, radius_mm)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     missing = [
         name
@@ -157,7 +160,7 @@ def calibrate_spheres(
             f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
             f"lights) on {places(images)}: check that the light was on and the outline is right"
         )
-    warnings = [*blurred, *saturation_warning(images)]
+    warnings = [*left_out, *saturation_warning(images)]
     if camera is None:
         if radius_mm is not None:
             raise DataError("a sphere radius needs a camera: add one, or leave the radius out")
@@ -179,15 +182,16 @@ def calibrate_spheres(
         )
         spheres = [_sphere(image) for image in images]
         return _distant(names, spheres, highlights, rays, warnings)
-    radii = _radii(radius_mm, images, found=found)
+    radii = radii_of(radius_mm, images, found=found)
+    warnings += off_the_plane(place(cones, radii, camera), camera)
     if len(images) == 1:
-        if blurred:
+        if left_out:
             raise EstimateError(
-                f"{'; '.join(blurred)}; positions need two spheres: give masks or circles, or "
+                f"{'; '.join(left_out)}; positions need two spheres: give masks or circles, or "
                 "leave the radius out to get directions"
             )
         warnings.append("one sphere gives directions only: positions need two")
-        known = _place(cones, radii, camera)
+        known = place(cones, radii, camera)
         _, rays = observed_rays(camera, known, highlights)
         spheres = [_sphere(images[0], known.centres_mm[0], radii[0])]
         return _distant(names, spheres, highlights, rays, warnings)
@@ -205,7 +209,7 @@ def _located(
     found: bool,
 ) -> SphereCalibration:
     """Find positions; leave out what was found as a sphere and contradicts the others."""
-    known = _place(cones, radii, camera)
+    known = place(cones, radii, camera)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     saturated = np.stack([image.highlights.saturated for image in images], axis=1)
     positions, centres, used = locate_lights(camera, known, highlights, saturated, names)
@@ -265,40 +269,6 @@ def _values(
     if len(names) != len(values):
         raise DataError(f"{len(names)} names for {len(values)} images: every image needs one light")
     return values, names
-
-
-def _radii(radius_mm: float | Sequence[float], images: list[SphereImage], *, found: bool) -> Array:
-    radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
-    if not np.all(np.isfinite(radii) & (radii > 0)):
-        raise DataError("sphere radii must be positive lengths in mm")
-    if len(radii) == 1:
-        return np.repeat(radii, len(images))
-    if found and len(radii) != len(images):
-        raise EstimateError(
-            f"{len(images)} spheres found for {len(radii)} radii, {places(images)}: "
-            "give masks or circles"
-        )
-    if len(radii) != len(images):
-        raise DataError(f"{len(radii)} radii for {len(images)} spheres: give one, or one for each")
-    if found:
-        order = np.argsort([image.outline.radius_px for image in images])
-        radii = np.sort(radii)[np.argsort(order)]
-    return radii
-
-
-def _place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
-    eye = camera.centre_mm
-    pairs = list(zip(cones, radii, strict=True))
-    centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
-    # The scatter of the points does not tell how far an outline is off as a whole.
-    pixel_angle = _OUTLINE_SIGMA_PX / float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
-    covariances = []
-    for cone, radius in pairs:
-        sideways = pixel_angle * radius / cone.sine
-        in_depth = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
-        systematic = np.eye(3) * sideways**2 + np.outer(in_depth, in_depth)
-        covariances.append(radius**2 * cone.covariance + systematic)
-    return KnownSpheres(centres, radii, block_diag(*covariances))
 
 
 def _sphere(

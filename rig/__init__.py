@@ -32,7 +32,7 @@ from rig._board.values import (
     StepReport,
 )
 from rig._camera import Camera, CameraFrame, CameraInfo, Trigger
-from rig._complaint import first_complaint
+from rig._complaint import complaints
 from rig._config import RigConfig, read_rig_config
 from rig._errors import (
     BoardError,
@@ -92,6 +92,7 @@ __all__ = [
     "StepReport",
     "Trigger",
     "Wires",
+    "complaints",
     "crc16",
     "decode_command",
     "decode_reply",
@@ -100,7 +101,6 @@ __all__ = [
     "find_board",
     "find_boards",
     "find_cameras",
-    "first_complaint",
     "open_bench",
     "open_genicam",
     "open_lights",

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rig._board.board import Board
 from rig._board.ports import find_board
 from rig._camera import Camera
-from rig._complaint import first_complaint
+from rig._complaint import complaints
 from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError, close_after
 from rig._lights import Lights
@@ -104,7 +104,7 @@ def _options(config: RigConfig) -> BenchOptions:
     try:
         return BenchOptions.model_validate(config.options)
     except ValidationError as error:
-        complaint = first_complaint(error, noun="option", known=BenchOptions.model_fields)
+        complaint = complaints(error, noun="option", known=BenchOptions.model_fields)
         raise RigConfigError(f"rig {config.name}: {complaint}") from error
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 _LONGEST_VALUE = 40
+_MOST = 3
 
 
-def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
-    """Return the first thing pydantic objects to, unknown names before others, as one line.
+def complaints(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
+    """Return what pydantic objects to, unknown names before others, as one line.
 
     Parameters
     ----------
@@ -24,28 +26,33 @@ def first_complaint(error: ValidationError, *, noun: str = "key", known: Iterabl
     Returns
     -------
     str
-        Which field (``lights.1.id`` where it is nested), what is wrong with it, its value where
-        that is short, and how many more complaints there are.
+        Up to three complaints: which field (``lights.1.id`` where it is nested), what is wrong with
+        it, its value where that is short. Then how many more there are.
     """
     errors = error.errors(include_url=False)
     # A list counts as too short by its items that are wrong: those have been told.
     lists = {one["loc"][:-1] for one in errors}
     errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in lists]
     # A misspelt key is both unknown and missing: the unknown one says which word to mend.
-    first = min(errors, key=lambda one: one["type"] != "extra_forbidden")
-    where = f"{noun} {'.'.join(str(part) for part in first['loc'])!r}"
-    match first["type"]:
+    errors.sort(key=lambda one: one["type"] != "extra_forbidden")
+    said = [_said(one, noun) for one in errors[:_MOST]]
+    if errors[0]["type"] == "extra_forbidden" and len(errors[0]["loc"]) == 1 and known:
+        said[0] += f"; known are {', '.join(known)}"
+    more = f" (and {len(errors) - _MOST} more)" if len(errors) > _MOST else ""
+    return " ".join("; ".join(said).split()) + more
+
+
+def _said(one: ErrorDetails, noun: str) -> str:
+    where = f"{noun} {'.'.join(str(part) for part in one['loc'])!r}"
+    match one["type"]:
         case "extra_forbidden":
-            names = ", ".join(known) if len(first["loc"]) == 1 else ""
-            said = f"unknown {where}" + (f"; known are {names}" if names else "")
+            return f"unknown {where}"
         case "missing":
-            said = f"the {where} is missing"
+            return f"the {where} is missing"
         case "value_error":
-            what = first["msg"].removeprefix("Value error, ")
-            said = f"{where}: {what}" if first["loc"] else what
+            what = one["msg"].removeprefix("Value error, ")
+            return f"{where}: {what}" if one["loc"] else what
         case _:
-            value = first["input"]
+            value = one["input"]
             plain = isinstance(value, str | int | float) and len(repr(value)) <= _LONGEST_VALUE
-            said = f"{where}: {first['msg']}" + (f", not {value!r}" if plain else "")
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    return " ".join(said.split()) + more
+            return f"{where}: {one['msg']}" + (f", not {value!r}" if plain else "")

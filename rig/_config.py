@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig._complaint import first_complaint
+from rig._complaint import complaints
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._mounting import Mounting
 
@@ -99,5 +99,5 @@ def read_rig_config(path: Path) -> RigConfig:
     try:
         return RigConfig.model_validate(content)
     except ValidationError as error:
-        complaint = first_complaint(error, known=RigConfig.model_fields)
+        complaint = complaints(error, known=RigConfig.model_fields)
         raise RigConfigError(f"{path}: {complaint}") from error

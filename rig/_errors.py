@@ -17,6 +17,10 @@ class CameraError(RigError):
     """The camera failed; the message names the node or the frame that was awaited."""
 
 
+class CameraGoneError(CameraError):
+    """The camera does not answer any more."""
+
+
 class FrameTimeoutError(CameraError):
     """A frame did not come in time, and the camera has nothing to say about it."""
 
@@ -30,7 +34,12 @@ class RigNotFoundError(RigConfigError):
 
 
 def note(error: BaseException, what: str, failure: Exception) -> None:
-    """Tell of a failure, and of what it notes itself, beside the error that came first."""
+    """Tell of a failure, and of what it notes itself, beside the error that came first.
+
+    That a camera which is gone cannot be closed either is nothing new.
+    """
+    if isinstance(error, CameraGoneError) and isinstance(failure, CameraGoneError):
+        return
     for said in (str(failure), *getattr(failure, "__notes__", ())):
         error.add_note(f"{what}: {said}")
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
+from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from acquisition import Lights
 from calibration import SphereCalibration
@@ -28,12 +29,21 @@ class Panel:
     draw: Callable[[Axes], None]
 
 
-def write_overview(path: Path, title: str, panels: Sequence[Panel], columns: int = 4) -> None:
-    """Lay panels out on a sheet, row by row, and write it as a PNG."""
+def write_overview(
+    path: Path, title: str, panels: Sequence[Panel], columns: int | None = None
+) -> None:
+    """Lay panels out on a sheet, row by row, and write it as a PNG.
+
+    ``columns`` defaults to 4, or 3 or 5 where that leaves fewer places empty.
+    """
+    columns = columns or min((4, 3, 5), key=lambda width: -len(panels) % width)
     rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(4.0 * columns, 3.7 * rows + 0.5), layout="constrained", dpi=100)
+    figure = Figure(
+        figsize=(4.0 * columns, 3.7 * rows + 0.5 * bool(title)), layout="constrained", dpi=100
+    )
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=14)
+    if title:
+        figure.suptitle(title, fontsize=14)
     for index, panel in enumerate(panels):
         axes = figure.add_subplot(rows, columns, index + 1)
         axes.set_title(panel.title, fontsize=11)
@@ -46,8 +56,9 @@ def write_overview(path: Path, title: str, panels: Sequence[Panel], columns: int
         part.unlink(missing_ok=True)
 
 
-def image_panel(title: str, image: Image) -> Panel:
-    """Show a linear image, its 99.5 % quantile at white, gamma 2.2 for the eye."""
+def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
+    """Show a linear image about a mask, its 99.5 % quantile at white, gamma 2.2 for the eye."""
+    image = image[_box(mask)]
 
     def draw(axes: Axes) -> None:
         known = image[np.isfinite(image)]
@@ -161,12 +172,15 @@ def profile_panel(title: str, profile: HeightProfile) -> Panel:
         smoothed, result, target = (
             heights[pick] for heights in (profile.smoothed, profile.result, profile.target)
         )
-        axes.plot(pick, smoothed, "-", color="tab:red", lw=0.5, label="result, 5 x 5 mean")
-        axes.plot(pick, result, ".", color="tab:green", ms=1.5, mew=0, label="result")
+        # The mean lies within the result's scatter: small dots on large ones show both.
+        axes.plot(pick, result, ".", color="tab:green", ms=5, mew=0, label="result")
+        axes.plot(pick, smoothed, ".", color="tab:red", ms=2, mew=0, label="result, 5 x 5 mean")
         axes.plot(pick, target, "-", color="tab:blue", label="target, sorted")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         axes.set_xlabel("pixel, in ascending order of the target's height")
         axes.set_ylabel(f"height ({profile.unit})")
-        axes.legend(loc="upper left", fontsize=8, markerscale=5)
+        axes.legend(loc="upper left", fontsize=8, markerscale=2)
 
     return Panel(title, draw)
 

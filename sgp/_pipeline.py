@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from acquisition import Lights, Source
 from processing import HeightMap, Separation, integrate, separate
 from sgp._options import SourceOptions
@@ -74,10 +76,11 @@ def overview_panels(outcome: Outcome, true_lights: Lights | None = None) -> list
     normal_map, names = stage.solved.normal_map, stage.lights.ids
     lights_title = "lights" if true_lights is None else "lights (red: truth)"
     panels = [
-        image_panel(f"light {names[0]}", stage.previews[0]),
-        image_panel(f"light {names[-1]}", stage.previews[1]),
+        image_panel(f"light {names[0]}", stage.previews[0], stage.mask),
+        image_panel(f"light {names[-1]}", stage.previews[1], stage.mask),
         lights_panel(f"{lights_title}, as the camera sees them", stage.lights, true_lights),
         normals_panel("normals (right red, up green)", normal_map),
+        image_panel("albedo", np.where(stage.mask, stage.solved.albedo, np.nan), stage.mask),
         normals_panel("shape component", outcome.parts.shape),
         normals_panel("detail component", outcome.parts.detail),
         map_panel("height", surface.height, surface.unit),

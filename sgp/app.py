@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import functools
 import os
-import re
 import signal
 import sys
 from importlib.resources import files
@@ -14,25 +13,51 @@ from typing import Annotated, Any
 from cyclopts import App, CycloptsError, Parameter
 
 from sgp import __version__
+from sgp._help import HelpPage, flowing, page, usage_complaint
 from sgp._stderr import STDERR
 
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
 _TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
 _GROUPS = {
     "capture": (
-        "Record sessions, check them and bring in others.",
+        page(
+            "Record sessions, check them and bring in others.",
+            "capture plan plan.toml --rig bench.toml",
+            "capture run recordings/owl --rig bench.toml --plan plan.toml",
+            "capture verify recordings/owl",
+        ),
         ("run", "resume", "verify", "info"),
     ),
     "rig": (
-        "Talk to a rig: board and camera.",
+        page(
+            "Talk to a rig: board and camera.",
+            "sgp rig list",
+            "sgp rig check --rig bench.toml",
+        ),
         ("list_", "check", "light", "off", "snap", "selftest"),
     ),
-    "calibrate": ("Estimate where the lights are and how strong.", ("spheres", "intensities")),
+    "calibrate": (
+        page(
+            "Estimate where the lights are and how strong.",
+            "sgp calibrate spheres chrome/ --out lights.json",
+        ),
+        ("spheres", "intensities"),
+    ),
     "detail": (
-        "Split normal maps into shape and detail, and combine them.",
+        page(
+            "Split normal maps into shape and detail, combine, transfer and measure them.",
+            "sgp detail separate out/normals --out parts",
+            "sgp detail transfer leather.png out/normals --out leathery",
+        ),
         ("separate", "combine"),
     ),
-    "bench": ("Make the paper's tables anew, beside its own figures.", ("paper",)),
+    "bench": (
+        page(
+            "Make the paper's tables anew, beside its own figures.",
+            "sgp bench paper --out tables --quick",
+        ),
+        ("paper",),
+    ),
 }
 # Commands of a group that have a module of their own.
 _FURTHER: dict[str, dict[str, tuple[str, ...]]] = {
@@ -53,6 +78,7 @@ def _app(name: str, text: str) -> App:
         help=text,
         version=__version__,
         help_format="plaintext",
+        help_formatter=HelpPage(),
         default_parameter=Parameter(negative=()),
         suppress_keyboard_interrupt=False,
     )
@@ -61,19 +87,28 @@ def _app(name: str, text: str) -> App:
 def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
     """Name commands with the help of their docstrings, read without running the module."""
     source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
-    texts = {
-        node.name: _flowing((ast.get_docstring(node) or "").partition("Parameters\n---")[0])
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef)
-    }
+    nodes = ast.parse(source).body
+    found = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
     for function in functions:
-        path = f"sgp.commands.{module}:{function}"
-        app.command(path, name=function.rstrip("_"), help=texts[function])
+        app.command(
+            f"sgp.commands.{module}:{function}",
+            name=function.rstrip("_"),
+            help=_text(found[function]),
+            help_formatter=HelpPage(_optional(found[function].args)),
+        )
 
 
-def _flowing(text: str) -> str:
-    """Put each paragraph on one line, to be wrapped as wide as the terminal is; not examples."""
-    return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
+def _text(command: ast.FunctionDef) -> str:
+    return flowing((ast.get_docstring(command) or "").partition("Parameters\n---")[0])
+
+
+def _optional(arguments: ast.arguments) -> str:
+    """Return the positional arguments that may be left out, as a usage line has them."""
+    given = len(arguments.args) - len(arguments.defaults)
+    names = [f"[{one.arg.upper()}]" for one in arguments.args[given:]]
+    if arguments.vararg is not None:
+        names.append(f"[{arguments.vararg.arg.upper()}...]")
+    return " ".join(names)
 
 
 def _group(name: str) -> App:
@@ -88,7 +123,12 @@ def build() -> App:
     """Return the whole command tree of ``sgp``."""
     app = _app(
         "sgp",
-        "Photometric stereo from a rig or from photographs, and the surface detail in its normals.",
+        page(
+            "Photometric stereo from a rig or from photographs, and the surface detail in its "
+            "normals.",
+            "sgp demo --out demo",
+            "sgp run photographs/ --lights lights.json --out result",
+        ),
     )
     for name in _TOP:
         _add(app, name, (name,))
@@ -124,13 +164,16 @@ def run(app: App, tokens: list[str]) -> int:
         outcome = app.meta(
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
-        return _show(*outcome) if isinstance(outcome, tuple) else 0
+        code = _show(*outcome) if isinstance(outcome, tuple) else 0
+        sys.stdout.flush()
+        return code
     except CycloptsError as error:
-        words = " ".join([app.name[0], *(error.command_chain or ()), "--help"])
-        return fail(f"{error} (see `{words}`)", 2)
+        return fail(usage_complaint(error, app.name[0]), 2)
     except KeyboardInterrupt as error:
         return fail("; ".join(["stopped by Ctrl-C", *_notes(error)]), 130)
     except SystemExit as error:
+        if isinstance(error.__context__, BrokenPipeError):
+            return 0  # a help page whose reader has gone: the console sends the rest nowhere
         # What the rig makes of SIGTERM and SIGHUP once its lights are out.
         if not isinstance(error.code, int) or error.code <= _SIGNALLED:
             raise
@@ -168,11 +211,11 @@ def _show(result: Any, as_json: bool) -> int:
     if as_json:
         print(result.to_json())
     else:
-        for line in result.summary:
-            print(line)
+        # Whoever reads the last line has what they came for: what they are to know comes first.
         for warning in result.warnings:
             note(f"note: {warning}")
-    sys.stdout.flush()
+        for line in result.summary:
+            print(line)
     return 0 if result.ok else result.failing_code
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
-from rig import Rig, RigConfig, RigConfigError, first_complaint
+from rig import Rig, RigConfig, RigConfigError, complaints
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import SCENES, scene_named
@@ -94,7 +94,7 @@ def open_rig(config: RigConfig) -> Rig:
     try:
         options = RigOptions.model_validate(config.options)
     except ValidationError as error:
-        complaint = first_complaint(error, noun="option", known=RigOptions.model_fields)
+        complaint = complaints(error, noun="option", known=RigOptions.model_fields)
         raise RigConfigError(f"rig {config.name}: {complaint}") from error
     try:
         scene = _scene(options, config.leds)

@@ -20,12 +20,6 @@ from acquisition._export.notes import (
     layout_remarks,
     recording_notes,
 )
-from acquisition._export.recording_json import (
-    ExportedFrame,
-    RecordingNotes,
-    Values,
-    write_recording_notes,
-)
 from acquisition._export.tables import (
     write_alicevision_lights,
     write_diligent_tables,
@@ -35,6 +29,12 @@ from acquisition._export.tables import (
 from acquisition._export.values import Samples
 from acquisition._session.session import Session
 from acquisition._source.reader import read_source
+from acquisition._source.recording_json import (
+    ExportedFrame,
+    RecordingNotes,
+    Values,
+    write_recording_notes,
+)
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
 from acquisition._value_files.camera import write_camera

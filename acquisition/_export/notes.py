@@ -9,12 +9,12 @@ from typing import Any, Final, Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._export.recording_json import RECORD_FILE, ExportedFrame, RecordingNotes
 from acquisition._export.values import Samples
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
+from acquisition._source.recording_json import RECORD_FILE, ExportedFrame, RecordingNotes
 from acquisition._source.source import Frame, Source
 from acquisition._values.lights import Lights, led_id
 

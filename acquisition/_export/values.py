@@ -8,8 +8,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._export.recording_json import Values
 from acquisition._plan.planned_shot import Role
+from acquisition._source.recording_json import Values
 from acquisition._source.source import Frame, Source
 
 _FULL = 65535

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._export.recording_json import RECORD_FILE, RecordingNotes, read_recording_notes
 from acquisition._import.image import (
     ImportedImage,
     imported_image,
@@ -27,10 +26,9 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
+from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
-from acquisition._value_files.camera import read_camera
-from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import Lights, led_id
 
 # Files named as a session names them keep their LED.
@@ -41,52 +39,19 @@ _IMPORTED = "imported"
 def read_import(
     path: str | Path, *, lights: Lights | None = None, mask_path: Path | None = None
 ) -> Source:
-    """Read a source to be imported, with what an export of ours noted of it.
+    """Read a source to be imported.
 
-    Where a ``recording.json`` lies beside the images, black and white level, colour filter,
-    exposures, and lights and camera with all that is known of them come from there.
-
-    Parameters and errors are those of `read_source`; a DataError too if ``recording.json`` is not
-    understood.
+    Parameters and errors are those of `read_source`; a DataError too if it is an export of floats,
+    which no session holds.
     """
     path = Path(path)
     notes = read_recording_notes(_folder(path)) if path.exists() else None
-    if notes is None:
-        return read_source(path, lights=lights, mask_path=mask_path)
-    if Path(notes.frames[0].file).suffix == ".exr":
+    if notes is not None and Path(notes.frames[0].file).suffix == ".exr":
         raise DataError(
             f"{path}: is an EXR stack, which holds floats, and a session holds whole numbers: "
             "export the session as lp, diligent or alicevision to bring it back"
         )
-    camera = None
-    if lights is None and (file := _beside(path, notes.lights_file)) is not None:
-        lights = read_lights(file)
-    if (file := _beside(path, notes.camera_file)) is not None:
-        camera = read_camera(file)
-    source = read_source(path, lights=lights, mask_path=mask_path, camera=camera)
-    noted = {frame.file: frame for frame in notes.frames}
-    strange = next((f.path for f in source.frames if f.path.name not in noted), None)
-    if strange is not None:
-        told = f"{strange}: is not in {RECORD_FILE} beside it, which is left aside"
-        return replace(source, warnings=(*source.warnings, told))
-    ours = {
-        RECORD_FILE,
-        "export.json",
-        "alicevision_lights.json",
-        notes.lights_file,
-        notes.camera_file,
-    }
-    return replace(
-        source,
-        frames=tuple(
-            replace(frame, exposure_us=noted[frame.path.name].exposure_us)
-            for frame in source.frames
-        ),
-        cfa=notes.camera.cfa,
-        black_level=notes.camera.black_level_dn,
-        white_level=notes.camera.white_dn,
-        ignored=tuple(name for name in source.ignored if name not in ours),
-    )
+    return read_source(path, lights=lights, mask_path=mask_path)
 
 
 def import_frames(
@@ -243,11 +208,6 @@ def _camera(first: ImportedImage, source: Source, known: RecordingNotes | None) 
 
 def _folder(path: Path) -> Path:
     return path if path.is_dir() else path.parent
-
-
-def _beside(path: Path, name: str | None) -> Path | None:
-    """Return a file that the notes name, if it is there."""
-    return None if name is None or not (_folder(path) / name).is_file() else _folder(path) / name
 
 
 def _notes_of(source: Source) -> RecordingNotes | None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import read_image
+from acquisition._pixels.images import read_image_with_alpha
 
 
 def read_mask(path: str | Path, size: tuple[int, int] | None = None) -> npt.NDArray[np.bool_]:
@@ -33,7 +34,8 @@ def read_mask_shares(
     Parameters
     ----------
     path
-        An image of any kind. Of colours, the brightest counts.
+        An image of any kind. Of colours, the brightest counts. One that is transparent in places
+        is the mask that its alpha draws, if what is seen of it has one colour.
     size
         (height, width) that the mask must have.
 
@@ -47,21 +49,34 @@ def read_mask_shares(
     MissingPathError
         If there is no such file.
     DataError
-        If it is not an image, of another size, or no pixel lies inside by more than half.
+        If it is not an image, of another size, no pixel lies inside by more than half, or its
+        colours and its alpha draw two different masks.
     """
     path = Path(path)
-    pixels = read_image(path)
-    values = pixels if pixels.ndim == 2 else pixels.max(axis=2)
-    if size is not None and values.shape != size:
+    pixels, alpha = read_image_with_alpha(path)
+    if size is not None and pixels.shape[:2] != size:
         raise DataError(
-            f"{path}: a mask of {values.shape[1]} x {values.shape[0]} pixels, but the images have "
+            f"{path}: a mask of {pixels.shape[1]} x {pixels.shape[0]} pixels, but the images have "
             f"{size[1]} x {size[0]}: give the mask of these images"
         )
-    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    shares: npt.NDArray[np.float64] = values.astype(np.float64) / full
-    shares = np.clip(np.nan_to_num(shares), 0.0, 1.0)
+    shares = _shares(pixels if pixels.ndim == 2 else pixels.max(axis=2))
+    opacity = None if alpha is None else _shares(alpha)
+    if opacity is not None and (opacity < 1).any():
+        seen = pixels[opacity > 0]
+        if (seen != seen[:1]).any() and ((shares > 0.5) != (opacity > 0.5)).any():
+            raise DataError(
+                f"{path}: its colours and its transparency draw two different masks: save it "
+                "without transparency, the object in white"
+            )
+        shares = opacity
     if not (shares > 0.5).any():
         raise DataError(
-            f"{path}: a mask with nothing inside: paint the object in white (above {full / 2:g})"
+            f"{path}: a mask with nothing inside: paint the object in white, by more than half of "
+            "the range"
         )
     return shares
+
+
+def _shares(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+    return np.clip(np.nan_to_num(values.astype(np.float64) / full), 0.0, 1.0)

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, Valid
 
 from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
-from rig import first_complaint
+from rig import complaints
 
 GENESIS = "0" * 64
 # Events that readers act on.
@@ -223,7 +223,7 @@ def _understood(piece: bytes, seq: int) -> Line | str:
         del record["line_sha256"]
         line = _LINE.validate_python(record)
     except ValidationError as error:
-        return first_complaint(error)
+        return complaints(error)
     except (ValueError, TypeError, KeyError, RecursionError):
         return "it is not a JSON object"
     if line.seq != seq:

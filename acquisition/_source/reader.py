@@ -8,6 +8,7 @@ from pathlib import Path
 from acquisition._errors import DataError, MissingPathError
 from acquisition._session.layout import is_session
 from acquisition._source.diligent import is_diligent, read_diligent
+from acquisition._source.exported import with_export_notes
 from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.session import read_session
 from acquisition._source.source import Source
@@ -30,6 +31,8 @@ def read_source(
         A session, a DiLiGenT object folder, a folder of images with an .lp (or the .lp itself), a
         plain folder of images, or one image file. In a plain folder the frames are the images
         that differ in one number only, in natural order; ``mask.*`` and ``*.mask.*`` is the mask.
+        Of an export of ours, ``recording.json`` tells levels, filter pattern and exposures, and
+        which files beside it hold all that is known of lights and camera.
     lights
         Lights to use instead of those of the source: matched by id, else by order with a warning.
     mask_path
@@ -53,7 +56,7 @@ def read_source(
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
-    source = _dispatch(path, mask_path)
+    source = with_export_notes(_dispatch(path, mask_path))
     if camera is not None:
         source = replace(source, camera=camera)
     if source.camera is not None and source.camera.size != source.size:

@@ -14,7 +14,7 @@ from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._values.camera_model import CameraModel
-from rig import first_complaint
+from rig import complaints
 
 # Where each COLMAP model keeps fx, fy, cx, cy, k1, k2, p1, p2 among its parameters.
 _COLMAP = {
@@ -105,7 +105,7 @@ def _parse_json(text: str, path: Path) -> CameraModel:
     try:
         return _CameraFile.model_validate_json(text).value()
     except ValidationError as error:
-        raise DataError(f"{path}: {first_complaint(error)}") from error
+        raise DataError(f"{path}: {complaints(error)}") from error
 
 
 def _parse_opencv(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from acquisition._errors import DataError
 from acquisition._values.lights import Lights
-from rig import first_complaint
+from rig import complaints
 
 _Vector = tuple[float, float, float]
 
@@ -53,7 +53,7 @@ def parse_lights_json(text: str, path: Path) -> Lights:
     try:
         records = _LightsFile.model_validate_json(text).lights
     except ValidationError as error:
-        raise DataError(f"{path}: {first_complaint(error)}") from error
+        raise DataError(f"{path}: {complaints(error)}") from error
     near = records[0].position_mm is not None
     seen: set[str] = set()
     for record in records:

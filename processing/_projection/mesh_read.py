@@ -138,7 +138,7 @@ def _mesh(file: Path, suffix: str) -> Geometry:
     joined, corners = _joined(checked.vertices, faces)
     crowded = crowded_edges(corners)
     warnings = (
-        (f"more than two faces meet at {crowded} edges (no manifold): it is drawn as it is",)
+        (f"edges where more than two faces meet (no manifold): {crowded}; it is drawn as it is",)
         if crowded
         else ()
     )
@@ -167,7 +167,7 @@ def _cloud(table: Double) -> Geometry:
     finite = np.isfinite(points).all(axis=1)
     warnings = []
     if not finite.all():
-        warnings.append(f"{int((~finite).sum())} points that are not finite are left out")
+        warnings.append(f"points left out as not finite: {int((~finite).sum())}")
     if not finite.any():
         raise DataError("the point cloud holds no finite point")
     normals = normals[finite]

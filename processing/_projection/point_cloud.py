@@ -89,11 +89,9 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     points, index = np.unique(points_mm, axis=0, return_index=True)
     warnings = []
     if len(points) < len(points_mm):
-        warnings.append(f"{len(points_mm) - len(points)} duplicate points are left out")
+        warnings.append(f"points left out as duplicates: {len(points_mm) - len(points)}")
     if len(points) < 3:
-        raise EstimateError(
-            f"{len(points)} different points make no surface: a normal needs three at least"
-        )
+        raise too_few_points(len(points))
     count = min(neighbours, len(points))
     tree = cKDTree(points)
     fitted = np.zeros(points.shape)
@@ -116,10 +114,17 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     if not sound.any():
         raise EstimateError("the points lie on a line: no normal can be fitted")
     if not sound.all():
-        warnings.append(f"{int((~sound).sum())} points lie on lines and are left out")
+        warnings.append(f"points left out as on a line: {int((~sound).sum())}")
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
+
+
+def too_few_points(different: int) -> EstimateError:
+    """Return the error of a cloud that makes no surface."""
+    return EstimateError(
+        f"too few points in different places ({different}): a normal needs three at least"
+    )
 
 
 def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
@@ -180,7 +185,7 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
         depth = frame.eye_mm - points[:, 2]
         before = depth > NEAR_SHARE * frame.eye_mm
         if not before.all():
-            warnings.append(f"{int((~before).sum())} points lie behind the camera: left out")
+            warnings.append(f"points left out as behind the camera: {int((~before).sum())}")
         if not before.any():
             raise EstimateError("every point lies behind the camera: none can be drawn")
         points, normals, bends = points[before], normals[before], bends[before]

@@ -12,7 +12,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing._normal_map import NormalMap
 from processing._projection.mesh_read import Geometry
-from processing._projection.point_cloud import draw_points, fit_surfels
+from processing._projection.point_cloud import draw_points, fit_surfels, too_few_points
 from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
 from processing._projection.view import Frame, fit_frame
@@ -102,6 +102,8 @@ def project(
     turn = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
     points = turned(geometry.vertices, unit_mm * turn)
     low, high = bounds(points)
+    if geometry.faces is None and (low == high).all():
+        raise too_few_points(1)
     if centred:
         middle = (low + high) / 2
         points -= middle

@@ -62,13 +62,13 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     warnings = []
     vertex_normal, thin = kernels.vertex_normals(vertices_mm, faces)
     if thin:
-        warnings.append(f"{thin} of {len(faces)} faces have no area and are left out")
+        warnings.append(f"faces left out as without area: {thin} of {len(faces)}")
         faces = faces[kernels.sound_faces(vertices_mm, faces)]
     if frame.camera is not None:
         behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * frame.eye_mm
         if behind.any():
             before = ~behind[faces].any(axis=1)
-            warnings.append(f"{int((~before).sum())} faces reach behind the camera: left out")
+            warnings.append(f"faces left out as behind the camera: {int((~before).sum())}")
             faces = faces[before]
             vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
     if not len(faces):

@@ -120,5 +120,7 @@ def find_board(
         )
     others = [f"{board.name} is on {port}" for port, board in boards.items()]
     complaints = [port.complaint for port in found if port.complaint]
-    reasons = "; ".join(others + complaints) or "this computer has no serial port"
-    raise BoardError(f"no LED board{called} found: {reasons}; check cable and power")
+    if not complaints:  # each ends with its own advice
+        complaints = ["check cable and power"]
+        others = others or ["this computer has no serial port"]
+    raise BoardError(f"no LED board{called} found: {'; '.join(others + complaints)}")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from genicam import genapi, gentl
 
-from rig._errors import CameraError
+from rig._errors import CameraError, CameraGoneError
 
 # Neither family knows the other.
 GENICAM_ERRORS: tuple[type[Exception], ...] = (genapi.GenericException, gentl.GenericException)
@@ -43,7 +43,7 @@ def told(what: str) -> Iterator[None]:
     try:
         yield
     except _GONE as error:
-        raise CameraError(
+        raise CameraGoneError(
             f"{what}: the camera does not answer any more ({in_words(error)}); check its cable and "
             "power, then open it again"
         ) from error

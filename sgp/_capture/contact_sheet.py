@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from simulator import Rendering
 
@@ -17,16 +18,16 @@ Picture = npt.NDArray[np.float32]
 # The light that draughtsmen use: upper left, and low enough that relief shows.
 _FROM = np.array([-0.6, 0.6, 0.5])
 _COLUMNS = 3
-_PICTURE_IN = 1.45
+_PICTURE_IN = 1.6  # the height of one
 _TITLE_IN = 0.24
-_AIR = 1.2  # how much wider than the object a picture is
+_GAP, _RIM = 0.03, 0.04  # between pictures, and from the mark to the rim, in heights of a picture
 _BOARD_LIT, _BOARD_DARK = 0.88, 0.5
 
 
 def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None:
-    """Draw three pictures of each rendering: lit, normals, shadows.
+    """Draw three pictures of each rendering, whole frames: lit, normals, shadows.
 
-    All are of the light nearest to the upper left; a yellow mark on the rim of the first picture
+    All are of the light nearest to the upper left; a yellow mark at the rim of the first picture
     stands on the side that it comes from.
 
     Parameters
@@ -34,27 +35,32 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None
     path
         A .png.
     renderings
-        By name.
+        By name; of one size.
     """
+    height, width = next(iter(renderings.values())).truth.size
+    aspect = width / height
+    whole = 3 * aspect + 5 * _GAP  # three pictures, and air before the next scene
     rows = -(-len(renderings) // _COLUMNS)
     figure = Figure(
-        figsize=(_COLUMNS * 3.15 * _PICTURE_IN, rows * (_PICTURE_IN + _TITLE_IN)), dpi=100
+        figsize=(_COLUMNS * whole * _PICTURE_IN, rows * (_PICTURE_IN + _TITLE_IN)), dpi=100
     )
     FigureCanvasAgg(figure)
     for place, (name, rendering) in enumerate(renderings.items()):
         row, column = divmod(place, _COLUMNS)
         bottom = (rows - 1 - row) / rows
         share = _PICTURE_IN / (_PICTURE_IN + _TITLE_IN)
-        axes = figure.add_axes((column / _COLUMNS, bottom, 0.96 / _COLUMNS, share / rows))
+        axes = figure.add_axes((column / _COLUMNS, bottom, 1 / _COLUMNS, share / rows))
         light = upper_left_light(rendering)
-        box = _box(rendering.truth.mask)
         pictures = (_lit(rendering, light), _normals(rendering), _shadows(rendering, light))
         for index, picture in enumerate(pictures):
-            axes.imshow(picture[box], extent=(index, index + 0.98, 0, 0.98))
+            left = _GAP + index * (aspect + _GAP)
+            axes.imshow(picture, extent=(left, left + aspect, 0, 1))
+            axes.add_patch(Rectangle((left, 0), aspect, 1, fill=False, ec="0.6", lw=0.5))
         toward = rendering.truth.lights.unit_directions[light, :2]
-        x, y = 0.49 + 0.47 * toward / np.abs(toward).max()
-        axes.plot(x, y, "o", color="gold", markersize=5, markeredgecolor="black")
-        axes.set(xlim=(0, 2.98), ylim=(0, 0.98))
+        middle = np.array([aspect / 2, 0.5])
+        x, y = middle + toward * np.min((middle - _RIM) / np.maximum(np.abs(toward), 1e-9))
+        axes.plot(_GAP + x, y, "o", color="gold", markersize=4.5, markeredgecolor="black")
+        axes.set(xlim=(0, whole), ylim=(-_GAP, 1 + _GAP))
         axes.set_title(name, fontsize=9, pad=2)
         axes.axis("off")
     figure.savefig(path, metadata={"Software": None})
@@ -63,19 +69,6 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None
 def upper_left_light(rendering: Rendering) -> int:
     """Return the index of the light nearest to the upper left."""
     return int(np.argmax(rendering.truth.lights.unit_directions @ _FROM))
-
-
-def _box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return a square around the object, or without one the middle of the image."""
-    where = np.nonzero(mask)
-    half = min(mask.shape) / 2
-    centre = np.array(mask.shape) / 2
-    if len(where[0]):
-        low, high = np.min(where, axis=1), np.max(where, axis=1) + 1
-        half = min(half, float(_AIR * (high - low).max() / 2))
-        centre = (low + high) / 2
-    first = np.clip(np.round(centre - half), 0, np.array(mask.shape) - int(2 * half)).astype(int)
-    return slice(first[0], first[0] + int(2 * half)), slice(first[1], first[1] + int(2 * half))
 
 
 def _lit(rendering: Rendering, light: int) -> Picture:

@@ -32,12 +32,12 @@ class MeterOptions:
     meter
         Choose the exposures on the spot instead: each LED its own, or one for all.
     meter_percentile
-        Of the raw values, which is to be at --meter-fraction; default 99.5.
+        Of the raw values, which is to be at --meter-fraction; default: 99.5.
     meter_fraction
-        Where it is to be, of the range from black to white; default 0.7.
+        Where it is to be, of the range from black to white; default: 0.7.
     max_clipped
-        Largest share of saturated samples when metering; default 0.005. The plan's
-        max_clipped_fraction holds where it is less.
+        Largest share of saturated samples when metering, where the plan's
+        max_clipped_fraction is not less; default: 0.005.
     """
 
     meter: Metering | None = None

@@ -94,7 +94,7 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     if sources.data is None:
         made.left_out.append(
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
-            "are missing; what is here is simulated"
+            "are left out; what is here is simulated"
         )
     else:
         table, variants, panels = onto_diligent(sources, runs, advance)
@@ -105,7 +105,8 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
         made.pictures["local"] = Picture("Faces set into other surfaces", panels, 3)
     if quick:
         made.left_out.append(
-            f"--quick: points above {_QUICK_POINTS}, and with them the headline ratio"
+            f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "
+            "ratio"
         )
     made.files = sorted(sources.files)
     return made

@@ -33,7 +33,7 @@ def paper(
         Folder for tables.md, tables.json, a picture for each table that has one, the height
         profiles as .csv, and bench.json.
     quick
-        Up to 50 thousand points and one run each: a minute or two.
+        Up to 50 thousand points and one run each: about two minutes.
     runs
         Runs per measurement, of which the mean is taken; default: ten as in the paper, 1 if quick.
     force
@@ -57,7 +57,7 @@ def paper(
     for name, profile in found.profiles.items():
         result.outputs[f"{name}_data"] = out / f"{name}.csv"
         write_profile_data(result.outputs[f"{name}_data"], profile)
-    left_out = [f"Left out: {line}." for line in found.left_out]
+    left_out = [f"Note: {line}." for line in found.left_out]
     text = "\n\n".join([found.preface, *left_out, *map(markdown, found.tables)])
     result.outputs["tables"].write_text(text + "\n", encoding="utf-8")
     tables = {table.key: asdict(table) for table in found.tables}

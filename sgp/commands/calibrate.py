@@ -40,7 +40,7 @@ def spheres(
     For example:
 
         sgp calibrate spheres chrome/ --out lights.json
-        sgp calibrate spheres session/ --radius-mm 20 --camera camera.json --out lights.json
+        sgp calibrate spheres session/ --radius-mm 20 --out lights.json
 
     Parameters
     ----------
@@ -49,11 +49,13 @@ def spheres(
     out
         lights.json to write; lights.lp and lights.png (what was found) go beside it.
     radius_mm
-        Radius of the spheres; give it once for each sphere where they differ.
+        Radius of the spheres in mm. Where they differ, give it once for each sphere: in any order
+        for spheres that are found (the larger radius goes to the larger outline), in the order of
+        --mask or --sphere for those.
     camera
         Camera of the images; default: that of the session.
     mask
-        Image of a sphere's disc; may be given more than once. Default: the source's own mask, else
+        Image of a sphere's disc; may be given more than once; default: the source's own mask, else
         the spheres are found.
     sphere
         Rough outline x,y,radius in pixels; may be given more than once.
@@ -121,7 +123,7 @@ def intensities(
 
     For example:
 
-        sgp calibrate intensities session/ --lights lights.json --out strong.json
+        sgp calibrate intensities session/ --lights lights.json --out card.json
 
     Parameters
     ----------

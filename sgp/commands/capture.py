@@ -103,6 +103,8 @@ def run(
         if not skip_check:
             note("checking disk, rig and picture (--skip-check leaves this out)")
             accept(preflight(opened, chosen, out), told)
+        for warning in told.warnings:
+            note(f"note: {warning}")
         with CaptureTalk(out) as talk:
             session = record(
                 opened,
@@ -157,6 +159,8 @@ def resume(
     """
     asked = None if plan is None else read_plan(plan)
     begun = Session.open(session)  # what is none is told before the rig is opened
+    if begun.complete and asked is None:
+        return describe(begun, [*begun.warnings, "complete already: nothing was missing"])
     with open_rig(rig) as opened:
         _, recorded, missing = check_resume(opened, session, asked)
         if dry_run:

@@ -87,7 +87,8 @@ def export(
     """Write a session for other programs; `capture import` brings all but exr back.
 
     recording.json tells what the images are: levels, exposures, LEDs, who recorded what, and what
-    the layout has no place for. lights.json has all that is known of the lights.
+    the layout has no place for. lights.json has all that is known of the lights. `sgp normals` and
+    `sgp run` read both, so they give of an export what they give of the session (not of exr).
 
     For example:
 
@@ -189,7 +190,7 @@ def import_(
     notes
         Anything worth knowing later.
     rights
-        Who may use it for what.
+        Who holds the rights, and the licence.
     watch
         Wait for images to appear in the folder.
     leds

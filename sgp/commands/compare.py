@@ -38,7 +38,7 @@ def compare(
     b
         The map it is held against.
     mask
-        Pixels that count. Default: where B is known.
+        Pixels that count; default: where B is known.
     green
         Which way the green channel of image files points.
     out

@@ -63,7 +63,7 @@ def properties(
     order
         Order of the Gaussian; 1 is the paper's.
     w
-        Half width of the filter's window in pixels.
+        Half width of the filter's window in pixels; sigma is w / 2.
     green
         Which way the green channel of image files points.
     force

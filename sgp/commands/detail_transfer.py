@@ -80,14 +80,15 @@ def transfer(
     target_green: Green = "up",
     force: bool = False,
 ) -> Result:
-    """Carry the detail of one normal map onto the shape of another, or a part of it such as a face.
+    r"""Carry the detail of one normal map onto the shape of another, all over or in a part.
 
     A source smaller than the target is repeated, a larger one is cropped. Only --scale resizes.
 
     For example:
 
         sgp detail transfer leather.png out/normals --out leathery
-        sgp detail transfer cat bear --source-mask face.png --at 303,192 --scale 1.3 --out bearcat
+        sgp detail transfer cat bear --source-mask face.png --at 303,188 \
+            --scale 1.2 --rotate-deg 6 --out bearcat
 
     Parameters
     ----------
@@ -110,8 +111,8 @@ def transfer(
     order
         Order of the Gaussian; 1 is the paper's.
     w
-        Half width of the filter's window in pixels; default 5, of a local transfer 10. The larger,
-        the coarser is the detail.
+        Half width of the filter's window in pixels; sigma is w / 2. The larger, the
+        coarser is the detail; default: 5, of a local transfer 10.
     at
         Column and row (x,y) of the target where the source's first pixel goes; of a local transfer
         where the middle of its part goes.

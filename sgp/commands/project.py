@@ -36,7 +36,7 @@ def project(
     up: Literal["y", "z"] = "y",
     rotate_deg: Triple = "0,0,0",
     size: str | None = None,
-    mm_per_px: Positive | None = None,
+    pixel_mm: Positive | None = None,
     unit: Unit | None = None,
     camera: Path | None = None,
     distance_mm: Positive | None = None,
@@ -50,7 +50,7 @@ def project(
     For example:
 
         sgp project bunny.obj --unit m --size 1000x1000 --out bunny
-        sgp project part.stl --up z --view top --mm-per-px 0.05 --out part
+        sgp project part.stl --up z --view top --pixel-mm 0.05 --out part
         sgp project scan.ply --camera camera.json --rotate-deg 0,30,0 --out scan
 
     Parameters
@@ -70,7 +70,7 @@ def project(
         Then turn the object about x (right), y (up) and z (toward the viewer).
     size
         Width and height in pixels, such as 640x512; default: what fits, or the camera's.
-    mm_per_px
+    pixel_mm
         Size of a pixel on the object; default: the object fills the image.
     unit
         Of the file's coordinates; default: mm, and m for .glb.
@@ -92,8 +92,8 @@ def project(
         raise UsageError("--view and --look both say from where: give one of them")
     if camera is None and distance_mm is not None:
         raise UsageError("--distance-mm is the distance of a camera: give --camera too")
-    if camera is not None and mm_per_px is not None:
-        raise UsageError("with --camera the scale follows from its distance: leave --mm-per-px out")
+    if camera is not None and pixel_mm is not None:
+        raise UsageError("with --camera the scale follows from its distance: leave --pixel-mm out")
     pixels = None if size is None else image_size("--size", size)[::-1]
     try:
         rotation = view_rotation(
@@ -116,7 +116,7 @@ def project(
         rotation,
         unit_mm=_UNIT_MM[used],
         size=pixels,
-        mm_per_px=mm_per_px,
+        mm_per_px=pixel_mm,
         camera=model,
         centred=not keep_origin,
         smooth=shading == "smooth",

@@ -72,7 +72,7 @@ def simulate(
         raise UsageError("a recording needs a folder: give --out")
     if sheet is not None:
         raise UsageError("--sheet draws all scenes: give it with `sgp simulate list`")
-    check_folder(out, force=False)
+    check_folder(out)
     watch = Stopwatch()
     made, files = _scene(scene, lights, size, seed)
     if layout == "diligent" and made.lens.cfa is not None:
@@ -100,6 +100,8 @@ def simulate(
         ],
         inputs=files,
     )
+    if dead := made.lamps.dead:
+        result.warnings.append(f"LED {', '.join(map(str, dead))}: dead in the scene, left out")
 
     def recorded(folder: Path) -> Session:
         return record_simulated(

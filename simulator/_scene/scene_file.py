@@ -12,7 +12,7 @@ import trimesh
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel, StorageError, write_lights
-from rig import first_complaint
+from rig import complaints
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import bench_sensor
 from simulator._scene.scene import ChromeSphere, Scene
@@ -171,7 +171,7 @@ def read_scene(
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DataError(f"{path}: is not TOML: {error}") from error
     except ValidationError as error:
-        complaint = first_complaint(error, noun="key", known=SceneFile.model_fields)
+        complaint = complaints(error, noun="key", known=SceneFile.model_fields)
         raise DataError(f"{path}: {complaint}") from error
     except DataError as error:
         raise DataError(f"{path}: {error}") from error

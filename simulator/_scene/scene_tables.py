@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from acquisition import DataError
-from rig import first_complaint
+from rig import complaints
 
 Kinds = Mapping[str, Callable[..., Any]]
 
@@ -48,7 +48,7 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **gi
     try:
         read = model.model_validate(values)
     except ValidationError as error:
-        complaint = first_complaint(error, noun="key", known=keys)
+        complaint = complaints(error, noun="key", known=keys)
         raise DataError(f"[{where}]: {complaint}") from error
     try:
         return maker(**{name: getattr(read, name) for name in keys})

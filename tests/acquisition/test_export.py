@@ -192,6 +192,27 @@ def test_there_and_back_nothing_is_lost(
         np.testing.assert_allclose(after.normals_truth, before.normals_truth, atol=1e-7)
 
 
+@pytest.mark.parametrize("layout", ["diligent", "lp", "alicevision"])
+def test_an_export_is_read_as_the_session_was(tmp_path: Path, layout: Layout) -> None:
+    """Lights near, samples from black to white: whatever the layout has no place for."""
+    folder = session(tmp_path / "s")
+    prepare_export(folder, layout).write(tmp_path / "out")
+    was, now = read_source(folder), read_source(tmp_path / "out")
+    assert now.warnings == ()
+    assert now.lights is not None
+    assert now.lights.near
+    same_lights(now.lights, replace(NEAR, ids=now.lights.ids))
+    assert (now.black_level, now.white_level) == (was.black_level, was.white_level)
+    assert now.camera is not None
+    assert was.camera is not None
+    np.testing.assert_array_equal(now.camera.K, was.camera.K)
+    assert {frame.exposure_us for frame in now.frames} == {1000.0}
+    assert {"recording.json", "lights.json", "camera.json"} <= {path.name for path in now.files}
+    (tmp_path / "out" / "camera.json").unlink()
+    (told,) = read_source(tmp_path / "out").warnings
+    assert "camera.json, which recording.json names, is gone" in told
+
+
 @pytest.mark.parametrize("layout", ["diligent", "lp"])
 def test_the_files_of_the_layout_alone_give_pixels_and_lights_back(
     tmp_path: Path, layout: Layout

@@ -54,10 +54,10 @@ def test_a_complete_session(tmp_path: Path) -> None:
     assert [(f.role, f.light_id, f.bracket, f.exposure_us) for f in source.frames] == [
         ("dark", "D_1000us", 0, 1000.0),
         ("dark", "D_4000us", 1, 4000.0),
-        ("light", "L04", 0, 1000.0),
-        ("light", "L01", 0, 1000.0),
         ("light", "L04", 1, 4000.0),
         ("light", "L01", 1, 4000.0),
+        ("light", "L04", 0, 1000.0),
+        ("light", "L01", 0, 1000.0),
     ]
     assert [int(f.read()[0, 0]) for f in source.frames] == [100, 101, 102, 103, 104, 105]
     assert source.light_ids == ("L04", "L01")

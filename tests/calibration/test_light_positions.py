@@ -6,7 +6,7 @@ import pytest
 from calibration import EstimateError
 from calibration._conic import fit_cone
 from calibration._light_positions import locate_lights
-from calibration._spheres import _place
+from calibration._placed_spheres import place
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
@@ -22,7 +22,7 @@ def observe(bench, spheres, lights, outline_px=0.0, highlight_px=0.0, seed=0):
         points = bench.outline(centre, radius)
         points = points + rng.normal(0, outline_px, points.shape)
         cones.append(fit_cone(camera.rays(points), 1 / bench.focal_px)[0])
-    known = _place(cones, np.array([radius for _, radius in spheres]), camera)
+    known = place(cones, np.array([radius for _, radius in spheres]), camera)
     highlights = np.array(
         [[bench.highlight(centre, radius, light) for centre, radius in spheres] for light in lights]
     )

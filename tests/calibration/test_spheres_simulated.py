@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from calibration import EstimateError, Stack, _spheres, calibrate_spheres, find_spheres
-from calibration._sphere_images import sphere_images
+from calibration import EstimateError, Stack, _search, calibrate_spheres, find_spheres
+from calibration._sphere_images import masked_spheres
 from simulator import render, scene_named
 from simulator._camera.sensor import sensor_image
 
@@ -74,7 +74,7 @@ def test_faint_outlines_on_velvet_beside_an_object(seed):
     values, truth = capture(seed, "coin-with-spheres")
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=12.0)
     assert len(result.spheres) >= 3
-    left_out = [w for w in result.warnings if "was left out: its outline scatters" in w]
+    left_out = [w for w in result.warnings if "was left out" in w]
     assert len(result.spheres) + len(left_out) == 4
     error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
     assert error_mm.mean() < 4.0
@@ -83,7 +83,7 @@ def test_faint_outlines_on_velvet_beside_an_object(seed):
 
 @pytest.mark.parametrize("seed", [21, 22])
 def test_one_radius_for_spheres_of_three_leaves_those_that_have_it(seed):
-    """Near the smaller spheres something looks round and large enough; it must not count."""
+    """About the smaller spheres something looks round and large enough: their size is told."""
     values, truth = capture(seed)
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
     error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
@@ -92,7 +92,8 @@ def test_one_radius_for_spheres_of_three_leaves_those_that_have_it(seed):
     for sphere in result.spheres:
         assert np.linalg.norm(large - sphere.centre_mm, axis=1).min() < 0.8
     assert len(result.spheres) == 2
-    assert sum("was left out: its outline scatters" in w for w in result.warnings) == 2
+    (told,) = result.warnings
+    assert "outlines there fit about 14.1, 16.1 mm, not 20 mm: give each sphere's radius" in told
 
 
 @pytest.mark.parametrize("radius_mm", [14.0, 16.0])
@@ -102,9 +103,19 @@ def test_lights_of_spheres_that_contradict_each_other_are_not_to_be_trusted(one,
     assert any("these lights are not to be trusted" in w for w in result.warnings)
 
 
+def test_a_radius_that_lifts_the_spheres_off_the_plane_is_told(one):
+    """Two spheres of one wrong radius agree with each other: only their height contradicts it."""
+    values, truth = one
+    two = [truth.sphere_masks[k] for k in np.flatnonzero(truth.sphere_radii_mm == 20)]
+    result = calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=18.0)
+    assert np.median(result.residuals_deg) < 0.1
+    assert "the radius puts the spheres 60 mm above the working plane" in result.warnings[0]
+    assert calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=20.0).warnings == ()
+
+
 def found_images(values, truth):
     """What the search would return, made from masks so that a test can spoil it."""
-    return sphere_images(values, list(truth.sphere_masks), None, [])
+    return masked_spheres(values, list(truth.sphere_masks))
 
 
 def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch):
@@ -115,7 +126,7 @@ def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch)
     images[0] = replace(
         images[0], highlights=replace(wrong, pixels=wrong.pixels[order], saturated=wrong.saturated)
     )
-    monkeypatch.setattr(_spheres, "sphere_images", lambda *_: images)
+    monkeypatch.setattr(_search, "find_spheres", lambda *_, beside=(): [] if beside else images)
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 16, 14, 20))
     assert len(result.spheres) == 3
     assert "(112, 125) px was left out" in result.warnings[0]
@@ -131,7 +142,7 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
         replace(image, points_px=image.points_px + draw.normal(0, 1, image.points_px.shape))
         for image in images[1:]
     ]
-    monkeypatch.setattr(_spheres, "sphere_images", lambda *_: images)
+    monkeypatch.setattr(_search, "find_spheres", lambda *_, beside=(): [] if beside else images)
     with pytest.raises(EstimateError, match="positions need two spheres"):
         calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
     directions = calibrate_spheres(values, camera=truth.camera)
@@ -140,8 +151,11 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
 
 def test_no_sphere_of_the_size_says_what_was_looked_for(one):
     values, truth = one
-    with pytest.raises(EstimateError, match=r"[1-9]\d* round .*, 0 of them of a radius near 6 px"):
+    with pytest.raises(EstimateError, match=r"no sphere of 2.6 mm .* px of about 20.\d, 14.\d, "):
         calibrate_spheres(values, camera=truth.camera, radius_mm=2.6)
+    nothing = np.where(truth.sphere_masks.any(axis=0), np.float32(0.5), values)
+    with pytest.raises(EstimateError, match=r"\d+ round .*, 0 of them of a radius near 6 px"):
+        calibrate_spheres(nothing, camera=truth.camera, radius_mm=2.6)
 
 
 def test_found_spheres_must_match_the_radii(one):

@@ -148,7 +148,7 @@ def test_points_that_a_scanner_missed_are_told(tmp_path):
     path.write_text("0 0 0\nnan nan nan\n1 0 0\n0 1 inf\n", encoding="ascii")
     read = read_geometry(path)
     assert len(read.vertices) == 2
-    assert read.warnings == ("2 points that are not finite are left out",)
+    assert read.warnings == ("points left out as not finite: 2",)
 
 
 def _cut(data):
@@ -239,7 +239,7 @@ def test_edges_of_more_than_two_faces_are_told(tmp_path, faces, edges):
     (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
     warnings = read_geometry(tmp_path / "mesh.obj").warnings
     assert len(warnings) == bool(edges)
-    assert f"meet at {edges} edges" in "".join(warnings) or not edges
+    assert f"(no manifold): {edges}" in "".join(warnings) or not edges
 
 
 def test_a_folder_is_no_mesh(tmp_path):

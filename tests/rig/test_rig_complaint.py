@@ -5,7 +5,7 @@ from typing import Annotated
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig import first_complaint
+from rig import complaints
 
 
 class Lamp(BaseModel):
@@ -65,12 +65,20 @@ class Lamp(BaseModel):
         pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the whole"),
         pytest.param(
             {"x": 1, "y": 2},
-            "unknown option 'x'; known are led, shade, spare, watts (and 2 more)",
-            id="several complaints, the unknown name first",
+            "unknown option 'x'; known are led, shade, spare, watts; unknown option 'y'; "
+            "the option 'led' is missing",
+            id="several complaints, the unknown names first",
+        ),
+        pytest.param(
+            {"led": 1, "watts": [0, 1, 0, 0, 0, 0]},
+            "option 'watts.0': Input should be greater than 0, not 0; "
+            "option 'watts.2': Input should be greater than 0, not 0; "
+            "option 'watts.3': Input should be greater than 0, not 0 (and 2 more)",
+            id="three at most",
         ),
     ],
 )
-def test_first_complaint(values, said):
+def test_complaints(values, said):
     with pytest.raises(ValidationError) as caught:
         Lamp.model_validate(values)
-    assert first_complaint(caught.value, noun="option", known=Lamp.model_fields) == said
+    assert complaints(caught.value, noun="option", known=Lamp.model_fields) == said

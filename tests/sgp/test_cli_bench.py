@@ -83,7 +83,7 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
         "headline", "height_profile",
     }  # fmt: skip
     check(made, text)
-    assert "Left out: SGP_DATA is not set" in text
+    assert "Note: SGP_DATA is not set" in text
     rows = made["resolution"]["rows"]
     assert rows["detail error, deg, normals"][0] < rows["detail error, deg, DSPL"][0]
     assert rows["time, s, normals"][0] < rows["time, s, LAPL"][0]

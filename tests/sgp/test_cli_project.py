@@ -98,9 +98,9 @@ def test_points_become_normals_too(sgp, tmp_path):
     points = np.random.default_rng(0).normal(size=(5000, 3))
     points *= 10 / np.linalg.norm(points, axis=1, keepdims=True)
     np.savetxt(path, np.concatenate([points, points[:7]]))
-    answer = sgp("project", path, "--out", tmp_path / "o", "--mm-per-px", "0.2")
+    answer = sgp("project", path, "--out", tmp_path / "o", "--pixel-mm", "0.2")
     assert answer.code == 0, answer.err
-    assert "7 duplicate points are left out" in answer.err
+    assert "points left out as duplicates: 7" in answer.err
     seen = read_normals(tmp_path / "o").normal_map
     middle = tuple(side // 2 for side in seen.size)
     assert angle_deg(seen.normals[middle], [0, 0, 1]) < 2
@@ -116,9 +116,9 @@ def _spoil(path, text):
     [
         pytest.param("a.obj", "v 0 0 0\nv 1 0 0\n", 4, "no faces", id="no faces"),
         pytest.param("a.obj", "v 0 0 0\nv nan 0 0\nv 1 1 1\nf 1 2 3\n", 4, "vertex 1", id="NaN"),
-        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n", 5, "no area", id="degenerate"),
-        pytest.param("a.xyz", "0 0 0\n1 0 0\n", 5, "2 different points", id="two points"),
-        pytest.param("a.xyz", "0 0 0\n0 0 0\n0 0 0\n1 1 1\n", 5, "2 different", id="duplicates"),
+        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n", 5, "without area", id="degenerate"),
+        pytest.param("a.xyz", "0 0 0\n1 0 0\n", 5, "places (2)", id="two points"),
+        pytest.param("a.xyz", "0 0 0\n0 0 0\n0 0 0\n1 1 1\n", 5, "places (2)", id="duplicates"),
         pytest.param("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n", 4, "truncated", id="truncated"),
         pytest.param("a.stl", "solid", 4, "a.stl", id="not a mesh"),
         pytest.param("a.doc", "words", 4, "give one of", id="another file"),
@@ -126,7 +126,7 @@ def _spoil(path, text):
 )
 def test_bad_files_get_one_line(sgp, tmp_path, name, text, code, words):
     path = _spoil(tmp_path / name, text)
-    answer = sgp("project", path, "--out", tmp_path / "o", "--mm-per-px", "0.1")
+    answer = sgp("project", path, "--out", tmp_path / "o", "--pixel-mm", "0.1")
     assert answer.code == code, answer.err
     assert answer.err.startswith("error: ")
     assert words in answer.err
@@ -134,20 +134,26 @@ def test_bad_files_get_one_line(sgp, tmp_path, name, text, code, words):
     assert not (tmp_path / "o").exists()
 
 
+def test_a_point_has_no_surface_whatever_the_size(sgp, tmp_path):
+    path = _spoil(tmp_path / "a.xyz", "1 2 3\n" * 3)
+    answer = sgp("project", path, "--out", tmp_path / "o", "--size", "64x64")
+    assert (answer.code, "places (1)" in answer.err) == (5, True), answer.err
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
         pytest.param(("--size", "100"), 2, "640x512", id="half a size"),
         pytest.param(("--size", "100000x100000"), 2, "100 million", id="huge size"),
-        pytest.param(("--mm-per-px", "0.00001"), 4, "too large", id="tiny pixels"),
-        pytest.param(("--mm-per-px", "0"), 2, "", id="no pixel size"),
+        pytest.param(("--pixel-mm", "0.00001"), 4, "too large", id="tiny pixels"),
+        pytest.param(("--pixel-mm", "0"), 2, "", id="no pixel size"),
         pytest.param(("--look", "0,0,0"), 2, "no view along", id="look nowhere"),
         pytest.param(("--look", "1,2"), 2, "3 numbers", id="look of two"),
         pytest.param(("--look", "0,0,1", "--view", "top"), 2, "one of them", id="two views"),
         pytest.param(("--neighbours", "2"), 2, "", id="two neighbours"),
         pytest.param(("--distance-mm", "5"), 2, "--camera too", id="no camera"),
         pytest.param(("--camera", "nowhere.json"), 2, "nowhere.json", id="missing camera"),
-        pytest.param(("--size", "1x2", "--mm-per-px", "90"), 5, "centre of a pixel", id="unseen"),
+        pytest.param(("--size", "1x2", "--pixel-mm", "90"), 5, "centre of a pixel", id="unseen"),
     ],
 )
 def test_options_that_cannot_be_met_get_one_line(sgp, ball, tmp_path, options, code, words):
@@ -159,8 +165,8 @@ def test_options_that_cannot_be_met_get_one_line(sgp, ball, tmp_path, options, c
 
 def test_scale_and_distance_of_a_camera_are_asked_for_once(sgp, ball, camera, tmp_path):
     words = ("project", ball, "--out", tmp_path / "o", "--camera")
-    answer = sgp(*words, camera, "--mm-per-px", "1")
-    assert (answer.code, "--mm-per-px" in answer.err) == (2, True)
+    answer = sgp(*words, camera, "--pixel-mm", "1")
+    assert (answer.code, "--pixel-mm" in answer.err) == (2, True)
     (tmp_path / "K.txt").write_text("800 0 60\n0 800 50\n0 0 1\n", encoding="ascii")
     answer = sgp(*words, tmp_path / "K.txt", "--size", "120x100")
     assert (answer.code, "give --distance-mm" in answer.err) == (2, True)

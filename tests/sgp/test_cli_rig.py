@@ -186,6 +186,26 @@ def test_list_without_anything_says_what_to_try(sgp, monkeypatch):
     assert "--cti" in answer.out
 
 
+def test_a_producer_that_is_not_there_is_told_before_any_port_is_asked(sgp, monkeypatch, tmp_path):
+    asked = []
+    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: asked.append(1) or [])
+    answer = sgp("rig", "list", "--cti", tmp_path / "missing.cti")
+    assert "missing.cti: no such file" in error_line(answer, 2)
+    assert not asked
+
+
+def test_a_port_without_a_board_is_listed_as_a_port(sgp, tmp_path):
+    answer = sgp("rig", "list", "--port", tmp_path / "none")
+    assert answer.code == 0
+    assert f"\nport     {tmp_path / 'none'}: the port cannot be opened" in answer.out
+
+
+def test_the_rig_without_a_file_is_not_asked_to_change_one(sgp):
+    answer = sgp("rig", "selftest", "--rig", "simulated")
+    assert answer.code == 0
+    assert "rig file" not in answer.err
+
+
 def test_a_frame_is_snapped_as_the_sensor_gave_it(bench, sgp, tmp_path):
     out = tmp_path / "frame.tif"
     words = ["rig", "snap", "--led", 4, "--exposure-us", 2000, "--out", out, "--rig", bench.rig]

@@ -168,12 +168,21 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
     sheet = tmp_path / "sheet.png"
     assert sgp("simulate", "list", "--sheet", sheet).code == 0
     picture = read_image(sheet)[..., :3].astype(float)
-    # The coin's normals lie in the middle of the left third: blue, redder on the right.
-    coin = picture[:, : picture.shape[1] // 3]
-    middle = coin[40:-20, int(coin.shape[1] * 0.38) : int(coin.shape[1] * 0.58)]
-    assert middle[..., 2].mean() > middle[..., 0].mean() + 40
-    half = middle.shape[1] // 2
-    assert middle[:, half:, 0].mean() > middle[:, :half, 0].mean()
+    # The coin's normals are what is blue: redder on the right.
+    left = picture[:, : picture.shape[1] // 3]
+    coin = left[..., 2] > left[..., 0] + 40
+    columns = np.flatnonzero(coin.any(axis=0))
+    reds = [
+        left[:, half, 0][coin[:, half]].mean() for half in np.split(columns, [len(columns) // 2])
+    ]
+    assert reds[1] > reds[0]
+    assert columns.mean() == pytest.approx(left.shape[1] / 2, rel=0.1)
+    # Both marks are whole.
+    gold = np.all(np.abs(picture - (255, 215, 0)) < 60, axis=2)
+    counts = [int(part.sum()) for part in np.array_split(gold, 3, axis=1)]
+    assert counts[0] > 8
+    assert counts[1] == pytest.approx(counts[0], abs=3)
+    assert counts[2] == 0
 
 
 @pytest.mark.parametrize(
@@ -190,7 +199,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
         pytest.param(["coin", "--out", "o", "--lights", "0"], 2, "lights", id="no lights"),
         pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
         pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
-        pytest.param(["coin", "--out", "full"], 2, "another folder\n", id="folder that holds files"),
+        pytest.param(["coin", "--out", "full"], 2, "full", id="folder that holds files"),
         pytest.param(["coin", "--out", "bad.toml"], 2, "bad.toml", id="folder that is a file"),
         pytest.param(["coin", "--out", "o", "--sheet", "s.png"], 2, "list", id="sheet of one"),
         pytest.param(["list", "--out", "o"], 2, "--out", id="list with a folder"),
@@ -213,6 +222,7 @@ def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
     line = [line for line in answer.err.splitlines() if line.startswith("error:")]
     assert len(line) == 1
     assert said in line[0]
+    assert "--force" not in line[0]  # which it has not
     assert not (tmp_path / "o").exists()
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 

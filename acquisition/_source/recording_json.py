@@ -1,4 +1,4 @@
-"""recording.json: what the images of an export are, so that an import loses nothing of it."""
+"""recording.json: what the images of an export are, so that reading them loses nothing of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from acquisition._plan.planned_shot import Role
 from acquisition._session.manifest import CameraRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import read_text
-from rig import first_complaint
+from rig import complaints
 
 RECORD_FILE: Final = "recording.json"
 
@@ -85,6 +85,5 @@ def read_recording_notes(folder: Path) -> RecordingNotes | None:
         return RecordingNotes.model_validate_json(read_text(path))
     except ValidationError as error:
         raise DataError(
-            f"{path}: {first_complaint(error)}; restore the file, or delete it to import the "
-            "images alone"
+            f"{path}: {complaints(error)}; restore the file, or delete it to read the images alone"
         ) from error

@@ -1,0 +1,63 @@
+"""What an export of ours tells of its images beyond what their layout has a place for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
+from acquisition._source.source import Source
+from acquisition._value_files.camera import read_camera
+from acquisition._value_files.lights import read_lights
+
+# What an export writes besides, which tells nothing more.
+_FOR_OTHERS = ("export.json", "alicevision_lights.json")
+
+
+def with_export_notes(source: Source) -> Source:
+    """Take levels, filter pattern, exposures, lights and camera from a ``recording.json``.
+
+    It lies beside the images. Without one, and for the floats of an EXR stack, which have no level
+    at which they saturate, the source is returned as it is.
+
+    Raises
+    ------
+    DataError
+        If the file, or one that it names, is there and is not understood.
+    """
+    folder = source.path if source.path.is_dir() else source.path.parent
+    notes = None if source.kind == "session" else read_recording_notes(folder)
+    if notes is None or source.frames[0].path.suffix.lower() == ".exr":
+        return source
+    noted = {frame.file: frame for frame in notes.frames}
+    strange = next((f.path for f in source.frames if f.path.name not in noted), None)
+    if strange is not None:
+        told = f"{strange}: is not in {RECORD_FILE} beside it, which is left aside"
+        return replace(source, warnings=(*source.warnings, told))
+    named = [name for name in (notes.lights_file, notes.camera_file) if name is not None]
+    there = [name for name in named if (folder / name).is_file()]
+    lost = tuple(
+        f"{folder}: {name}, which {RECORD_FILE} names, is gone: what the layout tells is taken"
+        for name in named
+        if name not in there
+    )
+    lights, camera = source.lights, source.camera
+    if notes.lights_file in there:
+        lights = read_lights(folder / notes.lights_file)
+    if notes.camera_file in there:
+        camera = read_camera(folder / notes.camera_file)
+    ours = (RECORD_FILE, *there)
+    return replace(
+        source,
+        frames=tuple(
+            replace(frame, exposure_us=noted[frame.path.name].exposure_us)
+            for frame in source.frames
+        ),
+        lights=lights,
+        camera=camera,
+        cfa=notes.camera.cfa,
+        black_level=notes.camera.black_level_dn,
+        white_level=notes.camera.white_dn,
+        files=(*source.files, *(folder / name for name in ours)),
+        ignored=tuple(name for name in source.ignored if name not in (*ours, *_FOR_OTHERS)),
+        warnings=(*source.warnings, *lost),
+    )

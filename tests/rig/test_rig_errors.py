@@ -1,0 +1,30 @@
+"""What is told beside an error when closing fails too."""
+
+from __future__ import annotations
+
+import pytest
+
+from rig._errors import CameraError, CameraGoneError, RigError, close_after
+
+
+@pytest.mark.parametrize(
+    ("error", "failure", "told"),
+    [
+        pytest.param(
+            CameraError("no frame"),
+            CameraError("no end of acquisition"),
+            ["on closing: no end of acquisition"],
+            id="something else",
+        ),
+        pytest.param(CameraGoneError("gone"), CameraGoneError("gone"), [], id="gone, as before"),
+        pytest.param(
+            RigError("no LED"), CameraGoneError("gone"), ["on closing: gone"], id="gone by now"
+        ),
+    ],
+)
+def test_what_closing_adds(error: RigError, failure: RigError, told: list[str]) -> None:
+    def close() -> None:
+        raise failure
+
+    close_after(error, close)
+    assert getattr(error, "__notes__", []) == told

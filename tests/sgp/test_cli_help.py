@@ -1,0 +1,121 @@
+"""Help pages, and what is said of a command line that is not understood."""
+
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from sgp.app import build
+
+EXAMPLE_WIDTH = 76
+
+
+def _pages(app, words=()):
+    yield words
+    for name in app:
+        if not name.startswith("-"):
+            yield from _pages(app[name], (*words, name))
+
+
+PAGES = [pytest.param(words, id=" ".join(("sgp", *words))) for words in _pages(build())]
+
+
+@pytest.fixture
+def page(sgp, monkeypatch):
+    """Print a help page on a terminal of some width; returns it."""
+
+    def show(*words, width=80):
+        monkeypatch.setenv("COLUMNS", str(width))
+        answer = sgp(*words, "--help")
+        assert answer.code == 0, answer.err
+        return answer.out
+
+    return show
+
+
+def _examples(text):
+    block = text.partition("For example:\n\n")[2].partition("\n\n")[0]
+    return [line.rstrip() for line in block.splitlines()]
+
+
+@pytest.mark.parametrize("words", PAGES)
+def test_every_page_has_examples_that_fit_and_are_understood(page, words):
+    lines = _examples(page(*words))
+    assert lines
+    for line in lines:
+        assert len(line) <= EXAMPLE_WIDTH
+    for command in "\n".join(lines).replace("\\\n", "").splitlines():
+        tokens = shlex.split(command)
+        tokens = tokens[1:] if tokens[0] == "sgp" else tokens
+        assert tuple(tokens[: len(words)]) == words
+        build().parse_args(tokens, print_error=False, exit_on_error=False)
+
+
+@pytest.mark.parametrize("words", PAGES)
+def test_texts_flow_and_defaults_say_something(page, words):
+    text = page(*words, width=400)
+    assert re.search(r'\[default: (\(\)|""|False)\]|Default|default \d|\[ARGS', text) is None
+    # On a line this long every text ends where its sentence or its list of defaults does.
+    texts = [line.strip("│ \n") for line in text.splitlines() if line.startswith("│")]
+    assert [line for line in texts if not line.endswith((".", "]", "--version"))] == []
+
+
+def test_arguments_that_may_be_left_out_have_names(page):
+    assert page("capture", "plan").startswith("Usage: sgp capture plan [OPTIONS] [PLAN]\n")
+    usage = page("detail", "properties").splitlines()[0]
+    assert usage.endswith("NORMALS [TARGETS...]")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        pytest.param(["nonsense"], r"sgp has no command nonsense: .* bench \(see `sgp --help`\)"),
+        pytest.param(["nromals"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
+        pytest.param(
+            ["rig", "x"], r"sgp rig has no command x: .*selftest \(see `sgp rig --help`\)"
+        ),
+        pytest.param(["--jsn", "demo"], r"sgp has no option --jsn \(see `sgp --help`\)"),
+        pytest.param(["normals"], r"SOURCE is missing \(see `sgp normals --help`\)"),
+        pytest.param(["normals", "x"], r"--out is missing \(see `sgp normals --help`\)"),
+        pytest.param(["normals", "x", "--out"], r"--out requires an argument.* normals --help`\)"),
+        pytest.param(
+            ["detail", "combine", "x"], r"DETAIL is missing \(see `sgp detail combine --h"
+        ),
+    ],
+)
+def test_a_wrong_command_line_is_told_in_one_line(sgp, words, said):
+    answer = sgp(*words)
+    assert answer.code == 2
+    assert re.search(said, answer.err), answer.err
+    assert answer.err.count("\n") == 1
+
+
+def test_a_mistyped_command_waits_for_no_library():
+    code = (
+        "import sys; from sgp.app import build, run; "
+        "code = run(build(), ['nonsense']); sys.exit(code if 'numpy' not in sys.modules else 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 2
+
+
+@pytest.mark.parametrize("option", ["--help", "--version"])
+def test_a_reader_who_has_gone_is_no_error(option):
+    code = "import sgp; sgp.main()"
+    program = subprocess.Popen(
+        [sys.executable, "-c", code, option], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    program.stdout.close()
+    assert program.stderr.read() == b""
+    assert program.wait() == 0
+    program.stderr.close()
+
+
+def test_notes_come_before_the_summary(sgp, recording, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", sys.stdout)
+    lights = recording.parent / "lights.json"
+    said = sgp("normals", recording, "--lights", lights, "--out", recording.parent / "o").out
+    lines = said.splitlines()
+    assert any(line.startswith("note: ") for line in lines[:-1])
+    assert "pixels solved" in lines[-1]
