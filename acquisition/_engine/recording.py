@@ -192,7 +192,10 @@ class Recording:
 
     def _longer_is_unknown(self, shot: PlannedShot) -> bool:
         """Tell whether a longer exposure of the LED, which this one is judged by, is on its way."""
-        if shot.lit_led is None or self._queue.settled or self._references.light(shot) is not None:
+        references = self._references
+        if shot.lit_led is None or references.dark(shot) is None or self._queue.settled:
+            return False
+        if references.light(shot) is not None:
             return False
         brackets = range(len(self._plan.exposures_us))
         longest_us = max(self._plan.exposure_us(shot.lit_led, bracket) for bracket in brackets)
