@@ -102,7 +102,8 @@ def read_normals(
     length = np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))
     unit = np.abs(length - 1) < _LENGTH_TOLERANCE
     drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
-    candidates = drawn if mask is None else mask
+    # Alpha often leaves a background inside, where only an object's own pixels were erased.
+    candidates = drawn if mask is None else mask if mask_file is not None else mask & drawn
     close = int(np.count_nonzero(candidates & (np.abs(length - 1) < _CLOSE)))
     count = int(np.count_nonzero(candidates))
     if 2 * close <= count:

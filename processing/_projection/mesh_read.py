@@ -12,7 +12,7 @@ import numpy.typing as npt
 import trimesh
 
 from acquisition import DataError, MissingPathError
-from processing._projection.manifold import crowded_edges
+from processing._projection.manifold import wind_alike
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
@@ -88,9 +88,9 @@ def read_geometry(path: str | Path) -> Geometry:
     -------
     Geometry
         Vertices of a mesh that lie in one place are one, so that normals blend over the seams of
-        textures and between the loose faces of an STL; those that no face uses are left out. Edges
-        of more than two faces are told. Points that are not finite, as scanners write for a miss,
-        are left out and told.
+        textures and between the loose faces of an STL; those that no face uses are left out. Faces
+        that wind against their neighbours are turned round and told; edges of more than two faces
+        are told. Points that are not finite, as scanners write for a miss, are left out and told.
 
     Raises
     ------
@@ -136,13 +136,15 @@ def _mesh(file: Path, suffix: str) -> Geometry:
         return _cloud(np.concatenate([vertices, *_ply_normals(loaded, len(vertices))], axis=1))
     checked = Geometry(vertices, faces.astype(np.int32))
     joined, corners = _joined(checked.vertices, faces)
-    crowded = crowded_edges(corners)
-    warnings = (
-        (f"edges where more than two faces meet (no manifold): {crowded}; it is drawn as it is",)
-        if crowded
-        else ()
-    )
-    return Geometry(joined, corners, warnings=warnings)
+    corners, turned, crowded = wind_alike(corners)
+    warnings = []
+    if crowded:
+        warnings.append(
+            f"edges where more than two faces meet (no manifold): {crowded}; it is drawn as it is"
+        )
+    if turned:
+        warnings.append(f"faces turned round as they wind against their neighbours: {turned}")
+    return Geometry(joined, corners, warnings=tuple(warnings))
 
 
 def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Whole]:
@@ -171,10 +173,16 @@ def _cloud(table: Double) -> Geometry:
     if not finite.any():
         raise DataError("the point cloud holds no finite point")
     normals = normals[finite]
-    unit = normals.shape[1] == 3 and bool(
-        (np.abs(np.linalg.norm(normals, axis=1) - 1) < _UNIT_TOLERANCE).all()
-    )
-    return Geometry(points[finite], None, normals if unit else None, tuple(warnings))
+    if normals.shape[1] == 3:
+        off = ~(np.abs(np.linalg.norm(normals, axis=1) - 1) < _UNIT_TOLERANCE)
+        if off.any():
+            warnings.append(
+                f"of {len(off)} points {int(off.sum())} come with a normal that is no unit vector "
+                "(or a colour): all normals are fitted anew"
+            )
+            normals = normals[:, :0]
+    known = normals if normals.shape[1] == 3 else None
+    return Geometry(points[finite], None, known, tuple(warnings))
 
 
 def _xyz(file: Path) -> Double:

@@ -37,22 +37,14 @@ class Mesh:
         ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the camera.
     normals
         ``(V, 3)`` float32 unit vectors, or None.
-    colours
-        ``(V, 3)`` uint8 RGB, or None.
     """
 
     vertices: Float
     faces: npt.NDArray[np.int32]
     normals: Float | None = None
-    colours: npt.NDArray[np.uint8] | None = None
 
 
-def height_mesh(
-    height_map: HeightMap,
-    *,
-    normals: NormalMap | None = None,
-    colours: npt.NDArray[np.uint8] | None = None,
-) -> Mesh:
+def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> Mesh:
     """Make a mesh of a height map: one vertex per pixel of its mask, in reading order.
 
     Four neighbouring pixels make two triangles along the shorter diagonal in space, three of four
@@ -64,8 +56,6 @@ def height_mesh(
         The surface.
     normals
         Normals of the vertices; the map must cover the height map's mask.
-    colours
-        ``(H, W, 3)`` uint8 RGB of the vertices.
 
     Returns
     -------
@@ -75,28 +65,18 @@ def height_mesh(
     Raises
     ------
     DataError
-        If normals or colours do not fit the height map, or it makes no triangle.
+        If the normals do not cover the height map, or it makes no triangle.
     """
     mask = height_map.mask
     if normals is not None and (normals.size != mask.shape or np.any(mask & ~normals.mask)):
         raise DataError(
             "the normals do not cover the height map: give the normal map it was integrated from"
         )
-    if colours is not None and (colours.shape != (*mask.shape, 3) or colours.dtype != np.uint8):
-        raise DataError(
-            f"vertex colours must be uint8 of shape {(*mask.shape, 3)}, not {colours.dtype} of "
-            f"shape {colours.shape}"
-        )
     vertices = height_map.points()[mask]
     faces = _faces(height_map.parts, vertices)
     if not len(faces):
         raise DataError("the surface is nowhere two pixels wide: it makes no triangle")
-    return Mesh(
-        vertices,
-        faces,
-        None if normals is None else normals.normals[mask],
-        None if colours is None else colours[mask],
-    )
+    return Mesh(vertices, faces, None if normals is None else normals.normals[mask])
 
 
 def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int32]:
@@ -145,19 +125,18 @@ def write_mesh(
     height_map: HeightMap,
     *,
     normals: NormalMap | None = None,
-    colours: npt.NDArray[np.uint8] | None = None,
 ) -> None:
     """Write a surface as a triangle mesh; the suffix chooses the format.
 
     Parameters
     ----------
     path
-        ``.ply`` (binary), ``.obj`` (text), ``.stl`` (binary, neither vertex normals nor colours) or
+        ``.ply`` (binary), ``.obj`` (text), ``.stl`` (binary, without vertex normals) or
         ``.glb`` (glTF 2.0, thousandths of the unit: metres where it is mm). An existing file is
         replaced.
     height_map
         The surface; all but .glb are in its unit.
-    normals, colours
+    normals
         Of the vertices; see `height_mesh`.
 
     Raises
@@ -171,7 +150,7 @@ def write_mesh(
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl, ".glb": _glb}.get(path.suffix.lower())
     if encode is None:
         raise DataError(f"{path}: no mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb")
-    chunks = encode(height_mesh(height_map, normals=normals, colours=colours))
+    chunks = encode(height_mesh(height_map, normals=normals))
     part = path.with_name(f".{path.name}.part")
     try:
         with part.open("wb") as file:
@@ -183,23 +162,16 @@ def write_mesh(
 
 
 def _ply(mesh: Mesh) -> list[bytes]:
-    vertex = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    names = ["x", "y", "z"]
     columns = [mesh.vertices]
     if mesh.normals is not None:
-        vertex += [("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4")]
+        names += ["nx", "ny", "nz"]
         columns.append(mesh.normals)
-    colour = [("red", "u1"), ("green", "u1"), ("blue", "u1")] if mesh.colours is not None else []
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
-    header += [f"property float {name}" for name, _ in vertex]
-    header += [f"property uchar {name}" for name, _ in colour]
+    header += [f"property float {name}" for name in names]
     header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     header += ["end_header", ""]
-    rows = np.zeros(
-        len(mesh.vertices), [("floats", "<f4", (3 * len(columns),)), ("rgb", "u1", (len(colour),))]
-    )
-    rows["floats"] = np.concatenate(columns, axis=1)
-    if mesh.colours is not None:
-        rows["rgb"] = mesh.colours
+    rows = np.concatenate(columns, axis=1).astype("<f4")
     faces = np.zeros(len(mesh.faces), [("count", "u1"), ("index", "<i4", (3,))])
     faces["count"], faces["index"] = 3, mesh.faces
     return ["\n".join(header).encode("ascii"), rows.tobytes(), faces.tobytes()]
@@ -220,8 +192,7 @@ def _stl(mesh: Mesh) -> list[bytes]:
 
 
 def _obj(mesh: Mesh) -> list[bytes]:
-    colour = () if mesh.colours is None else (mesh.colours / 255,)
-    chunks = _text("v" + " %.7g" * 3 + " %.4g" * 3 * len(colour), mesh.vertices, *colour)
+    chunks = _text("v %.7g %.7g %.7g", mesh.vertices)
     corner = "%d"
     index = mesh.faces.astype(np.int64) + 1
     if mesh.normals is not None:
@@ -230,8 +201,8 @@ def _obj(mesh: Mesh) -> list[bytes]:
     return chunks + _text(f"f {corner} {corner} {corner}", index)
 
 
-def _text(line: str, *columns: npt.NDArray[np.generic]) -> list[bytes]:
-    table = np.concatenate(columns, axis=1)
+def _text(line: str, table: npt.NDArray[np.generic]) -> list[bytes]:
+    """Format the rows of a table, a line each."""
     return [
         ((line + "\n") * len(part) % tuple(part.ravel().tolist())).encode("ascii")
         for part in np.split(table, range(_TEXT_LINES, len(table), _TEXT_LINES))
@@ -248,14 +219,6 @@ def _glb(mesh: Mesh) -> list[bytes]:
     if mesh.normals is not None:
         attributes["NORMAL"] = len(views)
         views.append((mesh.normals.astype("<f4").tobytes(), 34962, vectors))
-    if mesh.colours is not None:
-        attributes["COLOR_0"] = len(views)
-        # Each vertex of a buffer must start at a multiple of four bytes: RGB wants an alpha.
-        rgba = np.pad(mesh.colours, ((0, 0), (0, 1)), constant_values=255)
-        accessor = {
-            "componentType": 5121, "type": "VEC4", "count": len(rgba), "normalized": True,
-        }  # fmt: skip
-        views.append((rgba.tobytes(), 34962, accessor))
     primitive = {"attributes": attributes, "indices": len(views)}
     scalars = {"componentType": 5125, "type": "SCALAR", "count": mesh.faces.size}
     views.append((mesh.faces.astype("<u4").tobytes(), 34963, scalars))

@@ -88,10 +88,15 @@ def combine(
     """
     first, second = read_normals(shape), read_normals(detail)
     combined = combine_maps(first.normal_map, second.normal_map)
+    warnings = [*first.warnings, *second.warnings]
+    known = int(combined.mask.sum())
+    lost = int(first.normal_map.mask.sum()) - known
+    if lost:
+        warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are left out")
     return Result(
         outputs=write_normals(claim_folder(out, "normals.json"), combined),
-        metrics={"pixels": int(combined.mask.sum())},
-        warnings=[*first.warnings, *second.warnings],
-        summary=[f"{int(combined.mask.sum())} normals in {out}"],
+        metrics={"pixels": known},
+        warnings=warnings,
+        summary=[f"{known} normals in {out}"],
         inputs=[*first.files, *second.files],
     )

@@ -32,12 +32,6 @@ def dome(rows: int = 40, columns: int = 50, hole: bool = True) -> tuple[NormalMa
     return normal_map, integrate(normal_map, pixel_mm=0.5)
 
 
-def colours(normal_map: NormalMap) -> npt.NDArray[np.uint8]:
-    rows, columns = normal_map.size
-    r, c = np.mgrid[:rows, :columns]
-    return np.stack([r, c, r + c], axis=2).astype(np.uint8)
-
-
 def flat(mask: npt.NDArray[np.bool_]) -> HeightMap:
     return integrate(NormalMap.from_vectors(np.broadcast_to((0.0, 0, 1), (*mask.shape, 3)), mask))
 
@@ -52,12 +46,11 @@ def read(path: Path) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-@pytest.mark.parametrize("extra", [False, True])
-def test_other_programs_read_the_surface(tmp_path: Path, suffix: str, extra: bool) -> None:
+@pytest.mark.parametrize("with_normals", [False, True])
+def test_other_programs_read_the_surface(tmp_path: Path, suffix: str, with_normals: bool) -> None:
     normal_map, surface = dome()
     path = tmp_path / f"surface.{suffix}"
-    options = {"normals": normal_map, "colours": colours(normal_map)} if extra else {}
-    write_mesh(path, surface, **options)  # type: ignore[arg-type]
+    write_mesh(path, surface, normals=normal_map if with_normals else None)
     mesh = read(path)
     scale = 1e-3 if suffix == "glb" else 1.0
     # 39 x 49 squares less those that touch the hole of 4 x 3 pixels (5 x 4 squares) and the one of
@@ -71,11 +64,9 @@ def test_other_programs_read_the_surface(tmp_path: Path, suffix: str, extra: boo
     low, high = mesh.bounds / scale
     np.testing.assert_allclose(high[:2] - low[:2], [49 * 0.5, 39 * 0.5], rtol=1e-6)
     assert (mesh.face_normals[:, 2] > 0).all()
-    if extra and suffix != "stl":
+    if with_normals and suffix != "stl":
         given_normals = normal_map.normals[surface.mask]
         np.testing.assert_allclose(mesh.vertex_normals, given_normals, atol=2e-5)
-        rgb = np.asarray(mesh.visual.vertex_colors)[:, :3]
-        np.testing.assert_allclose(rgb, colours(normal_map)[surface.mask], atol=1)
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -160,7 +151,7 @@ def test_the_same_surface_gives_the_same_bytes(tmp_path: Path, suffix: str) -> N
     for name in ("a", "b"):
         normal_map, surface = dome()
         path = tmp_path / f"{name}.{suffix}"
-        write_mesh(path, surface, normals=normal_map, colours=colours(normal_map))
+        write_mesh(path, surface, normals=normal_map)
     assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
 
 
@@ -187,7 +178,7 @@ def test_obj_text(tmp_path: Path) -> None:
 
 def test_glb_is_laid_out_as_gltf_asks(tmp_path: Path) -> None:
     normal_map, surface = dome(3, 5, hole=False)
-    write_mesh(tmp_path / "a.glb", surface, normals=normal_map, colours=colours(normal_map))
+    write_mesh(tmp_path / "a.glb", surface, normals=normal_map)
     data = (tmp_path / "a.glb").read_bytes()
     magic, version, total, json_bytes = np.frombuffer(data, "<u4", 4)
     assert (magic, version, total) == (0x46546C67, 2, len(data))
@@ -210,8 +201,6 @@ def test_write_mesh_refuses(tmp_path: Path) -> None:
     small = NormalMap(normal_map.normals[:-1].copy(), normal_map.mask[:-1].copy())
     with pytest.raises(DataError, match="do not cover the height map"):
         write_mesh(tmp_path / "surface.ply", surface, normals=small)
-    with pytest.raises(DataError, match="vertex colours must be uint8"):
-        write_mesh(tmp_path / "surface.ply", surface, colours=np.zeros((40, 50, 3), np.float32))  # type: ignore[arg-type]
     line = np.zeros((5, 5), bool)
     line[2] = True
     with pytest.raises(DataError, match="makes no triangle"):

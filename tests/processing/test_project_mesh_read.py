@@ -151,6 +151,16 @@ def test_points_that_a_scanner_missed_are_told(tmp_path):
     assert read.warnings == ("points left out as not finite: 2",)
 
 
+def test_normals_that_are_no_unit_vectors_are_told(tmp_path):
+    path = tmp_path / "scan.ply"
+    lines = "0 0 0 0 0 1\n1 0 0 0 0 0\n0 1 0 nan 0 1"
+    path.write_text(CLOUD.format(count=3, more=NORMALS, lines=lines), encoding="ascii")
+    read = read_geometry(path)
+    assert read.normals is None
+    (warning,) = read.warnings
+    assert warning.startswith("of 3 points 2 come with a normal that is no unit vector")
+
+
 def _cut(data):
     return data[: len(data) * 2 // 3]
 
@@ -240,6 +250,52 @@ def test_edges_of_more_than_two_faces_are_told(tmp_path, faces, edges):
     warnings = read_geometry(tmp_path / "mesh.obj").warnings
     assert len(warnings) == bool(edges)
     assert f"(no manifold): {edges}" in "".join(warnings) or not edges
+
+
+def _wound(path):
+    """Return the vertex numbers of faces, each begun at its least."""
+    return [tuple(np.roll(face, -face.argmin())) for face in read_geometry(path).faces]
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
+def test_faces_that_wind_against_their_neighbours_are_turned_round(tmp_path, share):
+    """Each part on its own: two balls, the second wound inwards as a whole."""
+    both = trimesh.util.concatenate([BALL, BALL.copy().apply_translation([3, 0, 0])])
+    both.faces[len(BALL.faces) :] = both.faces[len(BALL.faces) :, ::-1]
+    both.export(tmp_path / "sound.off")
+    sound = _wound(tmp_path / "sound.off")
+    assert read_geometry(tmp_path / "sound.off").warnings == ()
+    chosen = np.random.default_rng(0).random(len(both.faces)) < share
+    both.faces[chosen] = both.faces[chosen, ::-1]
+    both.export(tmp_path / "mixed.off")
+    mixed = _wound(tmp_path / "mixed.off")
+    # Where most were turned round, they are the ones that the others follow.
+    expected = sound if share < 0.5 else [(a, c, b) for a, b, c in sound]
+    assert mixed == expected
+    (warning,) = read_geometry(tmp_path / "mixed.off").warnings
+    turned = chosen.sum() if share < 0.5 else (~chosen).sum()
+    assert warning == f"faces turned round as they wind against their neighbours: {turned}"
+
+
+@pytest.mark.parametrize("faces", ["1 2 3,1 2 3", "1 2 3,1 3 2"])
+def test_a_face_on_its_copy_stays(tmp_path, faces):
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0"] + [f"f {face}" for face in faces.split(",")]
+    (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
+    read = read_geometry(tmp_path / "mesh.obj")
+    assert read.warnings == ()
+    assert read.faces.tolist() == [
+        [int(word) - 1 for word in face.split()] for face in faces.split(",")
+    ]
+
+
+def test_a_strip_with_one_side_is_left_as_it_is(tmp_path):
+    """Five triangles round a Moebius strip."""
+    places = np.random.default_rng(1).normal(size=(5, 3))
+    faces = [[i, (i + 1) % 5, (i + 2) % 5] for i in range(5)]
+    trimesh.Trimesh(places, faces, process=False).export(tmp_path / "strip.off")
+    read = read_geometry(tmp_path / "strip.off")
+    assert (read.faces == faces).all()
+    assert read.warnings == ()
 
 
 def test_a_folder_is_no_mesh(tmp_path):
