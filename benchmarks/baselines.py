@@ -1,7 +1,5 @@
 """Detail transfer in the normal domain beside two mesh-based peers, in one run.
 
-python benchmarks/baselines.py [--points 5010 49532 306491] [--runs 3]
-
 A woven cloth's detail goes onto a bowl of so many points. Each number of points is measured in
 a process of its own with warm caches: CPU seconds of all threads (the best run), peak of the
 resident memory above the inputs, both also as multiples of those of "normals" (separation and
@@ -11,10 +9,8 @@ Angles are errors by the paper's filter. DSPL: displacement along normals. LAPL:
 
 from __future__ import annotations
 
-import argparse
-import time
-
 import numpy as np
+from harness import command_line, copy_s
 
 from processing import NormalMap, angle_deg, separate
 from sgp._paper.measure import METHODS, Method, measure
@@ -29,15 +25,6 @@ def pair(points: int) -> tuple[NormalMap, NormalMap]:
     one = np.ones_like(x)
     cloth = NormalMap.from_vectors(np.stack([-slope_x, -slope_y, one], axis=2))
     return cloth, NormalMap.from_vectors(np.stack([-x, -y, side * one], axis=2))
-
-
-def copy_s(normal_map: NormalMap) -> float:
-    spent = []
-    for _ in range(20):
-        start = time.perf_counter()
-        normal_map.normals.copy()
-        spent.append(time.perf_counter() - start)
-    return min(spent)
 
 
 def rows(source: NormalMap, target: NormalMap, runs: int) -> dict[Method, tuple[float, ...]]:
@@ -56,9 +43,11 @@ def rows(source: NormalMap, target: NormalMap, runs: int) -> dict[Method, tuple[
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--points", type=int, nargs="+", default=[5010, 49532, 306491])
-    parser.add_argument("--runs", type=int, default=3)
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "--points", type=int, nargs="+", default=[5010, 49532, 306491], help="of each map"
+    )
+    parser.add_argument("--runs", type=int, default=3, help="of each method")
     options = parser.parse_args()
     print(
         f"{'points':>8} {'method':18}{'CPU s':>9}{'MB':>9}{'x time':>9}{'x memory':>9}"
@@ -67,7 +56,7 @@ def main() -> None:
     for points in options.points:
         source, target = pair(points)
         found = rows(source, target, options.runs)
-        one_copy = copy_s(source)
+        one_copy = copy_s(source.normals)
         for method, (cpu, size, shape, detail) in found.items():
             print(
                 f"{source.mask.sum():8d} {method:18}{cpu:9.4f}{size:9.1f}"

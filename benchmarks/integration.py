@@ -1,25 +1,20 @@
 """Surface from normals: multigrid-preconditioned CG beside scipy's solvers on the same problem.
 
-python benchmarks/integration.py [--pixels 119000 475000 1900000] [--scipy-limit 500000]
-
 Each row is a disc with a hole, a wavy surface with 1 degree of noise on its normals, solved to a
-relative residual of 1e-6 with warm caches, in a process of its own. CPU seconds are of all its
-threads. "bytes/px" is the peak of the resident memory above what was there before, per pixel of the
-bounding box (on Linux).
+relative residual of 1e-6 with warm caches, in a process of its own; "integrate, whole" is the whole
+call on a normal map. CPU seconds are of all threads. "bytes/px" is the peak of the resident memory
+above what was there before, per pixel of the bounding box (on Linux). The last two columns are CPU
+seconds and memory over those of multigrid CG.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Callable
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from harness import Cost, alone, command_line, measured
 from scipy import sparse
 from scipy.sparse import linalg
 
@@ -29,13 +24,16 @@ from processing._surface.grid_graph import divergence
 from processing._surface.integration import integrate
 from processing._surface.multigrid import solve
 
-RESET_PEAK = Path("/proc/self/clear_refs")
-
 Graph = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float64]]
 
 
+def side(pixels: int) -> int:
+    """The bounding box of a mask of so many pixels."""
+    return round(np.sqrt(pixels / (0.9 * np.pi / 4 - 0.005 * np.pi)))
+
+
 def normal_map(pixels: int) -> NormalMap:
-    n = round(np.sqrt(pixels / (0.9 * np.pi / 4 - 0.005 * np.pi)))
+    n = side(pixels)
     y, x = np.mgrid[1 : -1 : n * 1j, -1 : 1 : n * 1j].astype(np.float32)
     mask = (x**2 + y**2 < 0.9) & ((x - 0.2) ** 2 + (y - 0.3) ** 2 > 0.02)
     noise = np.random.default_rng(0).normal(scale=np.radians(1), size=(n, n, 3))
@@ -87,61 +85,53 @@ def jacobi(graph: Graph) -> int:
     return steps[0]
 
 
-def whole(pixels: int) -> int:
-    return integrate(normal_map(pixels)).iterations
+def whole(given: NormalMap) -> int:
+    return integrate(given).iterations
 
 
-SOLVERS: dict[str, Callable[[Graph], int]] = {
-    "multigrid CG": ours,
-    "scipy spsolve": direct,
-    "scipy CG + Jacobi": jacobi,
+OURS = "multigrid CG"
+# What each is given, and what it does with that.
+SOLVERS: dict[str, tuple[Callable[[int], Any], Callable[[Any], int]]] = {
+    OURS: (problem, ours),
+    "integrate, whole": (normal_map, whole),
+    "scipy spsolve": (problem, direct),
+    "scipy CG + Jacobi": (problem, jacobi),
 }
 
 
-def resident_bytes(entry: str) -> int:
-    status = Path("/proc/self/status").read_text()
-    line = next(line for line in status.splitlines() if line.startswith(entry))
-    return int(line.split()[1]) * 1024
-
-
-def measure(name: str, pixels: int) -> str:
-    SOLVERS[name](problem(2000))
-    graph = problem(pixels)
-    before = resident_bytes("VmRSS")
-    RESET_PEAK.write_text("5")
-    cpu, wall = time.process_time(), time.perf_counter()
-    iterations = SOLVERS[name](graph)
-    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    peak = (resident_bytes("VmHWM") - before) / graph[0].size
-    return f"{name:18} {pixels:9,d} {cpu:8.2f} {wall:8.2f} {iterations:10d} {peak:9.0f}"
+def measure(name: str, pixels: int) -> tuple[Cost, int]:
+    make, solved = SOLVERS[name]
+    given = make(pixels)
+    solved(given)  # compiles, fills caches
+    return measured(lambda: solved(given))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pixels", type=int, nargs="+", default=[119_000, 475_000, 1_900_000])
-    parser.add_argument("--scipy-limit", type=int, default=200_000)
-    parser.add_argument("--solver", choices=list(SOLVERS), help="this one alone, in this process")
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "--pixels", type=int, nargs="+", default=[119_000, 475_000, 1_900_000], help="in the mask"
+    )
+    parser.add_argument(
+        "--scipy-limit", type=int, default=200_000, help="no more pixels for scipy's solvers"
+    )
     options = parser.parse_args()
-    if options.solver:
-        for pixels in options.pixels:
-            print(measure(options.solver, pixels), flush=True)
-        return
     print(
-        f"{'solver':18} {'pixels':>9} {'CPU s':>8} {'wall s':>8} {'iterations':>10} {'bytes/px':>9}"
+        f"{'solver':18} {'pixels':>9} {'CPU s':>8} {'wall s':>8} {'iterations':>10} "
+        f"{'bytes/px':>9} {'x CPU':>6} {'x memory':>8}"
     )
     for pixels in options.pixels:
+        found: dict[str, Cost] = {}
         for name in SOLVERS:
-            if name != "multigrid CG" and pixels > options.scipy_limit:
+            if name.startswith("scipy") and pixels > options.scipy_limit:
                 continue
-            call = [sys.executable, __file__, "--solver", name, "--pixels", str(pixels)]
-            # Freed blocks go back to the system at once, else they would hide what is used.
-            subprocess.run(call, check=True, env=os.environ | {"MALLOC_MMAP_THRESHOLD_": "65536"})
-    whole(2000)
-    for pixels in options.pixels:
-        given = normal_map(pixels)
-        cpu = time.process_time()
-        integrate(given)
-        print(f"{'integrate, whole':18} {pixels:9,d} {time.process_time() - cpu:8.2f}")
+            cost, iterations = alone(measure, name, pixels)
+            found[name] = cost
+            print(
+                f"{name:18} {pixels:9,d} {cost.cpu_s:8.2f} {cost.wall_s:8.2f} {iterations:10d} "
+                f"{cost.peak_bytes / side(pixels) ** 2:9.0f} {cost.cpu_s / found[OURS].cpu_s:6.1f} "
+                f"{cost.peak_bytes / found[OURS].peak_bytes:8.1f}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

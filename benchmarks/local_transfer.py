@@ -1,27 +1,23 @@
 """Faces set into other surfaces: the seam in figures, and the pictures in docs/detail.md.
 
-SGP_DATA=... python benchmarks/local_transfer.py [--out docs] [--pixels 300000 1000000]
-
-For each pair: the angular step across the seam over that inside, with and without the membrane, the
-detail error over the region by the separation's own filter and by the paper's, and CPU seconds with
-warm caches. Each picture shows the source as it is placed, the target, the part pasted, and the
-part set in. Then the time of a part of about the given number of pixels, the target 4 times as
-large, in CPU seconds of all threads.
+The faces need the folder named by SGP_DATA. For each pair: the angular step across the seam over
+that inside, with and without the membrane, the detail error over the region by the separation's own
+filter and by the paper's, and CPU seconds with warm caches. Each picture shows the source as it is
+placed, the target, the part pasted, and the part set in. Then what a part of about the given number
+of pixels costs, the target 4 times as large: CPU seconds of all threads, the same in copies of the
+target's map, and the peak of resident memory.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
-import time
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
+from harness import command_line, copy_s, measured
 from matplotlib.axes import Axes
-
-# Idle threads of numba's OpenMP pool would spin, and count as CPU time.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 from processing import NormalMap, read_normals, transfer_local
 from sgp._overview import Panel, write_overview
@@ -52,9 +48,11 @@ def relief(side: int, seed: int) -> NormalMap:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, help="folder for the pictures; default: none")
-    parser.add_argument("--pixels", type=int, nargs="*", default=[300_000, 1_000_000])
+    parser = command_line(__doc__)
+    parser.add_argument("--out", type=Path, help="folder for the pictures")
+    parser.add_argument(
+        "--pixels", type=int, nargs="*", default=[300_000, 1_000_000], help="of the parts timed"
+    )
     given = parser.parse_args()
     if "SGP_DATA" in os.environ:
         folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
@@ -64,13 +62,11 @@ def main() -> None:
                 read_normals(folder / name).normal_map for name in (face.source, face.target)
             )
             pasted = face.set_in(source, target, reach_px=1e-2)
-            begun = time.process_time()
-            done = face.set_in(source, target)
-            seconds = time.process_time() - begun
+            cost, done = measured(partial(face.set_in, source, target))
             print(
                 f"{face.source:6} to {face.target:5}| {done.seam.ratio:13.2f} | "
                 f"{pasted.seam.ratio:6.2f} | {done.fidelity.detail_mae_deg:.2f} "
-                f"({done.fidelity_paper.detail_mae_deg:.2f}) deg               | {seconds:.2f}"
+                f"({done.fidelity_paper.detail_mae_deg:.2f}) deg               | {cost.cpu_s:.2f}"
             )
             if given.out is not None:
                 panels = [
@@ -87,9 +83,11 @@ def main() -> None:
     for pixels in given.pixels:
         side = round(np.sqrt(pixels))
         source, target = relief(side, 0), relief(2 * side, 1)
-        begun = time.process_time()
-        done = transfer_local(source, target, at=(side, side))
-        print(f"{int(done.region.sum())} pixels: {time.process_time() - begun:.2f} CPU s")
+        cost, done = measured(partial(transfer_local, source, target, at=(side, side)))
+        print(
+            f"{int(done.region.sum())} pixels: {cost.cpu_s:.2f} CPU s, "
+            f"{cost.cpu_s / copy_s(target.normals):.0f} copies, {cost.peak_mb:.0f} MB"
+        )
 
 
 if __name__ == "__main__":

@@ -1,19 +1,16 @@
 """What photometric stereo costs, in copies of its stack, and how exact it is on real captures.
 
-python benchmarks/photometric_stereo.py [--megapixels 1] [--lights 36] [--diligent DIR]
-
-Times are of all threads together unless called wall; set NUMBA_NUM_THREADS for their number. The
-accuracy part runs where --diligent or the variable SGP_DATA names the data.
+CPU seconds are of all threads together; set NUMBA_NUM_THREADS for their number. "peak MiB" is the
+growth of the resident memory. "numpy lstsq" is least squares the short way, on the same stack. The
+accuracy part runs where the variable SGP_DATA names the data.
 """
 
-import argparse
-import ctypes
 import os
-import time
 from pathlib import Path
 
 import numba
 import numpy as np
+from harness import command_line, copy_s, measured
 
 from acquisition import Lights, read_source
 from calibration import linear_stack
@@ -42,38 +39,11 @@ def bumpy_stack(directions, height, width):
     return values
 
 
-def _status_mib(field):
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-    except OSError:
-        return float("nan")
-    return next(float(line.split()[1]) for line in lines if line.startswith(field)) / 1024
-
-
-def measured(work):
-    """Return CPU seconds, wall seconds and the growth of peak memory in MiB."""
-    try:
-        ctypes.CDLL(None).malloc_trim(0)  # memory that is kept for reuse would hide the growth
-        Path("/proc/self/clear_refs").write_text("5")
-    except (OSError, AttributeError):
-        print("(peak memory is not measured on this system)")
-    before = _status_mib("VmRSS")
-    cpu, wall = time.process_time(), time.perf_counter()
-    work()
-    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    return cpu, wall, _status_mib("VmHWM") - before
-
-
 def naive(values, directions):
     """Least squares the short way, for comparison."""
     m, *_ = np.linalg.lstsq(directions, values.reshape(len(values), -1), rcond=None)
     length = np.linalg.norm(m, axis=0)
     return m / length, length
-
-
-def copy_seconds(values):
-    target = np.zeros_like(values)
-    return min(measured(lambda: np.copyto(target, values))[0] for _ in range(5))
 
 
 def cost(lights, megapixels):
@@ -98,17 +68,17 @@ def cost(lights, megapixels):
         "numpy lstsq": lambda: naive(values, directions),
     }
     photometric_stereo(values[:, :1], distant, mask[:1])  # compiles
-    copy = copy_seconds(values)
+    copy = copy_s(values)
     print(
         f"{lights} lights x {side} x {side} float32 ({values.nbytes / MIB:.0f} MiB), "
         f"{numba.get_num_threads()} threads; one copy {copy * 1e3:.1f} ms\n"
     )
     print(f"{'':24}{'CPU s':>8}{'wall s':>8}{'us/px':>8}{'copies':>8}{'peak MiB':>10}")
     for name, work in rows.items():
-        cpu, wall, peak = min(measured(work) for _ in range(2))
+        taken, _ = measured(work, runs=2)
         print(
-            f"{name:24}{cpu:8.3f}{wall:8.3f}{cpu / mask.size * 1e6:8.3f}{cpu / copy:8.1f}"
-            f"{peak:10.0f}"
+            f"{name:24}{taken.cpu_s:8.3f}{taken.wall_s:8.3f}{taken.cpu_s / mask.size * 1e6:8.3f}"
+            f"{taken.cpu_s / copy:8.1f}{taken.peak_bytes / MIB:10.0f}"
         )
 
 
@@ -139,17 +109,15 @@ def accuracy(folder):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--megapixels", type=float, default=1.0)
-    parser.add_argument("--lights", type=int, default=36)
-    parser.add_argument("--diligent", type=Path, help="folder with bearPNG and catPNG")
+    parser = command_line(__doc__)
+    parser.add_argument("--megapixels", type=float, default=1.0, help="of each image")
+    parser.add_argument("--lights", type=int, default=36, help="images")
     options = parser.parse_args()
     cost(options.lights, options.megapixels)
-    folder = options.diligent
-    if folder is None and "SGP_DATA" in os.environ:
-        folder = Path(os.environ["SGP_DATA"]) / "diligent"
-    if folder is not None:
-        accuracy(folder)
+    if "SGP_DATA" in os.environ:
+        accuracy(Path(os.environ["SGP_DATA"]) / "diligent")
+    else:
+        print("\nSGP_DATA is not set: no real captures")
 
 
 if __name__ == "__main__":

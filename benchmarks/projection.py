@@ -1,7 +1,5 @@
 """Meshes and point clouds to normal maps: CPU seconds, copies of the image, memory.
 
-python benchmarks/projection.py [--faces 500000 5000000] [--points 100000] [--size 2000]
-
 Each row in a process of its own, warm caches, CPU seconds of all threads. "camera" is seen in
 perspective; "shuffled" has its faces in random order, which no scanner or modeller writes. "copies"
 relates the time to one copy of the normal map; "MB" is the peak above what was resident with the
@@ -10,20 +8,12 @@ mesh loaded (on Linux).
 
 from __future__ import annotations
 
-import argparse
-import os
-import subprocess
-import sys
-import time
-from pathlib import Path
-
 import numpy as np
 import numpy.typing as npt
+from harness import Cost, alone, command_line, copy_s, measured
 
 from acquisition import CameraModel
 from processing import Geometry, project
-
-RESET_PEAK = Path("/proc/self/clear_refs")
 
 
 def bumpy_ball(faces: int) -> Geometry:
@@ -65,47 +55,25 @@ def perspective(side: int) -> CameraModel:
     return CameraModel(K, side, side, 300.0)
 
 
-def resident_bytes(entry: str) -> int:
-    status = Path("/proc/self/status").read_text()
-    line = next(line for line in status.splitlines() if line.startswith(entry))
-    return int(line.split()[1]) * 1024
-
-
-def measure(kind: str, count: int, side: int) -> str:
+def measure(kind: str, count: int, side: int) -> tuple[Cost, int, float]:
+    """Return what it took, how many faces or points were drawn, and the share of pixels covered."""
     camera = perspective(side) if kind == "mesh, camera" else None
-    project(KINDS[kind](2000), size=(side, side), camera=camera)
-    normals = np.ones((side, side, 3), np.float32)
-    normals.copy()
-    begin = time.process_time()
-    for _ in range(5):
-        normals.copy()
-    copy = (time.process_time() - begin) / 5
-    del normals
+    project(KINDS[kind](2000), size=(side, side), camera=camera)  # compiles
     geometry = KINDS[kind](count)
-    before = resident_bytes("VmRSS")
-    RESET_PEAK.write_text("5")
-    cpu, wall = time.process_time(), time.perf_counter()
-    seen = project(geometry, size=(side, side), camera=camera)
-    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-    peak = (resident_bytes("VmHWM") - before) / 1e6
-    drawn = len(geometry.vertices if geometry.faces is None else geometry.faces)
-    share = seen.normal_map.mask.mean()
-    return (
-        f"{kind:16} {drawn:9,d} {side:6d} {share:7.2f} {cpu:7.2f} {wall:7.2f} {cpu / copy:7.0f} "
-        f"{peak:6.0f}"
-    )
+    cost, seen = measured(lambda: project(geometry, size=(side, side), camera=camera))
+    drawn = geometry.vertices if geometry.faces is None else geometry.faces
+    return cost, len(drawn), float(seen.normal_map.mask.mean())
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--faces", type=int, nargs="+", default=[500_000, 5_000_000])
-    parser.add_argument("--points", type=int, nargs="+", default=[100_000])
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "--faces", type=int, nargs="+", default=[500_000, 5_000_000], help="of the meshes"
+    )
+    parser.add_argument("--points", type=int, nargs="+", default=[100_000], help="of the clouds")
     parser.add_argument("--size", type=int, default=2000, help="side of the square image in pixels")
-    parser.add_argument("--row", nargs=2, help="this kind and count alone, in this process")
     options = parser.parse_args()
-    if options.row:
-        print(measure(options.row[0], int(options.row[1]), options.size), flush=True)
-        return
+    copy = copy_s(np.ones((options.size, options.size, 3), np.float32))
     print(
         f"{'':16} {'faces':>9} {'side':>6} {'covered':>7} {'CPU s':>7} {'wall s':>7} {'copies':>7} "
         f"{'MB':>6}"
@@ -113,9 +81,12 @@ def main() -> None:
     rows = [(kind, count) for count in options.faces for kind in KINDS if kind != "points"]
     rows += [("points", count) for count in options.points]
     for kind, count in rows:
-        call = [sys.executable, __file__, "--row", kind, str(count), "--size", str(options.size)]
-        # Freed blocks go back to the system at once, else they would hide what is used.
-        subprocess.run(call, check=True, env=os.environ | {"MALLOC_MMAP_THRESHOLD_": "65536"})
+        cost, drawn, covered = alone(measure, kind, count, options.size)
+        print(
+            f"{kind:16} {drawn:9,d} {options.size:6d} {covered:7.2f} {cost.cpu_s:7.2f} "
+            f"{cost.wall_s:7.2f} {cost.cpu_s / copy:7.0f} {cost.peak_mb:6.0f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """A pass over all lights: what the rig adds to the time that the camera itself needs.
 
-python benchmarks/rig_pass.py [--lights 36] [--size 2448x2048] [--rate 20] [--exposure-us 5000]
-
 The virtual camera delivers frames composed beforehand, at most --rate a second. Its own time is one
 frame period for each light. CPU seconds are of this process, the camera's threads among them.
 
@@ -9,11 +7,11 @@ Exit code 1 where the board's sequence takes more than 1.15 times that, or singl
 software more than 1.5 times.
 """
 
-import argparse
 import statistics
 import time
 
 import numpy as np
+from harness import command_line
 
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, open_genicam
@@ -42,11 +40,11 @@ def taken(rig, mode, leds, exposure_us):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--lights", type=int, default=36)
-    parser.add_argument("--size", default="2448x2048")
+    parser = command_line(__doc__)
+    parser.add_argument("--lights", type=int, default=36, help="shots of a pass")
+    parser.add_argument("--size", default="2448x2048", help="pixels of the camera")
     parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0)
+    parser.add_argument("--exposure-us", type=float, default=5000.0, help="of each shot")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     own_s = options.lights / options.rate

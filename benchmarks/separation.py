@@ -1,7 +1,5 @@
 """What separation and transfer cost, in CPU seconds, copies of the map and memory.
 
-python benchmarks/separation.py [--megapixels 0.3 1 5 20] [--w 5] [--filters gaussian-1 gaussian-8]
-
 CPU seconds are of all threads together, the least of three runs with warm caches; set
 NUMBA_NUM_THREADS for their number. "copies" are CPU seconds over those of a copy of the map, "maps"
 the growth of peak memory over the map's own bytes (on Linux); the outputs of a separation are two
@@ -11,26 +9,16 @@ returns is of unit length.
 
 from __future__ import annotations
 
-import argparse
-import ctypes
-import os
-import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import cast
-
-# Threads that wait for the next loop by spinning would count as work.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numba
 import numpy as np
+from harness import command_line, measured
 
 from processing import FilterKind, NormalMap, ShapeFilter, combine, separate
 from processing._detail.rotation import rotate_from_z
-
-RESET_PEAK = Path("/proc/self/clear_refs")
-RUNS = 3
 
 
 def relief(megapixels: float) -> NormalMap:
@@ -43,28 +31,6 @@ def relief(megapixels: float) -> NormalMap:
     vectors[..., 2] += 1
     vectors /= np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))[..., None]
     return NormalMap(vectors, np.ones((height, width), np.bool_))
-
-
-def resident_bytes(entry: str) -> int:
-    status = Path("/proc/self/status").read_text()
-    line = next(line for line in status.splitlines() if line.startswith(entry))
-    return int(line.split()[1]) * 1024
-
-
-def measured(work: Callable[[], object]) -> tuple[float, float]:
-    """Return the least CPU seconds of some runs and the growth of peak memory in bytes."""
-    work()
-    seconds, growth = [], []
-    for _ in range(RUNS):
-        ctypes.CDLL(None).malloc_trim(0)  # memory that is kept for reuse would hide the growth
-        before = resident_bytes("VmRSS")
-        RESET_PEAK.write_text("5")
-        start = time.process_time()
-        made = work()
-        seconds.append(time.process_time() - start)
-        growth.append(resident_bytes("VmHWM") - before)
-        del made
-    return min(seconds), min(growth)
 
 
 def cases(given: NormalMap, filters: list[str], w: int) -> dict[str, Callable[[], object]]:
@@ -81,9 +47,11 @@ def cases(given: NormalMap, filters: list[str], w: int) -> dict[str, Callable[[]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--megapixels", type=float, nargs="+", default=[0.3, 1.0, 5.0, 20.0])
-    parser.add_argument("--w", type=int, default=5)
+    parser = command_line(__doc__)
+    parser.add_argument(
+        "--megapixels", type=float, nargs="+", default=[0.3, 1.0, 5.0, 20.0], help="of each map"
+    )
+    parser.add_argument("--w", type=int, default=5, help="half width of the window in pixels")
     parser.add_argument(
         "--filters", nargs="+", default=["gaussian-1", "gaussian-8"], help="kind-order"
     )
@@ -94,12 +62,13 @@ def main() -> None:
         given = relief(megapixels)
         copy = 0.0
         for name, work in cases(given, options.filters, options.w).items():
-            seconds, peak = measured(work)
-            copy = copy or seconds
+            work()
+            cost, _ = measured(work, runs=3)
+            copy = copy or cost.cpu_s
             print(
-                f"{f'{megapixels:g} Mpx {name}':40}{seconds:8.4f}"
-                f"{seconds / given.mask.size * 1e9:8.1f}{seconds / copy:8.1f}"
-                f"{peak / given.normals.nbytes:8.2f}",
+                f"{f'{megapixels:g} Mpx {name}':40}{cost.cpu_s:8.4f}"
+                f"{cost.cpu_s / given.mask.size * 1e9:8.1f}{cost.cpu_s / copy:8.1f}"
+                f"{cost.peak_bytes / given.normals.nbytes:8.2f}",
                 flush=True,
             )
 

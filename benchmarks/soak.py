@@ -1,7 +1,5 @@
 """Soak: thousands of flashes, faults among them, and which LED lit which frame by its pixels.
 
-python benchmarks/soak.py [--flashes 10000] [--share 0.05] [--cycles 1000] [--seed 1]
-
 The rig is the bench's code on virtual devices: pyserial on a pty, harvesters on a GenTL producer.
 The plane of each LED carries its number in pixels of its own, so a frame shows which LEDs burned
 and whether they did so for the whole exposure. Faults strike board, serial line or camera; a shot
@@ -15,7 +13,6 @@ or a rig did not come back; or where opening and closing fails, leaves files ope
 memory after the first tenth of the cycles than --growth-mib.
 """
 
-import argparse
 import contextlib
 import gc
 import random
@@ -25,6 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from harness import command_line, resident_bytes
 
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, RigError, open_genicam
@@ -262,15 +260,10 @@ def soak(flashes, share, seed):
     return tally, time.monotonic() - began
 
 
-def resident_mib():
-    gc.collect()
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(float(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
-
-
 def held():
     """Return resident memory in MiB, and how many files are open."""
-    return resident_mib(), len(list(Path("/proc/self/fd").iterdir()))
+    gc.collect()
+    return resident_bytes() / 2**20, len(list(Path("/proc/self/fd").iterdir()))
 
 
 def cycles(count, growth_mib):
@@ -304,12 +297,12 @@ def cycles(count, growth_mib):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--flashes", type=int, default=10_000)
+    parser = command_line(__doc__)
+    parser.add_argument("--flashes", type=int, default=10_000, help="of all three kinds")
     parser.add_argument("--share", type=float, default=0.05, help="of flashes hit by a fault")
     parser.add_argument("--cycles", type=int, default=1000, help="of opening and closing")
     parser.add_argument("--growth-mib", type=float, default=16.0, help="allowed after a tenth")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=1, help="of LEDs and faults")
     options = parser.parse_args()
 
     tally, seconds = soak(options.flashes, options.share, options.seed)

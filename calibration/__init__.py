@@ -1,11 +1,13 @@
 """Estimates of lights, camera and sensor, and raw frames turned into linear radiance."""
 
-from calibration._conic import Ellipse
 from calibration._errors import EstimateError
-from calibration._find_spheres import SphereImage, find_spheres
 from calibration._intensities import IntensityCalibration, calibrate_intensities
-from calibration._radiance import Stack, linear_stack
-from calibration._spheres import Sphere, SphereCalibration, calibrate_spheres
+from calibration._radiance.linear_stack import Stack, linear_stack
+from calibration._spheres.calibrate import calibrate_spheres
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.find import find_spheres
+from calibration._spheres.sphere_calibration import Sphere, SphereCalibration
+from calibration._spheres.sphere_image import SphereImage
 
 __all__ = [
     "Ellipse",

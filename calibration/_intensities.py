@@ -77,13 +77,15 @@ def calibrate_intensities(
     Raises
     ------
     DataError
-        If shapes disagree or the lights are distant.
+        If shapes disagree, the lights are distant, or there is only one.
     EstimateError
-        If fewer than 100 pixels are lit by every light.
+        If fewer than 100 pixels are lit by every light, or a light lies where it reaches fewer.
     """
     points = np.asarray(points_mm, np.float64)
     if not lights.near:
         raise DataError("intensities need lights with positions: calibrate those first")
+    if len(lights) < 2:
+        raise DataError("intensities are relative: 2 lights or more are needed")
     if values.shape != (len(lights), *mask.shape) or points.shape != (*mask.shape, 3):
         raise DataError(
             f"a stack {values.shape}, {len(lights)} lights, a mask {mask.shape} and points "
@@ -93,6 +95,15 @@ def calibrate_intensities(
     where = points[rows, columns]
     isotropic = replace(lights, intensities=None, mu=None)
     facing = isotropic.vectors_at(where)[..., 2]
+    reached = (facing > 0).all(axis=0)
+    if np.count_nonzero(reached) < _FEWEST:
+        worst = lights.ids[int(np.argmin(np.count_nonzero(facing > 0, axis=1)))]
+        raise EstimateError(
+            f"light {worst} does not reach the plane where its image is lit: check its position "
+            "and axis, and the camera"
+        )
+    rows, columns = rows[reached], columns[reached]
+    where, facing = where[reached], facing[:, reached]
     # The pattern enters only through its exponent: vectors with mu = 1 over those with mu = 0.
     pattern = replace(isotropic, mu=np.ones(len(lights))).vectors_at(where)[..., 2]
     samples = np.log(values[:, rows, columns].astype(np.float64)) - np.log(facing)

@@ -12,7 +12,6 @@ class UsageError(Exception):
 
 
 FAULT = 1
-INTERRUPTED = 130
 
 _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),

@@ -35,7 +35,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         def run(*args: P.args, **kwargs: P.kwargs) -> Result:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            parameters = flat_parameters(bound.arguments)
+            parameters = _flat_parameters(bound.arguments)
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
@@ -65,7 +65,7 @@ def claim_folder(out: Path, record: str) -> Path:
     return out
 
 
-def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return a command's arguments by name, those in option groups beside the others."""
     flat: dict[str, Any] = {}
     for name, value in arguments.items():

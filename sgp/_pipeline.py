@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from acquisition import Lights, Source
 from processing import HeightMap, Separation, integrate, separate
 from sgp._options import SourceOptions
-from sgp._output import claim_folder, flat_parameters, write_record
+from sgp._output import claim_folder, write_record
 from sgp._overview import (
     Panel,
     image_panel,
@@ -42,12 +43,14 @@ def process(
     Each folder gets its own record. Outputs and metrics of the stages are merged under the
     stage's name.
     """
-    parameters = {"source": source.path, **flat_parameters({"options": options})}
+    parameters = {"source": source.path, **asdict(options)}
     merged = Result(inputs=files)
 
-    def keep(name: str, made: Result) -> None:
+    def write(name: str, files_of: Callable[[Path], Result]) -> None:
+        record = f"{name}.json"
+        made = files_of(claim_folder(out / name, record))
         made.inputs = files
-        write_record(out / name / f"{name}.json", "sgp run", parameters, made)
+        write_record(out / name / record, "sgp run", parameters, made)
         merged.outputs.update({f"{name}.{key}": path for key, path in made.outputs.items()})
         merged.metrics[name] = made.metrics
         merged.warnings += made.warnings
@@ -55,16 +58,14 @@ def process(
 
     with watch.stage("normals"):
         stage = compute_normals(source, options)
-        folder = claim_folder(out / "normals", "normals.json")
-        keep("normals", write_normals_stage(folder, stage))
+        write("normals", lambda folder: write_normals_stage(folder, stage))
     normal_map = stage.solved.normal_map
     with watch.stage("detail"):
         parts = separate(normal_map)
-        keep("detail", write_separation(claim_folder(out / "detail", "detail.json"), parts))
+        write("detail", lambda folder: write_separation(folder, parts))
     with watch.stage("surface"):
         surface = integrate(normal_map, camera=source.camera)
-        folder = claim_folder(out / "surface", "surface.json")
-        keep("surface", write_surface(folder, surface, normal_map))
+        write("surface", lambda folder: write_surface(folder, surface, normal_map))
     if stage.error is not None:
         merged.metrics["normals_mae_deg"] = stage.error.mae_deg
     return Outcome(stage, parts, surface, merged)

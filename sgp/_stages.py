@@ -86,21 +86,9 @@ def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
     EstimateError
         If the images or lights do not determine normals.
     """
-    if source.lights is None:
-        raise DataError(f"{source.path}: no lights are known for these images: give --lights")
+    lights, points = _lights(source, distant=options.distant)
     with progress("reading") as advance:
         stack = linear_stack(source, gamma=options.gamma, on_progress=advance)
-    if stack.lights is None:
-        raise DataError(f"{source.path}: no lights are known for these images: give --lights")
-    lights = stack.lights.distant() if options.distant else stack.lights
-    points = None
-    if lights.near:
-        if source.camera is None or source.camera.working_distance_mm is None:
-            raise DataError(
-                f"{source.path}: lights with positions need a camera with a working distance: "
-                "give --camera, or --distant to use their directions alone"
-            )
-        points = source.camera.points_on_plane()
     values = stack.values
     warnings = [*source.warnings, *stack.warnings]
     mask = source.mask
@@ -136,6 +124,21 @@ def compute_normals(source: Source, options: SourceOptions) -> NormalsStage:
         previews=(values[0].copy(), values[-1].copy()),
         warnings=(*warnings, *solved.warnings),
     )
+
+
+def _lights(source: Source, *, distant: bool) -> tuple[Lights, npt.NDArray[np.float64] | None]:
+    """Return a source's lights, and for near ones the points of the working plane, in mm."""
+    if source.lights is None:
+        raise DataError(f"{source.path}: no lights are known for these images: give --lights")
+    lights = source.lights.distant() if distant else source.lights
+    if not lights.near:
+        return lights, None
+    if source.camera is None or source.camera.working_distance_mm is None:
+        raise DataError(
+            f"{source.path}: lights with positions need a camera with a working distance: "
+            "give --camera, or --distant to use their directions alone"
+        )
+    return lights, source.camera.points_on_plane()
 
 
 def _lit(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

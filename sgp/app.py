@@ -16,9 +16,15 @@ from sgp import __version__
 from sgp._help import HelpPage, flowing, page, usage_complaint
 from sgp._stderr import STDERR
 
+# Idle threads of numba's OpenMP pool would spin, which costs several times the work itself.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+# The exit code of a program that a signal has ended is so much more than the signal's number.
+_SIGNALLED = 128
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
 _TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
-_GROUPS = {
+# Of each group its help page, and its commands by module.
+_GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "capture": (
         page(
             "Record sessions, check them and bring in others.",
@@ -26,7 +32,11 @@ _GROUPS = {
             "capture run recordings/owl --rig bench.toml --plan plan.toml",
             "capture verify recordings/owl",
         ),
-        ("run", "resume", "verify", "info"),
+        {
+            "capture": ("run", "resume", "verify", "info"),
+            "capture_plan": ("plan", "check"),
+            "capture_files": ("compact", "export", "import_"),
+        },
     ),
     "rig": (
         page(
@@ -34,14 +44,14 @@ _GROUPS = {
             "sgp rig list",
             "sgp rig check --rig bench.toml",
         ),
-        ("list_", "check", "light", "off", "snap", "selftest"),
+        {"rig_list": ("list_",), "rig": ("check", "light", "off", "snap", "selftest")},
     ),
     "calibrate": (
         page(
             "Estimate where the lights are and how strong.",
             "sgp calibrate spheres chrome/ --out lights.json",
         ),
-        ("spheres", "intensities"),
+        {"calibrate": ("spheres", "intensities")},
     ),
     "detail": (
         page(
@@ -49,26 +59,19 @@ _GROUPS = {
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
-        ("separate", "combine"),
+        {
+            "detail": ("separate", "combine"),
+            "detail_transfer": ("transfer",),
+            "detail_properties": ("properties",),
+        },
     ),
     "bench": (
         page(
             "Make the paper's tables anew, beside its own figures.",
             "sgp bench paper --out tables --quick",
         ),
-        ("paper",),
+        {"bench": ("paper",)},
     ),
-}
-# Commands of a group that have a module of their own.
-_FURTHER: dict[str, dict[str, tuple[str, ...]]] = {
-    "capture": {
-        "capture_plan": ("plan", "check"),
-        "capture_files": ("compact", "export", "import_"),
-    },
-    "detail": {
-        "detail_transfer": ("transfer",),
-        "detail_properties": ("properties",),
-    },
 }
 
 
@@ -112,10 +115,10 @@ def _optional(arguments: ast.arguments) -> str:
 
 
 def _group(name: str) -> App:
-    text, functions = _GROUPS[name]
+    text, modules = _GROUPS[name]
     app = _app(name, text)
-    for module, names in {name: functions, **_FURTHER.get(name, {})}.items():
-        _add(app, module, names)
+    for module, functions in modules.items():
+        _add(app, module, functions)
     return app
 
 
@@ -168,9 +171,9 @@ def run(app: App, tokens: list[str]) -> int:
         sys.stdout.flush()
         return code
     except CycloptsError as error:
-        return fail(usage_complaint(error, app.name[0]), 2)
+        return fail(error, 2, usage_complaint(error, app.name[0]))
     except KeyboardInterrupt as error:
-        return fail("; ".join(["stopped by Ctrl-C", *_notes(error)]), 130)
+        return fail(error, 130, "stopped by Ctrl-C")
     except SystemExit as error:
         if isinstance(error.__context__, BrokenPipeError):
             return 0  # a help page whose reader has gone: the console sends the rest nowhere
@@ -178,7 +181,7 @@ def run(app: App, tokens: list[str]) -> int:
         if not isinstance(error.code, int) or error.code <= _SIGNALLED:
             raise
         name = signal.Signals(error.code - _SIGNALLED).name
-        return fail("; ".join([f"stopped by {name}", *_notes(error)]), error.code)
+        return fail(error, error.code, f"stopped by {name}")
     except BrokenPipeError:
         # The reader of our output has gone; what it wanted it has.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -190,16 +193,7 @@ def run(app: App, tokens: list[str]) -> int:
         text = str(error)
         if code == FAULT:
             text = f"{type(error).__name__}: {text} (a fault of this program: see --debug)"
-        return fail("; ".join([text, *_notes(error)]), code)
-
-
-# The exit code of a program that a signal has ended is so much more than the signal's number.
-_SIGNALLED = 128
-
-
-def _notes(error: BaseException) -> list[str]:
-    """Return what was added to an error on its way, such as LEDs that are not confirmed off."""
-    return list(getattr(error, "__notes__", ()))
+        return fail(error, code, text)
 
 
 def _show(result: Any, as_json: bool) -> int:
@@ -219,8 +213,9 @@ def _show(result: Any, as_json: bool) -> int:
     return 0 if result.ok else result.failing_code
 
 
-def _fail(text: str, code: int, *, as_json: bool, debug: bool) -> int:
-    line = " ".join(text.split())
+def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
+    # Notes were added to the error on its way, such as LEDs that are not confirmed off.
+    line = " ".join("; ".join([text, *getattr(error, "__notes__", ())]).split())
     if debug:
         import traceback
 
@@ -231,10 +226,6 @@ def _fail(text: str, code: int, *, as_json: bool, debug: bool) -> int:
         print(dumps({"ok": False, "error": line, "exit_code": code}))
     print(f"error: {line}", file=STDERR)
     return code
-
-
-# Idle threads of numba's OpenMP pool would spin, which costs several times the work itself.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 def main() -> None:

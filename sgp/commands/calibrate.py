@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from acquisition import DataError, Source, read_lights, read_mask_shares, write_lights
+from acquisition import DataError, Lights, Source, read_lights, read_mask_shares, write_lights
 from calibration import (
     SphereCalibration,
     Stack,
@@ -82,6 +83,10 @@ def spheres(
         camera=opened.camera,
         radius_mm=radii,
     )
+    result = _describe(found)
+    result.outputs = outputs
+    result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
+    result.inputs = [*files, *mask]
     parameters = {
         "source": source,
         "radius_mm": radius_mm,
@@ -89,13 +94,8 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
     }
-    result = _describe(found)
-    result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
-    made_by = provenance("sgp calibrate spheres", parameters, [*files, *mask])
-    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
-    result.outputs = outputs
-    write_lights(out, found.lights, provenance=made_by)
-    write_lights(result.outputs["lp"], found.lights)
+    _write_lights(out, found.lights, "sgp calibrate spheres", parameters, result)
+    write_lights(outputs["lp"], found.lights)
 
     from sgp._overview import lights_panel, spheres_panel, write_overview
 
@@ -103,7 +103,7 @@ def spheres(
         spheres_panel("spheres and highlights", stack.values, found),
         lights_panel("lights as the camera sees them", found.lights),
     ]
-    write_overview(result.outputs["picture"], str(source), panels, columns=2)
+    write_overview(outputs["picture"], str(source), panels, columns=2)
     return result
 
 
@@ -166,11 +166,10 @@ def intensities(
             f"{len(strength)} lights, {strength.min():.2f} to {strength.max():.2f} of their mean, "
             f"mu {found.mu:.2f}; the card fits to {found.residual:.1%}"
         ],
+        inputs=[*files, lights],
     )
     parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
-    made_by = provenance("sgp calibrate intensities", parameters, [*files, lights])
-    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
-    write_lights(out, found.lights, provenance=made_by)
+    _write_lights(out, found.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 
@@ -178,6 +177,15 @@ def _undivided(source: Source) -> Stack:
     """Read a stack as it was recorded: intensities that the source knows are left in."""
     with progress("reading") as advance:
         return linear_stack(replace(source, lights=None), on_progress=advance)
+
+
+def _write_lights(
+    out: Path, lights: Lights, command: str, parameters: dict[str, Any], result: Result
+) -> None:
+    """Write lights.json with its record inside: it is handed on by itself."""
+    made_by = provenance(command, parameters, result.inputs)
+    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
+    write_lights(out, lights, provenance=made_by)
 
 
 def _describe(found: SphereCalibration) -> Result:

@@ -116,7 +116,8 @@ def simulate(
     with watch.stage("record"):
         if layout == "diligent":
             place = out / "truth"
-            with tempfile.TemporaryDirectory(dir=_made(out), prefix=".recording-") as folder:
+            out.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=out, prefix=".recording-") as folder:
                 _write_diligent(out, recorded(Path(folder) / "session"), rendering, result)
         else:
             place = out / "derived" / "truth"
@@ -152,11 +153,6 @@ def _scene(
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
     return scene_named(name, seed=seed or 0, **options), []
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _write_diligent(out: Path, session: Session, rendering: Rendering, result: Result) -> None:

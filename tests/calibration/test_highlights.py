@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from calibration._conic import Ellipse
-from calibration._highlights import find_highlights
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
 
 OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
 
@@ -44,6 +44,18 @@ def test_saturated_blob_has_its_middle():
     assert np.abs(found.pixels - PLACES).max() < 0.15
 
 
+def test_saturated_blob_on_a_reflection_is_outshone_beside_the_sphere():
+    """What is brighter than the blob lies outside of the outline: it does not weigh the blob."""
+    values = np.stack([spot(x, y, 10.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
+    y, x = np.mgrid[:100, :120]
+    values[:, np.hypot(x - 60, y - 50) < 40] += 0.6
+    values[0, 8:12, 18:22] = 2.0
+    values[values >= 1] = np.nan
+    found = find_highlights(values, OUTLINE)
+    assert found.saturated.all()
+    assert np.abs(found.pixels - PLACES).max() < 0.2
+
+
 def test_secondary_reflection_near_the_rim_is_rejected():
     values = stack(PLACES)
     values[2] = stack([(60 + 40 * 0.93, 50.0)])[0]  # the light itself is hidden
@@ -63,6 +75,15 @@ def test_two_equal_spots_are_ambiguous():
     values[3] += spot(70.0, 45.0, 180.0).astype(np.float32)
     found = find_highlights(values, OUTLINE).found
     assert found.tolist() == [True, True, True, False, True]
+
+
+def test_a_spot_that_the_frame_cuts_is_none():
+    """The middle of what is left of it lies up to 1.4 px off, 4 degrees of the light here."""
+    places = np.array([[50.3, 20.1], [66.8, 8.4], [71.5, 0.2], [58.0, -0.4], [45.2, -0.9]])
+    values = np.stack([spot(x, y, 200.0, sigma=1.5) + 0.2 for x, y in places]).astype(np.float32)
+    found = find_highlights(values, Ellipse((60.0, 10.0), (40.0, 40.0)))
+    assert found.found.tolist() == [True, True, False, False, False]
+    assert np.abs(found.pixels[:2] - places[:2]).max() < 0.01
 
 
 @pytest.mark.parametrize("kind", ["dark", "noise", "wide"])

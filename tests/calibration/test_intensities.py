@@ -63,6 +63,26 @@ def test_a_plane_that_is_none_is_told():
     assert "matte" in found.warnings[0]
 
 
+def test_pixels_without_a_point_do_not_count():
+    lights, points, values, strength = card(7, 1.0)
+    points[3:9, 4:20] = np.nan
+    found = calibrate_intensities(
+        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
+    )
+    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=1e-4)
+    assert found.pixels == np.prod(SIZE) - 6 * 16
+
+
+def test_a_light_that_cannot_reach_the_plane_is_named():
+    lights, points, values, _ = card(8, 1.0)
+    below = lights.positions_mm.copy()
+    below[5, 2] = -5.0
+    with pytest.raises(EstimateError, match="light L05 does not reach the plane"):
+        calibrate_intensities(
+            values.astype(np.float32), Lights(positions_mm=below), points, np.ones(SIZE, np.bool_)
+        )
+
+
 def test_refusals():
     lights, points, values, _ = card(6, 1.0)
     values = values.astype(np.float32)
@@ -70,6 +90,8 @@ def test_refusals():
         calibrate_intensities(values, lights.distant(), points, np.ones(SIZE, np.bool_))
     with pytest.raises(DataError, match="belong together"):
         calibrate_intensities(values[:5], lights, points, np.ones(SIZE, np.bool_))
+    with pytest.raises(DataError, match="2 lights or more"):
+        calibrate_intensities(values[:1], lights.take([0]), points, np.ones(SIZE, np.bool_))
     with pytest.raises(EstimateError, match="0 pixels"):
         calibrate_intensities(values * np.nan, lights, points, np.ones(SIZE, np.bool_))
     few = np.zeros(SIZE, np.bool_)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._conic import fit_cone
-from calibration._light_positions import locate_lights
-from calibration._placed_spheres import place
+from calibration._spheres.cone import fit_cone
+from calibration._spheres.light_positions import locate_lights
+from calibration._spheres.placed import place
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]

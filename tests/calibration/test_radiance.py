@@ -111,6 +111,18 @@ def test_dark_of_another_exposure_is_not_used_and_said():
     assert "100 us" in stack.warnings[0]
 
 
+def test_dark_that_no_exposure_ties_to_the_images_is_not_used_and_said():
+    frames = [
+        frame("L00", np.full((2, 2), 1000, np.uint16)),
+        frame("D", np.full((2, 2), 500, np.uint16), "dark", 200.0),
+    ]
+    stack = linear_stack(source(frames))
+    assert stack.values == pytest.approx((1000 - BLACK) / (WHITE - BLACK), rel=1e-6)
+    assert stack.warnings == (
+        "dark and ambient frames were not used: no image tells its exposure time",
+    )
+
+
 def test_intensities_divide_each_channel_before_gray():
     image = np.array([[[0.2, 0.4, 0.8]]], np.float32)
     lights = Lights(directions=[[0, 0, 1]], intensities=[[0.5, 2.0, 4.0]], ids=("a",))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from calibration import EstimateError, Stack, _search, calibrate_spheres, find_spheres
-from calibration._sphere_images import masked_spheres
+from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
+from calibration._spheres import search
+from calibration._spheres.marked import masked_spheres
 from simulator import render, scene_named
 from simulator._camera.sensor import sensor_image
 
@@ -126,7 +127,7 @@ def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch)
     images[0] = replace(
         images[0], highlights=replace(wrong, pixels=wrong.pixels[order], saturated=wrong.saturated)
     )
-    monkeypatch.setattr(_search, "find_spheres", lambda *_, beside=(): [] if beside else images)
+    monkeypatch.setattr(search, "find_spheres", lambda *_, beside=(): [] if beside else images)
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 16, 14, 20))
     assert len(result.spheres) == 3
     assert "(112, 125) px was left out" in result.warnings[0]
@@ -142,7 +143,7 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
         replace(image, points_px=image.points_px + draw.normal(0, 1, image.points_px.shape))
         for image in images[1:]
     ]
-    monkeypatch.setattr(_search, "find_spheres", lambda *_, beside=(): [] if beside else images)
+    monkeypatch.setattr(search, "find_spheres", lambda *_, beside=(): [] if beside else images)
     with pytest.raises(EstimateError, match="positions need two spheres"):
         calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
     directions = calibrate_spheres(values, camera=truth.camera)
@@ -221,11 +222,13 @@ def test_spheres_of_a_near_light_disagree_and_it_is_said(one):
     assert any("near" in warning for warning in result.warnings)
 
 
-def test_names_come_from_the_stack_or_the_caller(one):
+def test_names_come_from_the_stack(one):
     values, _ = one
     names = tuple(f"led{i}" for i in range(len(values)))
     assert calibrate_spheres(Stack(values, names, None)).lights.ids == names
     assert calibrate_spheres(values).lights.ids[7] == "L07"
+    with pytest.raises(DataError, match="2 names for 36"):
+        calibrate_spheres(Stack(values, ("a", "b"), None))
 
 
 def test_light_that_was_off_is_named(one):
@@ -264,9 +267,16 @@ def test_no_sphere_in_a_picture_of_the_coin():
         pytest.param(
             {"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty", id="mask-empty"
         ),
-        pytest.param({"circles": [(9, 9, -4)]}, DataError, "not a circle", id="negative-circle"),
+        pytest.param({"circles": [(9, 9, -4)]}, DataError, "is none", id="negative-circle"),
         pytest.param({"radius_mm": 10.0}, DataError, "needs a camera", id="radius-no-camera"),
-        pytest.param({"ids": ("a", "b")}, DataError, "2 names for 36", id="names"),
+        pytest.param({"circles": [(9, 9, np.inf)]}, DataError, "is none", id="endless-circle"),
+        pytest.param({"circles": [(np.nan, 9, 9)]}, DataError, "is none", id="circle-nowhere"),
+        pytest.param(
+            {"circles": [(9, 9, 9)], "masks": [np.ones((512, 640), bool)]},
+            DataError,
+            "give one of the two",
+            id="masks-and-circles",
+        ),
         pytest.param(
             {"circles": [(320, 256, 30)]},
             EstimateError,
@@ -290,7 +300,42 @@ def test_radii_must_fit_the_spheres(one):
             camera=truth.camera,
             radius_mm=[20, 16, 14],
         )
-    with pytest.raises(DataError, match="positive"):
-        calibrate_spheres(
-            values, masks=[truth.sphere_masks[0]], camera=truth.camera, radius_mm=-1.0
-        )
+    for radius_mm in (-1.0, 0.0, np.nan, []):
+        with pytest.raises(DataError, match="positive"):
+            calibrate_spheres(values, camera=truth.camera, radius_mm=radius_mm)
+
+
+@pytest.mark.parametrize("distortion", [0.0, 1e-9], ids=["pinhole", "distorted"])
+def test_a_marked_sphere_without_highlights_is_told_and_does_no_harm(one, distortion):
+    values, truth = one
+    values = values.copy()
+    values[:, truth.sphere_masks[1]] = 0.3
+    camera = replace(truth.camera, distortion=np.array([distortion]))
+    options = {"masks": list(truth.sphere_masks), "camera": camera}
+    result = calibrate_spheres(values, **options, radius_mm=list(truth.sphere_radii_mm))
+    error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
+    assert error_mm.mean() < 1.5
+    assert "no highlight under any light on the sphere at (508, 108) px" in result.warnings[0]
+    assert result.warnings[0] in calibrate_spheres(values, **options).warnings
+
+
+def test_the_scale_of_the_images_does_not_matter(one):
+    values, _ = one
+    for sphere, scaled in zip(find_spheres(values), find_spheres(1000 * values), strict=True):
+        assert scaled.outline.centre_px == pytest.approx(sphere.outline.centre_px, abs=0.1)
+        assert scaled.outline.radius_px == pytest.approx(sphere.outline.radius_px, abs=0.1)
+
+
+def test_no_sphere_in_an_image_of_one_row():
+    strip = np.random.default_rng(1).random((3, 1, 3000), np.float32)
+    assert find_spheres(strip) == []
+
+
+def test_a_masked_sphere_that_the_frame_cuts_keeps_its_place():
+    """A third of a circumference does not determine an ellipse: it lay 2.7 px off."""
+    x, y = np.arange(300), np.arange(300)[:, None]
+    mask = np.hypot(x + 40.15, y - 150.2) < 80.3
+    (image,) = masked_spheres(np.zeros((3, 300, 300), np.float32), [mask])
+    assert image.coverage == pytest.approx(0.34, abs=0.02)
+    assert image.outline.centre_px == pytest.approx((-40.15, 150.2), abs=0.3)
+    assert image.outline.radius_px == pytest.approx(80.3, abs=0.3)

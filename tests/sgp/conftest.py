@@ -18,6 +18,14 @@ class Answer(NamedTuple):
     out: str
     err: str
 
+    def error_line(self, code: int) -> str:
+        """Return the one line that a refusal consists of."""
+        assert self.code == code, self
+        assert self.out == ""
+        (line,) = self.err.splitlines()
+        assert line.startswith("error: ")
+        return line
+
 
 @pytest.fixture
 def sgp(capsys) -> Callable[..., Answer]:

@@ -155,9 +155,10 @@ def test_flats_wait_for_the_card(sgp, rig, with_flats, tmp_path):
     assert sgp("capture", "verify", tmp_path / "s").code == 0
 
 
-def at_the_prompt(rig, plan, out, act):
+def at_the_prompt(rig, plan, out, act, typed_before=b""):
     """Record at a terminal, act when the card is asked for; return the exit code and the words."""
     mine, its = os.openpty()
+    os.write(mine, typed_before)
     words = [*CAPTURE, "run", str(out), "--rig", rig, "--plan", plan, "--skip-check"]
     env = os.environ | {"NUMBA_NUM_THREADS": "1"}
     with subprocess.Popen(words, stdin=its, stderr=subprocess.PIPE, text=True, env=env) as process:
@@ -198,6 +199,29 @@ def test_enter_takes_the_flats(rig, with_flats, tmp_path):
     code, said = at_the_prompt(rig, with_flats, out, press)
     assert code == 0, said
     assert Session.open(out).complete
+
+
+def leave_it(process, terminal):
+    time.sleep(1)  # in which three flats of 5 ms would be taken
+    process.send_signal(signal.SIGINT)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+@pytest.mark.parametrize(
+    ("typed_before", "act", "code"),
+    [
+        pytest.param(b"\n\n", leave_it, 130, id="Enter"),
+        pytest.param(b"", lambda _, terminal: os.write(terminal, b"\x04"), 2, id="Ctrl-D"),
+    ],
+)
+def test_only_enter_at_the_prompt_takes_the_flats(
+    rig, with_flats, tmp_path, typed_before, act, code
+):
+    """Not one that was pressed before the card was asked for, nor the end of the input."""
+    out = tmp_path / "s"
+    ended, said = at_the_prompt(rig, with_flats, out, act, typed_before)
+    assert ended == code, said
+    assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3
 
 
 def test_an_led_that_dies_amid_a_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):

@@ -184,6 +184,25 @@ def test_maps_of_different_size_do_not_combine(sgp, maps):
     assert answer.err.count("\n") == 1
 
 
+@pytest.mark.parametrize("erased", ["black", "alpha"])
+def test_what_an_edited_detail_lost_is_told(sgp, maps, erased):
+    """A patch painted over in an image program, and no mask beside the picture."""
+    sgp("detail", "separate", maps / "target", "--out", maps / "parts")
+    pixels = cv2.imread(str(maps / "parts" / "detail.png"), cv2.IMREAD_UNCHANGED)
+    pixels = np.dstack([pixels, np.full(SIZE, 65535, np.uint16)])
+    pixels[20:30, 30:40, 3 if erased == "alpha" else slice(3)] = 0
+    cv2.imwrite(str(maps / "edited.png"), pixels)
+    answer = sgp(
+        *("detail", "combine", maps / "parts" / "shape.exr", maps / "edited.png"),
+        *("--out", maps / "back", "--json"),
+    )
+    assert answer.code == 0, answer.err
+    told = json.loads(answer.out)
+    assert told["metrics"]["pixels"] == ball().mask.sum() - 100
+    lost = "edited.png: 100 pixels of the shape have no detail and are left out"
+    assert [line for line in told["warnings"] if line.endswith(lost)]
+
+
 def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
     pixels = cv2.imread(str(maps / "source" / "normals.png"), cv2.IMREAD_UNCHANGED)
     alpha = np.full((40, 50, 1), 65535, np.uint16)

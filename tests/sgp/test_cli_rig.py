@@ -122,15 +122,6 @@ def of_protocol_1(heard: bytes) -> bytes:
     return said
 
 
-def error_line(answer, code=3):
-    assert answer.code == code, answer
-    lines = [line for line in answer.err.splitlines() if line]
-    assert len(lines) == 1, answer.err
-    assert answer.out == ""
-    assert lines[0].startswith("error: ")
-    return lines[0]
-
-
 def test_the_bench_in_order_is_told(bench, sgp):
     answer = sgp("rig", "check", "--rig", bench.rig, "--json")
     assert answer.code == 0, answer.err
@@ -190,7 +181,7 @@ def test_a_producer_that_is_not_there_is_told_before_any_port_is_asked(sgp, monk
     asked = []
     monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: asked.append(1) or [])
     answer = sgp("rig", "list", "--cti", tmp_path / "missing.cti")
-    assert "missing.cti: no such file" in error_line(answer, 2)
+    assert "missing.cti: no such file" in answer.error_line(2)
     assert not asked
 
 
@@ -240,7 +231,7 @@ def test_lights_need_no_camera(without_camera, sgp):
     answer = sgp("rig", "light", 5, "--seconds", 0.2, "--rig", bench.rig)
     assert answer.code == 0, answer.err
     assert (bench.state.periods()[-1].led, bench.dark()) == (5, True)
-    assert "maker.cti" in error_line(sgp("rig", "check", "--rig", bench.rig))
+    assert "maker.cti" in sgp("rig", "check", "--rig", bench.rig).error_line(3)
 
 
 def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
@@ -256,7 +247,7 @@ def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
 def test_an_led_that_goes_out_by_itself_is_told(without_camera, sgp):
     bench = without_camera
     bench.board.set_faults(BoardFault(kind="goes-dark", verb="ON", value=100))
-    line = error_line(sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig))
+    line = sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig).error_line(3)
     assert "LED 5 was lit, but none burned any more" in line
 
 
@@ -264,7 +255,7 @@ def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
     bench = Bench(tmp_path, leds=24)
     try:
         bench.options["cti"] = "/nowhere/maker.cti"
-        line = error_line(sgp("rig", "light", 5, "--rig", bench.rig))
+        line = sgp("rig", "light", 5, "--rig", bench.rig).error_line(3)
         assert "has 24 LEDs, rig bench 1 is said to have 36" in line
         Board(bench.board.port).close()
     finally:
@@ -304,34 +295,26 @@ def no_port(bench):
 
 
 def busy(bench):
-    board = Board(bench.board.port)
-    return contextlib.closing(board)
+    return contextlib.closing(Board(bench.board.port))
+
+
+@contextlib.contextmanager
+def another_device(bench, answer):
+    with device(answer) as port:
+        bench.options["port"] = port
+        yield
 
 
 def echo(bench):
-    made = device(lambda heard: heard)
-    bench.options["port"] = made.__enter__()
-    return contextlib.closing(Leaving(made))
+    return another_device(bench, lambda heard: heard)
 
 
 def silent(bench):
-    made = device(lambda heard: b"")
-    bench.options["port"] = made.__enter__()
-    return contextlib.closing(Leaving(made))
+    return another_device(bench, lambda heard: b"")
 
 
 def protocol_1(bench):
-    made = device(of_protocol_1)
-    bench.options["port"] = made.__enter__()
-    return contextlib.closing(Leaving(made))
-
-
-class Leaving:
-    def __init__(self, manager):
-        self._manager = manager
-
-    def close(self):
-        self._manager.__exit__(None, None, None)
+    return another_device(bench, of_protocol_1)
 
 
 def other_board(bench):
@@ -431,7 +414,7 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
 def test_a_bench_that_is_not_in_order_gets_one_line(bench, sgp, spoil, words, said, monkeypatch):
     monkeypatch.chdir(bench.file.parent)
     with spoil(bench) or contextlib.nullcontext():
-        line = error_line(sgp(*words, "--rig", bench.rig))
+        line = sgp(*words, "--rig", bench.rig).error_line(3)
     assert re.search(said, line), line
     assert bench.dark()
     assert not (bench.file.parent / "frame.tif").exists()
@@ -440,7 +423,7 @@ def test_a_bench_that_is_not_in_order_gets_one_line(bench, sgp, spoil, words, sa
 def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
     bench = Bench(tmp_path, leds=24)
     try:
-        line = error_line(sgp("rig", "check", "--rig", bench.rig))
+        line = sgp("rig", "check", "--rig", bench.rig).error_line(3)
         assert "has 24 LEDs, rig bench 1 is said to have 36" in line
     finally:
         bench.close()
@@ -449,7 +432,7 @@ def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
 def test_no_board_at_any_port(bench, sgp, monkeypatch):
     monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
     bench.options["port"] = "auto"
-    assert "no LED board" in error_line(sgp("rig", "off", "--rig", bench.rig))
+    assert "no LED board" in sgp("rig", "off", "--rig", bench.rig).error_line(3)
 
 
 def test_the_board_is_found_by_itself(bench, sgp, monkeypatch):
@@ -462,7 +445,7 @@ def test_the_board_is_found_by_itself(bench, sgp, monkeypatch):
 
 
 def test_the_bench_without_a_rig_file_says_what_to_write(sgp):
-    assert "under [options], cti" in error_line(sgp("rig", "check", "--rig", "bench"))
+    assert "under [options], cti" in sgp("rig", "check", "--rig", "bench").error_line(3)
 
 
 @pytest.mark.parametrize(
@@ -477,7 +460,7 @@ def test_the_bench_without_a_rig_file_says_what_to_write(sgp):
 def test_what_is_asked_wrongly_is_exit_2(bench, sgp, words, said, monkeypatch):
     monkeypatch.chdir(bench.file.parent)
     bench.keys["dead_leds"] = [3]
-    assert said in error_line(sgp("rig", *words, "--rig", bench.rig), code=2)
+    assert said in sgp("rig", *words, "--rig", bench.rig).error_line(2)
     assert bench.dark()
 
 

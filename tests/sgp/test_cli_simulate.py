@@ -217,12 +217,9 @@ def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
         "[object]\nkind='coin'\nradius_mm=5\nradius=5\n", encoding="utf-8"
     )
     (tmp_path / "bayer.toml").write_text(DISTANT + "cfa = 'RGGB'\n", encoding="utf-8")
-    answer = sgp("simulate", *words)
-    assert answer.code == code, answer.err
-    line = [line for line in answer.err.splitlines() if line.startswith("error:")]
-    assert len(line) == 1
-    assert said in line[0]
-    assert "--force" not in line[0]  # which it has not
+    line = sgp("simulate", *words).error_line(code)
+    assert said in line
+    assert "--force" not in line  # which it has not
     assert not (tmp_path / "o").exists()
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 

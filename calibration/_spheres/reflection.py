@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from calibration._conic import Array, Ellipse
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.robust import Array
 
 
 def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
@@ -34,17 +35,18 @@ def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
     return directions
 
 
-def reflected_rays(rays: Array, centre: Array, radius: float) -> tuple[Array, Array]:
-    """Reflect camera rays on a sphere.
+def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[Array, Array]:
+    """Reflect camera rays on spheres.
 
     Parameters
     ----------
     rays
-        ``(..., 3)`` rays from the centre of projection, of any length.
+        ``(..., 3)`` rays from the centre of projection, of any length. NaN gives NaN.
     centre
-        ``(3,)`` the sphere's centre as seen from the centre of projection.
+        ``(..., 3)`` the spheres' centres as seen from the centre of projection, broadcast against
+        the rays.
     radius
-        Its radius, in the unit of ``centre``.
+        ``(...)`` their radii, in the unit of ``centre``.
 
     Returns
     -------
@@ -55,11 +57,12 @@ def reflected_rays(rays: Array, centre: Array, radius: float) -> tuple[Array, Ar
         ``(..., 3)`` unit vectors of the reflected rays.
     """
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    along = unit @ centre
-    inside = along**2 - (centre @ centre - radius**2)
+    radius = np.asarray(radius, np.float64)
+    along = np.sum(unit * centre, axis=-1)
+    inside = along**2 - (np.sum(centre**2, axis=-1) - radius**2)
     root = np.sqrt(np.where(inside >= 0, inside, np.nan))
     points: Array = unit * (along - root)[..., None]
-    normals = (points - centre) / radius
+    normals = (points - centre) / radius[..., None]
     directions: Array = unit - 2 * np.sum(unit * normals, axis=-1, keepdims=True) * normals
     return points, directions
 

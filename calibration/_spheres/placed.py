@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from scipy.linalg import block_diag
 
 from acquisition import CameraModel, DataError
-from calibration._conic import Array, Cone
 from calibration._errors import EstimateError
-from calibration._find_spheres import SphereImage
-from calibration._light_positions import KnownSpheres
-from calibration._sphere_images import places
+from calibration._spheres.cone import Cone, focal_px
+from calibration._spheres.light_positions import KnownSpheres
+from calibration._spheres.robust import Array
+from calibration._spheres.sphere_image import SphereImage, places
 
 _OUTLINE_SIGMA_PX = 0.05
 # Spheres lie about the working plane: farther off by this share of its distance, the radius that
@@ -20,13 +18,8 @@ _OUTLINE_SIGMA_PX = 0.05
 _FARTHEST_SHARE = 0.05
 
 
-def radii_of(
-    radius_mm: float | Sequence[float], images: list[SphereImage], *, found: bool
-) -> Array:
+def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> Array:
     """Return one radius for each sphere, in their order; of found ones the larger look larger."""
-    radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
-    if not np.all(np.isfinite(radii) & (radii > 0)):
-        raise DataError("sphere radii must be positive lengths in mm")
     if len(radii) == 1:
         return np.repeat(radii, len(images))
     if found and len(radii) != len(images):
@@ -48,7 +41,7 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     pairs = list(zip(cones, radii, strict=True))
     centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
     # The scatter of the points does not tell how far an outline is off as a whole.
-    pixel_angle = _OUTLINE_SIGMA_PX / float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
+    pixel_angle = _OUTLINE_SIGMA_PX / focal_px(camera)
     covariances = []
     for cone, radius in pairs:
         sideways = pixel_angle * radius / cone.sine
@@ -61,9 +54,7 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
 def off_the_plane(known: KnownSpheres, camera: CameraModel) -> list[str]:
     """Tell of spheres that their radii put far from the working plane."""
     beneath_mm = float(np.median(known.centres_mm[:, 2] - known.radii_mm))
-    if camera.working_distance_mm is None or (
-        abs(beneath_mm) <= _FARTHEST_SHARE * camera.working_distance_mm
-    ):
+    if abs(beneath_mm) <= _FARTHEST_SHARE * camera.centre_mm[2]:
         return []
     return [
         f"the radius puts the spheres {abs(beneath_mm):.0f} mm "

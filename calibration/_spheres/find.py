@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
-from calibration._conic import Array, Ellipse
 from calibration._errors import EstimateError
-from calibration._highlights import Highlights, find_highlights
-from calibration._outline import outline_image, refine_outline
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.outline import outline_image, refine_outline
+from calibration._spheres.robust import Array
+from calibration._spheres.sphere_image import SphereImage
 
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
@@ -21,33 +22,6 @@ _CENTRES = 60
 _CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
-
-
-@dataclass(frozen=True, eq=False)
-class SphereImage:
-    """What the images show of one sphere.
-
-    Parameters
-    ----------
-    outline
-        The ellipse of its outline.
-    points_px
-        ``(M, 2)`` outline points.
-    coverage
-        Share 0..1 of the circumference that was seen.
-    highlights
-        One per light.
-    """
-
-    outline: Ellipse
-    points_px: Array
-    coverage: float
-    highlights: Highlights
-
-    @property
-    def rms_px(self) -> float:
-        """Scatter of the outline points about the outline, robust."""
-        return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
 
 
 def find_spheres(
@@ -132,7 +106,7 @@ def overlap(a: Ellipse, b: Ellipse) -> bool:
 def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
     """Return circular edges of an image, the best covered first, larger before smaller."""
     factor = max(1.0, max(image.shape) / _SEARCH_SIZE_PX)
-    size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
+    size = (max(round(image.shape[1] / factor), 1), max(round(image.shape[0] / factor), 1))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     edges, facing = _edges(np.log(small))
     if len(edges) == 0:

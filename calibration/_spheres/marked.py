@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from calibration._conic import Array, Ellipse, fit_ellipse
 from calibration._errors import EstimateError
-from calibration._find_spheres import SphereImage
-from calibration._highlights import find_highlights
-from calibration._outline import mask_outlines, outline_image, refine_outline
+from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.outline import mask_outlines, outline_image, refine_outline
+from calibration._spheres.robust import Array
+from calibration._spheres.sphere_image import SphereImage
 
 Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
-
 
 # An ellipse this long is no sphere: perspective and pixels that are not square do less.
 _LONGEST_RATIO = 1.5
@@ -39,7 +39,10 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
         for points in outlines:
             outline, _ = fit_ellipse(points)
             _check_disc(outline, points)
-            coverage = min(len(points) / (8 * outline.radius_px), 1.0)
+            if _coverage(outline, points) <= ELLIPSE_COVERAGE:
+                outline, _ = fit_circle(points)
+                _check_disc(outline, points)
+            coverage = _coverage(outline, points)
             images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
     return images
 
@@ -54,31 +57,18 @@ def circled_spheres(
     images = []
     picture = outline_image(values)
     for x, y, radius in circles:
-        if not radius > 0:
-            raise DataError(f"a sphere circle of radius {radius:g} px is not a circle")
+        if not (np.isfinite([x, y, radius]).all() and radius > 0):
+            raise DataError(f"a sphere circle ({x:g}, {y:g}) px of radius {radius:g} px is none")
         guess = Ellipse((float(x), float(y)), (float(radius), float(radius)))
         outline, points, coverage = refine_outline(picture, guess, max(4.0, 0.1 * radius))
         images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
     return images
 
 
-def saturation_warning(images: list[SphereImage]) -> list[str]:
-    """Tell of saturated highlights, if there are any."""
-    share = np.mean(
-        np.concatenate([image.highlights.saturated[image.highlights.found] for image in images])
-    )
-    if share == 0:
-        return []
-    return [
-        f"{100 * share:.0f} % of the highlights are saturated, their middle may be a degree off: "
-        "add a short exposure"
-    ]
-
-
-def places(images: list[SphereImage]) -> str:
-    """Name spheres by where they are."""
-    where = [f"({i.outline.centre_px[0]:.0f}, {i.outline.centre_px[1]:.0f})" for i in images]
-    return ("the sphere at " if len(where) == 1 else "the spheres at ") + ", ".join(where) + " px"
+def _coverage(outline: Ellipse, points: Array) -> float:
+    """Return the share 0..1 of a circumference that rows and columns of a mask cross."""
+    # Rows cross a whole circle 4 r times, columns too.
+    return min(len(points) / (8 * outline.radius_px), 1.0)
 
 
 def _check_disc(outline: Ellipse, points: Array) -> None:

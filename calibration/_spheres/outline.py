@@ -7,14 +7,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
-from calibration._conic import Array, Ellipse, fit_circle, fit_ellipse
 from calibration._errors import EstimateError
-from calibration._limb import REACH_PX, STEP_PX, edge_offsets, profile_offsets
+from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
+from calibration._spheres.limb import REACH_PX, STEP_PX, edge_offsets, profile_offsets
+from calibration._spheres.robust import Array
 
 _SMALLEST_AREA_PX = 60
 _BAND_ROWS = 64
+_WHITE_STEP = 7
 _ALONG_PX = 4.0
-_ELLIPSE_COVERAGE = 0.75
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -71,14 +72,15 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear; NaN counts as white (1).
+        ``(N, H, W)`` linear; NaN counts as white.
     """
     count = len(values)
     low, high = count // 2, max(count - max(count // 10, 1), count // 2 + 1)
+    white = _white(values)
     mean = np.zeros(values.shape[1:], np.float32)
     for start in range(0, values.shape[1], _BAND_ROWS):
         rows = slice(start, start + _BAND_ROWS)
-        band = np.clip(np.nan_to_num(values[:, rows], nan=1.0), 0.0, 1.0)
+        band = np.clip(np.nan_to_num(values[:, rows], nan=white), 0.0, white)
         # Lights last: sorting along the contiguous axis is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
@@ -87,6 +89,13 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     noise = float(np.percentile(np.abs(residue), 75)) / 6.9
     offset = max(20 * noise, 0.01 * float(mean.mean()), 1e-6)
     return mean + np.float32(offset)
+
+
+def _white(values: npt.NDArray[np.float32]) -> float:
+    """Return what counts as white: 1, or what nearly all is below in images without that scale."""
+    some = values[:, ::_WHITE_STEP, ::_WHITE_STEP]
+    finite = some[np.isfinite(some)]
+    return max(float(np.percentile(finite, 99)), 1.0) if len(finite) else 1.0
 
 
 def refine_outline(
@@ -144,7 +153,7 @@ def _fit(
         raise EstimateError(f"no outline at ({x:.0f}, {y:.0f}) px: give a mask or a circle")
     points = guess.point(angles, 1 + offsets / guess.radius_px)
     ellipse, weights = fit_circle(points, start)
-    if len(points) > _ELLIPSE_COVERAGE * count:
+    if len(points) > ELLIPSE_COVERAGE * count:
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
     return ellipse, points[good], float(np.count_nonzero(good)) / count

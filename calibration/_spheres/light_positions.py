@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
-from calibration._conic import Array
 from calibration._errors import EstimateError
-from calibration._reflection import mirror_points, reflected_rays
+from calibration._spheres.reflection import mirror_points, reflected_rays
+from calibration._spheres.robust import Array
 
 _ROUNDS = 8
 # How far to trust a highlight, and the middle of a saturated one.
@@ -64,15 +64,9 @@ def observed_rays(
         ``(N, K, 3)`` unit vectors toward the light.
     """
     eye = camera.centre_mm
-    points = np.full((*highlights_px.shape[:2], 3), np.nan)
-    directions = points.copy()
-    for k, (centre, radius) in enumerate(zip(spheres.centres_mm, spheres.radii_mm, strict=True)):
-        seen = np.isfinite(highlights_px[:, k, 0])
-        rays = camera.rays(highlights_px[seen, k])
-        point, direction = reflected_rays(rays, centre - eye, float(radius))
-        points[seen, k] = point + eye
-        directions[seen, k] = direction
-    return points, directions
+    rays = camera.rays(highlights_px)
+    points, directions = reflected_rays(rays, spheres.centres_mm - eye, spheres.radii_mm)
+    return points + eye, directions
 
 
 def predicted_highlights(

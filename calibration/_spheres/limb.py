@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from calibration._conic import Array
+from calibration._spheres.robust import Array
 
 REACH_PX = 2.5
 STEP_PX = 0.25

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from calibration._demosaic import demosaic
 from calibration._errors import EstimateError
+from calibration._radiance.demosaic import demosaic
 
 if TYPE_CHECKING:
     from acquisition import Frame, Source
@@ -147,6 +147,10 @@ class _Developer:
         self.warnings: list[str] = []
         self._offsets: list[tuple[float, FloatImage | None]] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
+        if unlit and not known:
+            self.warnings.append(
+                "dark and ambient frames were not used: no image tells its exposure time"
+            )
         for exposure_us in sorted(set(known)) if unlit else ():
             if self._offsets and _alike(exposure_us, self._offsets[-1][0]):
                 continue

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._conic import Array, Ellipse
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.robust import Array
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # What shines farther out is no light of ours: it is another sphere or the table.
@@ -45,8 +46,9 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
 
     What all lights share (reflections of the room) is subtracted. A highlight is the compact blob
     of the largest flux within 0.85 of the radius. Left out are lights whose brightest blob is wide
-    (a matte surface), has a rival of half its flux, or has under 3 % of the flux that the other
-    lights have (then the light itself is hidden and what is seen came over another sphere).
+    (a matte surface), is cut by the frame, has a rival of half its flux, or has under 3 % of the
+    flux that the other lights have (then the light itself is hidden and what is seen came over
+    another sphere).
 
     Parameters
     ----------
@@ -75,6 +77,8 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
     y, x = np.mgrid[y0 : y0 + crop.shape[1], x0 : x0 + crop.shape[2]]
     from_centre = np.linalg.norm(outline.unit(np.stack([x, y], axis=-1)), axis=-1)
     within = from_centre < _LARGEST_RADIUS
+    height, width = values.shape[1:]
+    border = (x == 0) | (y == 0) | (x == width - 1) | (y == height - 1)
     blobs = [_blob(image, within, radius) for image in filled]
     fluxes = np.array([np.nan if blob is None else blob[1] for blob in blobs])
     typical = float(np.median(fluxes[np.isfinite(fluxes)])) if np.isfinite(fluxes).any() else 0.0
@@ -83,6 +87,8 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         if blob is None or blob[1] < _FAINTEST_FLUX * typical:
             continue
         region = blob[0]
+        if np.any(region & border):
+            continue
         peak_saturated[i] = bool(np.any(saturated[i] & region))
         if peak_saturated[i]:
             centre = _clipped_centroid(filled[i], region)
@@ -124,7 +130,8 @@ def _clipped_centroid(
 ) -> npt.NDArray[np.float64]:
     """Return the centroid of a saturated blob: pixels count by how far they exceed half of it."""
     y, x = np.nonzero(region)
-    weight = np.clip(image[y, x].astype(np.float64) - 0.5 * float(image.max()), 0.0, None)
+    values = image[y, x].astype(np.float64)
+    weight = np.clip(values - 0.5 * values.max(), 1e-12, None)
     return np.array([np.average(x, weights=weight), np.average(y, weights=weight)])
 
 

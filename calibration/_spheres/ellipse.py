@@ -1,4 +1,4 @@
-"""Ellipses and viewing cones through noisy outline points."""
+"""Ellipses and circles through noisy outline points."""
 
 from __future__ import annotations
 
@@ -9,14 +9,19 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
+from calibration._spheres.robust import (
+    FINEST_PX,
+    ROUNDS,
+    Array,
+    check_enough,
+    tukey_weights,
+    weighted_solve,
+)
 
-Array = npt.NDArray[np.float64]
-
-_ROUNDS = 10
+# An ellipse is not determined by a smaller share of its circumference: a circle is.
+ELLIPSE_COVERAGE = 0.75
 _TRIALS = 100
 _SAMPLE = 8
-# No outline is known better than this; a smaller scale would throw away good points.
-_FINEST_PX = 0.15
 
 
 @dataclass(frozen=True)
@@ -96,11 +101,11 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
         If fewer than 3 points remain.
     """
     circle = start or _least_median(points_px, _plain_circle)
-    weights = _tukey(circle.distance_px(points_px), _FINEST_PX)
-    for _ in range(_ROUNDS):
-        _enough(weights, 3, "circle")
+    weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
+    for _ in range(ROUNDS):
+        check_enough(weights, 3, "a circle")
         circle = _plain_circle(points_px, weights)
-        weights = _tukey(circle.distance_px(points_px), _FINEST_PX)
+        weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
     return circle, weights
 
 
@@ -129,84 +134,15 @@ def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse
         If fewer than 5 points remain or they lie on no ellipse.
     """
     ellipse = start or _least_median(points_px, _plain_ellipse)
-    weights = _tukey(ellipse.distance_px(points_px), _FINEST_PX)
-    for _ in range(_ROUNDS):
-        _enough(weights, 5, "ellipse")
+    weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
+    for _ in range(ROUNDS):
+        check_enough(weights, 5, "an ellipse")
         unit = ellipse.unit(points_px)
         # Algebraic distance grows with the size of the gradient: Sampson divides it out.
         gradient = np.linalg.norm(unit @ np.linalg.inv(ellipse.matrix), axis=1)
         ellipse = _plain_ellipse(points_px, weights / np.maximum(gradient, 1e-12) ** 2)
-        weights = _tukey(ellipse.distance_px(points_px), _FINEST_PX)
+        weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
     return ellipse, weights
-
-
-@dataclass(frozen=True, eq=False)
-class Cone:
-    """The cone of rays that touch a sphere.
-
-    Parameters
-    ----------
-    axis
-        ``(3,)`` unit vector from the centre of projection to the sphere's centre.
-    sine
-        Sine of the half angle: the sphere's radius over its distance.
-    covariance
-        ``(3, 3)`` of ``axis / sine``, the sphere's centre in units of its radius.
-    """
-
-    axis: Array
-    sine: float
-    covariance: Array
-
-
-def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
-    """Fit the cone of rays tangent to a sphere.
-
-    A tangent ray r (unit) has ``r . c = cos(alpha)`` for the unit axis c, so ``v = c / cos(alpha)``
-    solves the linear system ``r . v = 1``; Tukey weights make it robust.
-
-    Parameters
-    ----------
-    rays
-        ``(M, 3)`` rays through outline points, of any length.
-    pixel_angle
-        Angle of one pixel in radians.
-
-    Returns
-    -------
-    cone
-        The cone.
-    weights
-        ``(M,)`` in 0..1.
-
-    Raises
-    ------
-    EstimateError
-        If fewer than 3 rays remain or they lie on no cone.
-    """
-    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-    weights = np.ones(len(unit))
-    v = np.zeros(3)
-    for _ in range(_ROUNDS):
-        _enough(weights, 3, "cone")
-        v = _weighted_solve(unit, np.ones(len(unit)), weights)
-        if not v @ v > 1:
-            raise EstimateError("the outline points lie on no cone: check the sphere's outline")
-        # An angle e across the cone changes r . v by e tan(alpha).
-        tangent = np.sqrt(v @ v - 1)
-        weights = _tukey((unit @ v - 1) / tangent, _FINEST_PX * pixel_angle)
-    length = float(np.linalg.norm(v))
-    axis = v / length
-    # |v| = 1 / cos(alpha), hence sin(alpha) = sqrt(1 - 1 / |v|^2) and centre / radius:
-    sine = float(np.sqrt((length - 1) * (length + 1)) / length)
-    residual = unit @ v - 1
-    variance = np.sum(weights * residual**2) / max(np.sum(weights) - 3, 1.0)
-    finest = _FINEST_PX * pixel_angle * np.sqrt(length**2 - 1)
-    of_v = max(variance, finest**2) * np.linalg.inv((unit * weights[:, None]).T @ unit)
-    # u = v / sqrt(|v|^2 - 1): its derivative carries the covariance over.
-    root = np.sqrt(length**2 - 1)
-    slope = np.eye(3) / root - np.outer(v, v) / root**3
-    return Cone(axis, sine, slope @ of_v @ slope.T), weights
 
 
 def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Ellipse:
@@ -215,7 +151,7 @@ def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Elli
     What does not belong to the outline often is a whole arc (a mount, a shadow), which an ordinary
     start would follow.
     """
-    _enough(np.ones(len(points)), _SAMPLE, "outline")
+    check_enough(np.ones(len(points)), _SAMPLE, "an outline")
     random = np.random.default_rng(0)
     best: tuple[float, Ellipse] | None = None
     for _ in range(_TRIALS):
@@ -237,7 +173,7 @@ def _plain_circle(points: Array, weights: Array) -> Ellipse:
     origin = points.mean(axis=0)
     offset = points - origin
     design = np.column_stack([2 * offset, np.ones(len(offset))])
-    x, y, c = _weighted_solve(design, np.sum(offset**2, axis=1), weights)
+    x, y, c = weighted_solve(design, np.sum(offset**2, axis=1), weights)
     radius = float(np.sqrt(max(c + x * x + y * y, 1e-12)))
     return Ellipse((float(x + origin[0]), float(y + origin[1])), (radius, radius))
 
@@ -256,25 +192,6 @@ def _plain_ellipse(points: Array, weights: Array) -> Ellipse:
         (scale * unit.semi_axes_px[0], scale * unit.semi_axes_px[1]),
         unit.angle_deg,
     )
-
-
-def _enough(weights: Array, count: int, what: str) -> None:
-    left = int(np.sum(weights > 0))
-    if left < count:
-        raise EstimateError(f"{left} outline points do not determine a {what}")
-
-
-def _weighted_solve(design: Array, target: Array, weights: Array) -> Array:
-    root = np.sqrt(weights)
-    solution = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
-    return np.asarray(solution, np.float64)
-
-
-def _tukey(residual: Array, finest: float) -> Array:
-    """Biweight whose scale is the median absolute residual, but not below the finest."""
-    scale = max(1.4826 * float(np.median(np.abs(residual))), finest)
-    weights: Array = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2
-    return weights
 
 
 def _direct_conic(points: Array, weights: Array) -> Array:

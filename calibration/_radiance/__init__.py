@@ -1,0 +1,1 @@
+"""Raw frames turned into linear radiance."""

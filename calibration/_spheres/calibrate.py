@@ -1,0 +1,262 @@
+"""Lights from mirror spheres: outlines, highlights, then directions or positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, Lights, led_id
+from calibration._errors import EstimateError
+from calibration._radiance.linear_stack import Stack
+from calibration._spheres.cone import Cone, fit_cone, focal_px
+from calibration._spheres.light_positions import locate_lights, observed_rays
+from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
+from calibration._spheres.placed import off_the_plane, one_radius_each, place
+from calibration._spheres.reflection import orthographic_directions, reflected_rays
+from calibration._spheres.robust import Array
+from calibration._spheres.search import searched_spheres
+from calibration._spheres.sphere_calibration import (
+    Sphere,
+    SphereCalibration,
+    placed_spheres,
+    seen_spheres,
+)
+from calibration._spheres.sphere_image import (
+    SphereImage,
+    missing_highlights_warning,
+    places,
+    saturation_warning,
+)
+
+_DISAGREEMENT_DEG = 3.0
+_POOR_RESIDUAL_DEG = 0.2
+# Refining moves wrong spheres until they nearly agree: half a degree left is many at the lights.
+_UNTRUSTED_DEG = 0.5
+_LEAST_AGREEING = 0.5
+
+
+def calibrate_spheres(
+    stack: Stack | npt.NDArray[np.float32],
+    *,
+    masks: Sequence[Mask] | None = None,
+    circles: Sequence[tuple[float, float, float]] | None = None,
+    camera: CameraModel | None = None,
+    radius_mm: float | Sequence[float] | None = None,
+) -> SphereCalibration:
+    """Estimate lights from the highlights they make on mirror spheres.
+
+    Without a camera the view is taken as orthographic: for one sphere of a near light that is a few
+    degrees off. With a camera the viewing cone of each sphere is used, which needs no radius for
+    directions. With camera, radius and two or more spheres the lights get positions.
+
+    Parameters
+    ----------
+    stack
+        One linear image per light: what `linear_stack` returns, or ``(N, H, W[, 3])`` values of
+        lights ``L00``..., 1 at the white level of the longest exposure, NaN where saturated.
+        Brackets merged into the stack carry unsaturated highlights as values far above 1.
+    masks
+        ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere.
+    circles
+        Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
+        the spheres are found; with camera and radius only those of the right size, if they lay
+        about the working plane. What was found is left out, with a warning, where it is of another
+        size, its outline is far less sharp than that of the others, or most of its highlights
+        disagree with them.
+    camera
+        Camera model; positions need its working distance.
+    radius_mm
+        Radius of the spheres, or one for each: in the order of masks or circles; for spheres that
+        were found, larger radii go to larger outlines.
+
+    Returns
+    -------
+    SphereCalibration
+        Lights and evidence.
+
+    Raises
+    ------
+    DataError
+        If shapes or radii disagree with each other, or the camera with the images; if both masks
+        and circles are given, or a radius without a camera.
+    EstimateError
+        If no sphere is found, a light has no highlight, fewer than two spheres show it where
+        positions are wanted. The message names the light or the spheres.
+    """
+    values, names = _values(stack)
+    if camera is not None and camera.size != values.shape[1:]:
+        raise DataError(
+            f"the camera is {camera.width} x {camera.height} pixels, the images are "
+            f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
+        )
+    radii = None if radius_mm is None else _radii(radius_mm, camera)
+    masks, circles = list(masks or ()), list(circles or ())
+    if masks and circles:
+        raise DataError("spheres are marked by masks or by circles: give one of the two")
+    found = not masks and not circles
+    left_out: list[str] = []
+    if masks:
+        images = masked_spheres(values, masks)
+    elif circles:
+        images = circled_spheres(values, circles)
+    else:
+        images, left_out = searched_spheres(values, camera, radii)
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
+    _check_seen(highlights, names, images)
+    warnings = [*left_out, *missing_highlights_warning(images), *saturation_warning(images)]
+    if camera is None:
+        rays = np.stack(
+            [orthographic_directions(image.outline, image.highlights.pixels) for image in images],
+            axis=1,
+        )
+        return _directions(names, seen_spheres(images), highlights, rays, warnings)
+    cones = [fit_cone(camera.rays(image.points_px), 1 / focal_px(camera))[0] for image in images]
+    if radii is None:
+        axes, sines = np.array([c.axis for c in cones]), np.array([c.sine for c in cones])
+        _, rays = reflected_rays(camera.rays(highlights), axes, sines)
+        return _directions(names, seen_spheres(images), highlights, rays, warnings)
+    radii = one_radius_each(radii, images, found=found)
+    known = place(cones, radii, camera)
+    warnings += off_the_plane(known, camera)
+    if len(images) > 1:
+        return _positions(names, images, cones, radii, camera, warnings, found=found)
+    if left_out:
+        raise EstimateError(
+            f"{'; '.join(left_out)}; positions need two spheres: give masks or circles, or leave "
+            "the radius out to get directions"
+        )
+    warnings.append("one sphere gives directions only: positions need two")
+    _, rays = observed_rays(camera, known, highlights)
+    spheres = placed_spheres(images, known.centres_mm, radii)
+    return _directions(names, spheres, highlights, rays, warnings)
+
+
+def _values(
+    stack: Stack | npt.NDArray[np.float32],
+) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
+    """Return grey values ``(N, H, W)`` and the names of the N lights."""
+    values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
+    if values.ndim == 4:
+        values = values.mean(axis=3)  # a NaN channel makes the sample NaN
+    if values.ndim != 3 or 0 in values.shape:
+        raise DataError(f"a stack for spheres must be (N, H, W[, 3]), not {values.shape}")
+    names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
+    if len(names) != len(values):
+        raise DataError(f"{len(names)} names for {len(values)} images: every image needs one light")
+    return values, names
+
+
+def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Array:
+    """Return the given radii as an array, if they make sense."""
+    radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
+    if not (len(radii) and np.all(np.isfinite(radii) & (radii > 0))):
+        raise DataError("sphere radii must be positive lengths in mm")
+    if camera is None or camera.working_distance_mm is None:
+        raise DataError(
+            "a sphere radius needs a camera with a working distance: add it, or leave the radius "
+            "out to get directions"
+        )
+    return radii
+
+
+def _check_seen(highlights: Array, names: tuple[str, ...], images: list[SphereImage]) -> None:
+    """Refuse highlights ``(N, K, 2)`` in which a light is seen on no sphere."""
+    seen = np.isfinite(highlights[..., 0])
+    missing = [name for name, on in zip(names, seen, strict=True) if not on.any()]
+    if missing:
+        raise EstimateError(
+            f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
+            f"lights) on {places(images)}: check that the light was on and the outline is right"
+        )
+
+
+def _directions(
+    names: tuple[str, ...],
+    spheres: tuple[Sphere, ...],
+    highlights: Array,
+    rays: Array,
+    warnings: list[str],
+) -> SphereCalibration:
+    """Average the directions ``(N, K, 3)`` that the spheres show."""
+    seen = np.isfinite(rays[..., 0])
+    if not seen.any(axis=1).all():
+        name = names[int(np.argmin(seen.any(axis=1)))]
+        raise EstimateError(
+            f"the highlight under light {name} lies outside of the sphere: check the outline"
+        )
+    directions = np.nansum(rays, axis=1)
+    residuals = _rms(_angle_deg(directions[:, None], rays), seen)
+    residuals[seen.sum(axis=1) < 2] = np.nan
+    if np.any(residuals > _DISAGREEMENT_DEG):
+        worst = float(np.nanmax(residuals))
+        warnings.append(
+            f"the spheres see lights in directions up to {worst:.1f} degrees apart: the lights are "
+            "near; give camera and radius to get positions"
+        )
+    lights = Lights(directions=directions, ids=names)
+    return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _positions(
+    names: tuple[str, ...],
+    images: list[SphereImage],
+    cones: list[Cone],
+    radii: Array,
+    camera: CameraModel,
+    warnings: list[str],
+    *,
+    found: bool,
+) -> SphereCalibration:
+    """Find positions; leave out what was found as a sphere and contradicts the others."""
+    known = place(cones, radii, camera)
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
+    saturated = np.stack([image.highlights.saturated for image in images], axis=1)
+    positions, centres, used = locate_lights(camera, known, highlights, saturated, names)
+    seen = np.isfinite(highlights[..., 0])
+    share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    worst = int(np.argmin(share))
+    # Of two spheres none is the odd one: their residuals tell.
+    if found and len(images) > 2 and share[worst] < _LEAST_AGREEING:
+        warnings.append(
+            f"{places([images[worst]])} was left out: {used[:, worst].sum()} of its "
+            f"{seen[:, worst].sum()} highlights agree with the other spheres"
+        )
+        kept = [k for k in range(len(images)) if k != worst]
+        images, cones = [images[k] for k in kept], [cones[k] for k in kept]
+        return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
+    points, rays = observed_rays(camera, replace(known, centres_mm=centres), highlights)
+    residuals = _rms(_angle_deg(positions[:, None] - points, rays), used)
+    disagreement = float(np.median(residuals))
+    if disagreement > _UNTRUSTED_DEG:
+        warnings.append(
+            f"the spheres contradict each other by {disagreement:.1f} degrees: these lights are "
+            "not to be trusted; check outlines, radii and camera"
+        )
+    elif disagreement > _POOR_RESIDUAL_DEG:
+        warnings.append(
+            f"the spheres agree about the lights to {disagreement:.1f} degrees only: "
+            "check outlines, radii and camera"
+        )
+    dropped = int(np.sum(seen & ~used))
+    if dropped:
+        warnings.append(f"{dropped} highlights disagree with the other spheres and were left out")
+    lights = Lights(positions_mm=positions, ids=names)
+    spheres = placed_spheres(images, centres, radii)
+    return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
+
+
+def _angle_deg(a: Array, b: Array) -> Array:
+    """Return the angle between vectors ``(..., 3)``."""
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    angle: Array = np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
+    return angle
+
+
+def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:
+    """Return the root mean square ``(N,)`` of those of ``(N, K)`` angles that are used."""
+    square = np.where(use, angle_deg, 0.0) ** 2
+    rms: Array = np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1))
+    return rms

@@ -1,0 +1,92 @@
+"""The cone in which a camera sees a sphere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquisition import CameraModel
+from calibration._errors import EstimateError
+from calibration._spheres.robust import (
+    FINEST_PX,
+    ROUNDS,
+    Array,
+    check_enough,
+    tukey_weights,
+    weighted_solve,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """The cone of rays that touch a sphere.
+
+    Parameters
+    ----------
+    axis
+        ``(3,)`` unit vector from the centre of projection to the sphere's centre.
+    sine
+        Sine of the half angle: the sphere's radius over its distance.
+    covariance
+        ``(3, 3)`` of ``axis / sine``, the sphere's centre in units of its radius.
+    """
+
+    axis: Array
+    sine: float
+    covariance: Array
+
+
+def focal_px(camera: CameraModel) -> float:
+    """Return the mean focal length in pixels: one pixel is 1 / focal length in radians."""
+    return float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
+
+
+def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
+    """Fit the cone of rays tangent to a sphere.
+
+    A tangent ray r (unit) has ``r . c = cos(alpha)`` for the unit axis c, so ``v = c / cos(alpha)``
+    solves the linear system ``r . v = 1``; Tukey weights make it robust.
+
+    Parameters
+    ----------
+    rays
+        ``(M, 3)`` rays through outline points, of any length.
+    pixel_angle
+        Angle of one pixel in radians.
+
+    Returns
+    -------
+    cone
+        The cone.
+    weights
+        ``(M,)`` in 0..1.
+
+    Raises
+    ------
+    EstimateError
+        If fewer than 3 rays remain or they lie on no cone.
+    """
+    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    weights = np.ones(len(unit))
+    v = np.zeros(3)
+    for _ in range(ROUNDS):
+        check_enough(weights, 3, "a cone")
+        v = weighted_solve(unit, np.ones(len(unit)), weights)
+        if not v @ v > 1:
+            raise EstimateError("the outline points lie on no cone: check the sphere's outline")
+        # An angle e across the cone changes r . v by e tan(alpha).
+        tangent = np.sqrt(v @ v - 1)
+        weights = tukey_weights((unit @ v - 1) / tangent, FINEST_PX * pixel_angle)
+    length = float(np.linalg.norm(v))
+    axis = v / length
+    # |v| = 1 / cos(alpha), hence sin(alpha) = sqrt(1 - 1 / |v|^2) and centre / radius:
+    sine = float(np.sqrt((length - 1) * (length + 1)) / length)
+    residual = unit @ v - 1
+    variance = np.sum(weights * residual**2) / max(np.sum(weights) - 3, 1.0)
+    finest = FINEST_PX * pixel_angle * np.sqrt(length**2 - 1)
+    of_v = max(variance, finest**2) * np.linalg.inv((unit * weights[:, None]).T @ unit)
+    # u = v / sqrt(|v|^2 - 1): its derivative carries the covariance over.
+    root = np.sqrt(length**2 - 1)
+    slope = np.eye(3) / root - np.outer(v, v) / root**3
+    return Cone(axis, sine, slope @ of_v @ slope.T), weights

@@ -1,0 +1,36 @@
+"""Least squares that leaves out what does not belong: Tukey's biweight."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration._errors import EstimateError
+
+Array = npt.NDArray[np.float64]
+
+# Rounds of reweighting.
+ROUNDS = 10
+# No outline is known better than this; a smaller scale would throw away good points.
+FINEST_PX = 0.15
+
+
+def tukey_weights(residual: Array, finest: float) -> Array:
+    """Biweight whose scale is the median absolute residual, but not below the finest."""
+    scale = max(1.4826 * float(np.median(np.abs(residual))), finest)
+    weights: Array = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2
+    return weights
+
+
+def check_enough(weights: Array, count: int, what: str) -> None:
+    """Raise `EstimateError` where fewer than ``count`` weights are left for, say, a circle."""
+    left = int(np.sum(weights > 0))
+    if left < count:
+        raise EstimateError(f"{left} outline points do not determine {what}: check the outline")
+
+
+def weighted_solve(design: Array, target: Array, weights: Array) -> Array:
+    """Solve ``design @ x = target`` for ``(M, P)`` rows of these weights by least squares."""
+    root = np.sqrt(weights)
+    solution = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
+    return np.asarray(solution, np.float64)

@@ -1,0 +1,84 @@
+"""What a calibration with mirror spheres gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Lights
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.robust import Array
+from calibration._spheres.sphere_image import SphereImage
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A mirror sphere as it was found.
+
+    Parameters
+    ----------
+    outline
+        Ellipse of its outline in the image.
+    coverage
+        Share 0..1 of the circumference that was seen.
+    rms_px
+        Scatter of the outline points about the outline.
+    centre_mm, radius_mm
+        In the house frame, where camera and radius are known.
+    """
+
+    outline: Ellipse
+    coverage: float
+    rms_px: float
+    centre_mm: tuple[float, float, float] | None = None
+    radius_mm: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SphereCalibration:
+    """Lights, and the evidence for them.
+
+    Parameters
+    ----------
+    lights
+        Positions where camera and radius are known and there are two or more spheres, directions
+        otherwise. Intensities are 1: a highlight tells where a light is, not how strong.
+    spheres
+        K spheres.
+    highlights_px
+        ``(N, K, 2)`` highlight of light n on sphere k; NaN where none was found.
+    used
+        ``(N, K)`` highlights that agree with the light.
+    residuals_deg
+        ``(N,)`` rms angle between the light and the directions from which its used highlights
+        show it. NaN for a direction that only one sphere shows.
+    warnings
+        What deserves a look, one line each.
+    """
+
+    lights: Lights
+    spheres: tuple[Sphere, ...]
+    highlights_px: Array
+    used: npt.NDArray[np.bool_]
+    residuals_deg: Array
+    warnings: tuple[str, ...]
+
+
+def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:
+    """Return spheres of which only the images tell."""
+    return tuple(Sphere(image.outline, image.coverage, image.rms_px) for image in images)
+
+
+def placed_spheres(
+    images: Sequence[SphereImage], centres_mm: Array, radii_mm: Array
+) -> tuple[Sphere, ...]:
+    """Return K spheres with centres ``(K, 3)`` and radii ``(K,)`` in the house frame."""
+    return tuple(
+        replace(sphere, centre_mm=(float(x), float(y), float(z)), radius_mm=float(radius))
+        for sphere, (x, y, z), radius in zip(
+            seen_spheres(images), centres_mm, radii_mm, strict=True
+        )
+    )

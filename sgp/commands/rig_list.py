@@ -1,0 +1,74 @@
+"""``sgp rig list``: the rigs, boards and cameras within reach."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rig import FoundCamera, FoundPort, find_boards, find_cameras, rig_names
+from sgp._exit import UsageError
+from sgp._result import Result
+
+
+def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
+    """Name the rigs that are installed, the serial ports with what answers, and cameras.
+
+    For example:
+
+        sgp rig list
+        sgp rig list --port /dev/ttyUSB0 --cti /opt/maker/lib/producer.cti
+
+    Parameters
+    ----------
+    port
+        Serial port to ask for an LED board; default: all that this computer has.
+    cti
+        GenTL producer of a camera maker (.cti file) to ask for its cameras.
+    """
+    missing = next((path for path in cti if not path.exists()), None)
+    if missing is not None:
+        raise UsageError(
+            f"--cti {missing}: no such file; give the path of the .cti that came with the camera's "
+            "driver"
+        )
+    # First, as what is wrong with a producer is told at once: silent ports take seconds.
+    cameras = find_cameras(cti) if cti else ()
+    ports = find_boards(port or None)
+    names = list(rig_names())
+    boards = [found for found in ports if found.identity is not None]
+    summary = [
+        f"rigs     {', '.join(names)}",
+        *map(_answer, ports),
+        *(f"camera   {found}" for found in cameras),
+    ]
+    if not boards:
+        summary.append("no LED board was found: plug one in, or give its port with --port")
+    if not cti:
+        summary.append("cameras are listed where --cti names their maker's GenTL producer")
+    elif not cameras:
+        summary.append("no camera was found: check its cable and power, and close other programs")
+    return Result(
+        metrics={
+            "rigs": names,
+            "ports": [_port(found) for found in ports],
+            "cameras": [_camera(found) for found in cameras],
+        },
+        summary=summary,
+    )
+
+
+def _answer(found: FoundPort) -> str:
+    board = found.identity
+    if board is None:
+        return f"port     {found.complaint.removeprefix('LED board on ')}"
+    return f"board    {board.name} on {found.port}, {board.leds} LEDs, firmware {board.firmware}"
+
+
+def _port(found: FoundPort) -> dict[str, Any]:
+    board = None if found.identity is None else asdict(found.identity)
+    return {"port": found.port, "board": board, "complaint": found.complaint}
+
+
+def _camera(found: FoundCamera) -> dict[str, Any]:
+    return {"vendor": found.vendor, "model": found.model, "serial": found.serial, "cti": found.cti}
