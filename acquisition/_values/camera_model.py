@@ -100,7 +100,7 @@ class CameraModel:
         # K is applied here and not by OpenCV, which ignores a skew.
         y = (points[..., 1] - self.K[1, 2]) / self.K[1, 1]
         x = (points[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
-        if self.distortion.any():
+        if self.distortion.any() and points.size:  # OpenCV refuses none
             criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
             seen = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
             straight = cv2.undistortPoints(seen, np.eye(3), self.distortion, criteria=criteria)
@@ -122,6 +122,8 @@ class CameraModel:
     def project(self, points_mm: npt.ArrayLike) -> Array:
         """Return the pixels ``(..., 2)`` at which points ``(..., 3)`` of the house frame appear."""
         points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
+        if not points.size:  # OpenCV refuses none
+            return np.zeros((*points.shape[:-1], 2))
         seen, _ = cv2.projectPoints(
             points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self.distortion
         )

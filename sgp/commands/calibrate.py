@@ -66,6 +66,8 @@ def spheres(
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
+    if mask and sphere:
+        raise UsageError("--mask and --sphere both say where the spheres are: give one of them")
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
     opened, files = open_source(source, camera=camera)
     stack = _undivided(opened)
@@ -78,8 +80,8 @@ def spheres(
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     found = calibrate_spheres(
         stack,
-        masks=masks or None,
-        circles=given or None,
+        masks=masks,
+        circles=given,
         camera=opened.camera,
         radius_mm=radii,
     )

@@ -37,6 +37,13 @@ def test_rays_invert_projection(distortion, skew):
     np.testing.assert_allclose(back, points, atol=1e-9)
 
 
+@pytest.mark.parametrize("distortion", [np.zeros(5), [-0.2, 0.1, 0, 0, 0]], ids=["none", "Brown"])
+def test_no_points_are_no_pixels_and_no_rays(distortion):
+    camera = CameraModel(K, 640, 480, 600.0, distortion)
+    assert camera.project(np.zeros((0, 3))).shape == (0, 2)
+    assert camera.rays(np.zeros((0, 2))).shape == (0, 3)
+
+
 def test_points_on_plane_lie_on_it_and_project_back():
     camera = CameraModel(K, 64, 48, 600.0)
     points = camera.points_on_plane(5.0)

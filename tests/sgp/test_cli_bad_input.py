@@ -131,6 +131,11 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["calibrate", "spheres", "no", "--out", "l.json"], "no", id="no spheres"),
         pytest.param(["normals", ".", "--out", "o", "--method", "best"], "best", id="method"),
         pytest.param(["rig", "check", "--rig", "unicorn"], "unicorn", id="unknown rig"),
+        pytest.param(
+            ["calibrate", "spheres", "c", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
+            "give one of them",
+            id="spheres marked twice",
+        ),
     ],
 )
 def test_usage(sgp, tmp_path, monkeypatch, words, said):
