@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._engine.recording import ROOM, THREADS, Hooks, Recording, StoppedError, Stored
+from acquisition._engine.hooks import Hooks
+from acquisition._engine.recording import ROOM, THREADS, Recording, StoppedError, Stored
 from acquisition._engine.references import References
 from acquisition._engine.stop_request import StopRequest
 from acquisition._engine.write_queue import WriteQueue

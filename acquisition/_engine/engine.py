@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from acquisition._engine.carry_out import STALL_S, carry_out
-from acquisition._engine.recording import Hooks, OnEvent, OnFrame
+from acquisition._engine.hooks import Hooks, OnEvent, OnFrame
 from acquisition._engine.references import References
 from acquisition._engine.rig_fits import check_calibrations, check_exposures, check_lights
 from acquisition._engine.rig_records import camera_record, rig_record
@@ -169,16 +169,18 @@ def resume(
         As for `record`.
     """
     folder = Path(folder)
-    begun, recorded, _ = check_resume(rig, folder, plan)
+    _, recorded, _ = check_resume(rig, folder, plan)
     hooks = Hooks(on_frame, on_event, on_stop, before_flats)
     with SessionWriter.reopen(folder) as writer:
+        # Now that no other process can add to it.
+        references = References.of(Session.open(folder))
         died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
             if on_event is not None:
                 on_event(LEFT_OUT, details)
-        carry_out(rig, writer, recorded, hooks, events, References.of(begun), stall_s)
+        carry_out(rig, writer, recorded, hooks, events, references, stall_s)
     return Session.open(folder)
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections import Counter
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
-from itertools import takewhile
 from typing import Any, Final, cast
 
+from acquisition._engine.agenda import Agenda
+from acquisition._engine.hooks import Hooks
 from acquisition._engine.references import References, quality_of
 from acquisition._engine.rejection import SeenLight, rejection
 from acquisition._engine.stop_request import StopRequest
@@ -23,9 +24,6 @@ from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.writer import SessionWriter
 from rig import Rig, RigError, Shot
 
-OnFrame = Callable[[FrameLine, int, int], None]
-OnEvent = Callable[[str, Mapping[str, Any]], None]
-
 # Frames that may wait for the disk; with the camera's own buffers they stay under a dozen.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
@@ -34,29 +32,6 @@ THREADS: Final = 2
 
 class StoppedError(KeyboardInterrupt):
     """Ctrl-C was pressed once: the last shot is whole, and the disk may finish."""
-
-
-@dataclass(frozen=True)
-class Hooks:
-    """Who is told what; all are called on the thread that takes the shots, between two of them.
-
-    Parameters
-    ----------
-    on_frame
-        A frame that counts is safe: its line, how many are, and how many there will be.
-    on_event
-        An event that goes to the journal: its name and details.
-    on_stop
-        Ctrl-C was pressed once. Called in a signal handler.
-    before_flats
-        The white card must lie under the camera when this returns, unless Ctrl-C was pressed
-        meanwhile. Called once.
-    """
-
-    on_frame: OnFrame | None = None
-    on_event: OnEvent | None = None
-    on_stop: Callable[[], None] | None = None
-    before_flats: Callable[[], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -104,7 +79,7 @@ class Recording:
         self._references = references
         # Exposures of which a frame is kept that shows no light, so short it is.
         self._unseen_us: set[float] = set()
-        self._todo = deque(writer.missing)
+        self._todo = Agenda(writer.missing)
         self._total = writer.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
@@ -142,7 +117,7 @@ class Recording:
                 continue
             if stored.rejected is not None:
                 self._failed(stored.shot, stored.rejected)
-                self._take_again(stored.shot)
+                self._todo.again(stored.shot)
                 continue
             self._done += 1
             self._look_at_light(stored)
@@ -165,13 +140,8 @@ class Recording:
         if self._hooks.on_event is not None:
             self._hooks.on_event(name, details)
 
-    def _take_again(self, shot: PlannedShot) -> None:
-        """Put a shot behind the others of its kind: all but flats come before the white card."""
-        flats = sum(left.role == "flat" for left in self._todo)
-        self._todo.insert(len(self._todo) - (0 if shot.role == "flat" else flats), shot)
-
     def _take(self, stop: StopRequest) -> None:
-        first = self._todo[0]
+        first = self._todo.first
         if first.role == "flat" and not self._card_is_there:
             self._rig.off()
             if not self._queue.settled:
@@ -183,66 +153,83 @@ class Recording:
             if stop.asked:
                 return
             self._card_is_there = True
-        if self._longer_is_unknown(first):
+        known = self._dark_is_known(first) and self._longer_is_known(first)
+        if not known and not self._queue.settled:
             self._queue.drain()
         elif self._sequenced:
             self._take_many(stop)
         else:
             self._take_one()
 
-    def _longer_is_unknown(self, shot: PlannedShot) -> bool:
-        """Tell whether a longer exposure of the LED, which this one is judged by, is on its way."""
-        references = self._references
-        if shot.lit_led is None or references.dark(shot) is None or self._queue.settled:
-            return False
-        if references.light(shot) is not None:
-            return False
+    @property
+    def _has_darks(self) -> bool:
+        return self._plan.dark or self._plan.ambient
+
+    def _dark_is_known(self, shot: PlannedShot) -> bool:
+        """Tell whether the dark frame that a shot is judged by is known, where there is one."""
+        unjudged = shot.lit_led is None or not self._has_darks
+        return unjudged or self._references.dark(shot) is not None
+
+    def _longer_is_known(self, shot: PlannedShot) -> bool:
+        """Tell whether it is known what its LED gave at a longer exposure, where there is one."""
+        if shot.lit_led is None or not self._has_darks or self._references.light(shot) is not None:
+            return True
         brackets = range(len(self._plan.exposures_us))
         longest_us = max(self._plan.exposure_us(shot.lit_led, bracket) for bracket in brackets)
-        return _exposure_us(shot) < longest_us
+        return _exposure_us(shot) >= longest_us
 
     def _take_one(self) -> None:
-        planned = self._todo[0]
+        planned = self._todo.first
         try:
             shot = self._rig.shoot(planned.lit_led, _exposure_us(planned), self._plan.gain_db)
         except RigError as error:
             self._failed(planned, error)
         else:
-            self._keep(self._todo.popleft(), shot)
+            self._todo.take()
+            self._keep(planned, shot)
 
     def _take_many(self, stop: StopRequest) -> None:
         """Take all shots that one sequence can hold, or as many as the disk has room for."""
-        first = self._todo[0]
-        like = (first.exposure_us, first.role == "flat")
-        group = list(
-            takewhile(lambda shot: (shot.exposure_us, shot.role == "flat") == like, self._todo)
-        )
+        first = self._todo.first
+        group = self._todo.take(lambda shot: self._may_follow(first, shot))
         leds = [shot.lit_led for shot in group]
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
-        left = len(group)
         with closing(cast(Generator[Shot, None, None], shots)) as sequence:
-            while (shot := self._next(sequence)) is not None:
-                self._keep(self._todo.popleft(), shot)
-                left -= 1
+            while (shot := self._next(sequence, group)) is not None:
+                counts = self._keep(group.popleft(), shot)
                 self.collect()
-                if left and (stop.asked or self._queue.full):
+                if group and (stop.asked or self._queue.full or not counts):
                     break
+        self._todo.put_back(group)
 
-    def _next(self, sequence: Iterator[Shot]) -> Shot | None:
+    def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
+        """Tell whether a shot may be of one sequence with its first: it can be judged by then."""
+        flats = first.role == "flat", shot.role == "flat"
+        if shot.exposure_us != first.exposure_us or flats[0] != flats[1]:
+            return False
+        # Dark frames are looked at as they come.
+        dark = first.lit_led is None or self._dark_is_known(shot)
+        return dark and self._longer_is_known(shot)
+
+    def _next(self, sequence: Iterator[Shot], group: Sequence[PlannedShot]) -> Shot | None:
         try:
             return next(sequence, None)
         except RigError as error:
-            self._failed(self._todo[0], error)
+            self._failed(group[0], error)
             return None
 
-    def _keep(self, planned: PlannedShot, shot: Shot) -> None:
-        quality = None
+    def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
+        """Have a frame written; False where it is known by now that it does not count."""
+        quality, counts = None, True
         if planned.lit_led is None:
             # At once, as later frames are judged by it.
             quality = self._writer.measure(planned, shot.frame.pixels)
-            self._references.note(planned, quality)
+            counts = self._rejection(planned, quality) is None
+            if counts:
+                self._references.note(planned, quality)
         dark, light = self._references.dark(planned), self._references.light(planned)
         self._queue.put(partial(self._store, planned, shot, quality, dark, light))
+        return counts
 
     def _pause(self) -> None:
         self._rig.off()
@@ -272,14 +259,7 @@ class Recording:
     ) -> Stored:
         frame, range_dn = shot.frame, self._references.range_dn
         quality = quality or self._writer.measure(planned, frame.pixels)
-        rejected = rejection(
-            planned,
-            quality,
-            dark=dark,
-            seen=light,
-            range_dn=range_dn,
-            max_clipped_fraction=self._plan.max_clipped_fraction,
-        )
+        rejected = self._rejection(planned, quality, dark, light)
         line = self._writer.write_frame(
             planned,
             frame.pixels,
@@ -295,6 +275,22 @@ class Recording:
             before_line=turn,
         )
         return Stored(planned, line, rejected)
+
+    def _rejection(
+        self,
+        planned: PlannedShot,
+        quality: FrameQuality,
+        dark: FrameQuality | None = None,
+        light: SeenLight | None = None,
+    ) -> RigError | DataError | None:
+        return rejection(
+            planned,
+            quality,
+            dark=dark,
+            seen=light,
+            range_dn=self._references.range_dn,
+            max_clipped_fraction=self._plan.max_clipped_fraction,
+        )
 
     def _write_event(self, name: str, details: Mapping[str, Any], turn: Turn) -> None:
         turn()

@@ -112,6 +112,11 @@ def rejection(
         and not seen.must_show(shot.exposure_us, dark.percentiles_dn, range_dn)
     ):
         return None
+    if _is_darker(quality.percentiles_dn, dark.percentiles_dn):
+        return RigError(
+            f"{shot.file}: with LED {shot.lit_led} is darker{exposure} than the frame with all "
+            "LEDs off: light fell on that one; darken the room, then record into a new folder"
+        )
     return RigError(
         f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "
         "the one with all LEDs off; check the LED and the lens, expose longer, or list it in "
@@ -125,6 +130,12 @@ def is_lit(light_dn: Mapping[str, int], dark_dn: Mapping[str, int], range_dn: fl
     if any(light_dn[name] >= dark_dn[name] + margin_dn for name in _RISING):
         return True
     return light_dn["100"] > dark_dn["100"] + _HIGHLIGHT * range_dn
+
+
+def _is_darker(light_dn: Mapping[str, int], dark_dn: Mapping[str, int]) -> bool:
+    """Tell whether a frame lacks light that the dark one has."""
+    margin_dn = _margin_dn(light_dn)
+    return any(light_dn[name] < dark_dn[name] - margin_dn for name in _RISING)
 
 
 def _margin_dn(dark_dn: Mapping[str, int]) -> float:

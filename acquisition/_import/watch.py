@@ -175,7 +175,8 @@ class _Watcher:
         if begun is None:
             self._writer.write_event(_WATCHED, shots=shot_files(self._watch.shots))
         indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
-        for frame in session.frames:
+        # Now that no other watch can add to it.
+        for frame in Session.open(self._out).frames:
             if frame.line.origin is not None:
                 self._recorded[frame.line.origin] = indices[frame.line.key]
         self._say(f"{self._out}: taken up with {len(self._recorded)} images")

@@ -140,10 +140,10 @@ def _examine(folder: Path) -> Examination:
     problems: list[str] = []
     warnings: list[str] = []
     manifest, toml_sha256 = _manifest(folder, problems)
-    data = _bytes(folder / JOURNAL)
+    data, mark = _journal_and_mark(folder)
     journal = parse_journal(data or b"")
     _check_journal(folder, journal, toml_sha256, problems, warnings)
-    complete = _completion(folder, data, journal, problems, warnings)
+    complete = _completion(folder, mark, data, journal, problems, warnings)
     if manifest is None:
         return Examination(None, journal, toml_sha256, tuple(problems))
     recorded = recorded_frames(folder, manifest, journal, problems)
@@ -189,6 +189,17 @@ def _bytes(path: Path) -> bytes | None:
         return None
 
 
+def _journal_and_mark(folder: Path) -> tuple[bytes | None, bytes | None]:
+    """Return the journal and COMPLETE as they were together: somebody may be writing just now."""
+    data = _bytes(folder / JOURNAL)
+    while True:
+        mark = _bytes(folder / COMPLETE)
+        again = _bytes(folder / JOURNAL)
+        if again == data:
+            return data, mark
+        data = again
+
+
 def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
     path = folder / MANIFEST
     data = _bytes(path)
@@ -230,10 +241,14 @@ def _check_journal(
 
 
 def _completion(
-    folder: Path, data: bytes | None, journal: Journal, problems: list[str], warnings: list[str]
+    folder: Path,
+    mark: bytes | None,
+    data: bytes | None,
+    journal: Journal,
+    problems: list[str],
+    warnings: list[str],
 ) -> bool:
     path = folder / COMPLETE
-    mark = _bytes(path)
     if mark is None:
         if (folder / ASIDE).is_file():
             warnings.append(f"{folder}: a compaction was cut off: run `capture compact` on it")

@@ -16,6 +16,9 @@ from sgp._console import note, progress
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
 
+if sys.platform != "win32":
+    import termios
+
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
 # How often a prompt looks whether Ctrl-C was pressed meanwhile.
 _LOOK_S = 0.2
@@ -83,18 +86,20 @@ class CaptureTalk:
 
     def before_flats(self) -> None:
         """Have the white card put under the camera; Ctrl-C ends the waiting."""
-        if sys.stdin is not None and sys.stdin.isatty():
+        asked = sys.stdin is not None and sys.stdin.isatty()
+        if asked:
+            _forget_keys()
             note(f"{_CARD}, then press Enter")
-            self._wait_for_enter()
-        elif not self._card_is_there:
+        if not (self._enter_is_pressed() if asked else self._card_is_there):
             raise UsageError(f"{_CARD}, then go on with `capture resume {self._out}`")
 
-    def _wait_for_enter(self) -> None:
+    def _enter_is_pressed(self) -> bool:
+        """Wait for it; False where the terminal was closed instead."""
         # There the console cannot be waited for with a time limit.
         while sys.platform != "win32" and not select.select([sys.stdin], [], [], _LOOK_S)[0]:
             if self._stopping:
-                return
-        sys.stdin.readline()
+                return True
+        return sys.stdin.readline() != ""
 
     def _tell_what_is_left(self, error: BaseException) -> None:
         """Say what a capture that stopped has left; why it stopped is said by the error itself."""
@@ -113,3 +118,9 @@ class CaptureTalk:
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
             f"`capture resume {self._out}` takes what is missing"
         )
+
+
+def _forget_keys() -> None:
+    """Forget keys that were pressed before they were asked for: they say nothing of the card."""
+    if sys.platform != "win32":
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)

@@ -93,6 +93,16 @@ def test_the_led_and_what_to_do_are_named() -> None:
     assert "\n" not in str(error)
 
 
+def test_a_dark_frame_that_light_fell_on_is_told_as_such() -> None:
+    """Whoever opened the door during it must not go looking for a broken LED."""
+    error = rejection(
+        LIGHT, frame(1), dark=frame(0, 200.0), range_dn=WHITE - BLACK, max_clipped_fraction=1.0
+    )
+    assert isinstance(error, RigError)
+    assert "is darker at 500 us than the frame with all LEDs off" in str(error)
+    assert "new folder" in str(error)
+
+
 def test_clipping_is_told_with_its_limit() -> None:
     error = judged(LIGHT, frame(1, spot(3072 * 4, 9000.0)), limit=0.02)
     assert isinstance(error, DataError)

@@ -13,6 +13,8 @@ import pytest
 from acquisition._errors import DataError, MissingPathError
 from acquisition._pixels.images import write_tiff
 from acquisition._plan.plan import CapturePlan
+from acquisition._session import session as _session
+from acquisition._session.compact import compact_session
 from acquisition._session.journal import GENESIS, encode_line
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
@@ -317,6 +319,30 @@ def test_a_compaction_that_makes_no_sense(folder: Path, changed: dict[str, Any])
     forge(folder, [*rows, event])
     with pytest.raises(DataError, match="line 5 compacts no frame"):
         Session.open(folder)
+
+
+@pytest.mark.parametrize("ends", ["complete", "compact"])
+def test_a_session_that_is_written_while_it_is_read_is_not_damaged(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, ends: str
+) -> None:
+    """Its journal and COMPLETE are two files, and both change right after the first is read."""
+    if ends == "complete":
+        (folder / "COMPLETE").unlink()
+    real = _session.read_file
+
+    def read_and_write(path: Path) -> bytes:
+        data = real(path)
+        if path.name == "journal.jsonl":
+            monkeypatch.setattr(_session, "read_file", real)
+            if ends == "compact":
+                compact_session(folder)
+            else:
+                with SessionWriter.reopen(folder) as writer:
+                    writer.complete()
+        return data
+
+    monkeypatch.setattr(_session, "read_file", read_and_write)
+    assert Session.open(folder).complete
 
 
 def test_counts(folder: Path) -> None:

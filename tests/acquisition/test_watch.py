@@ -298,6 +298,28 @@ def test_two_watchers_of_one_session(folder: Path, out: Path) -> None:
         writer.close()
 
 
+def test_what_another_watcher_recorded_meanwhile_is_not_recorded_again(
+    folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the session was looked at, and before it was locked."""
+    shoot(folder, 0, 0)
+    watch_folder(watch(folder, leds=3), out)
+    shoot(folder, 1, 2)
+    real = SessionWriter.reopen
+
+    def reopened_late(path: Path) -> SessionWriter:
+        monkeypatch.setattr(SessionWriter, "reopen", real)
+        watch_folder(watch(folder, leds=3), out)
+        return real(path)
+
+    monkeypatch.setattr(SessionWriter, "reopen", reopened_late)
+    watch_folder(watch(folder, leds=3), out)
+    assert [frame.line.origin for frame in Session.open(out).recorded] == [
+        "IMG_0000.png",
+        "IMG_0001.png",
+    ]
+
+
 def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
     plan = CapturePlan(leds=(3, 1), exposures_us=(1000.0, 4000.0), dark=True)
     shots = plan.shots()

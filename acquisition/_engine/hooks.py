@@ -1,0 +1,35 @@
+"""Who is told while a recording goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from acquisition._session.journal import FrameLine
+
+OnFrame = Callable[[FrameLine, int, int], None]
+OnEvent = Callable[[str, Mapping[str, Any]], None]
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """Who is told what; all are called on the thread that takes the shots, between two of them.
+
+    Parameters
+    ----------
+    on_frame
+        A frame that counts is safe: its line, how many are, and how many there will be.
+    on_event
+        An event that goes to the journal: its name and details.
+    on_stop
+        Ctrl-C was pressed once. Called in a signal handler.
+    before_flats
+        The white card must lie under the camera when this returns, unless Ctrl-C was pressed
+        meanwhile. Called once.
+    """
+
+    on_frame: OnFrame | None = None
+    on_event: OnEvent | None = None
+    on_stop: Callable[[], None] | None = None
+    before_flats: Callable[[], None] | None = None

@@ -1,0 +1,198 @@
+"""No shot is judged before what it is judged by is known, however often that was taken again."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition._engine import engine as _engine
+from acquisition._engine.agenda import Agenda
+from acquisition._engine.engine import record, resume
+from acquisition._plan.plan import CapturePlan
+from acquisition._session import writer as _session_writer
+from acquisition._session.session import Session
+from acquisition._values.noise_model import NoiseModel
+from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
+from tests.acquisition.fake_bench import TOLD, Bench, events_of, rig_on, seen
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def rig(bench: Bench) -> Iterator[Rig]:
+    with rig_on(bench) as opened:
+        yield opened
+
+
+def spoil(camera: Any, number: int) -> None:
+    """Have one frame come out saturated."""
+    real, numbers = camera.fetch, count(1)
+
+    def fetch(*words: Any) -> CameraFrame:
+        frame: CameraFrame = real(*words)
+        if next(numbers) != number:
+            return frame
+        return replace(frame, pixels=np.full_like(frame.pixels, 4095))
+
+    camera.fetch = fetch
+
+
+def sequenced_rig(light: dict[int, float]) -> Rig:
+    """Three LEDs that give even light, each so many grey values a microsecond."""
+    from simulator._simulated_rig import simulated_rig
+
+    def plane(led: int | None) -> npt.NDArray[np.float32]:
+        return np.full((6, 8), 0.0 if led is None else light[led], np.float32)
+
+    config = RigConfig(name="sim", driver="simulated", leds=3, trigger="board", settle_ms=0.5)
+    sensor = NoiseModel(1.0, 0.0, 0.0, 12)
+    return simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+
+
+@pytest.fixture
+def slow_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = _session_writer.store_frame
+
+    def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+        time.sleep(0.05)
+        return real(path, pixels)
+
+    monkeypatch.setattr(_session_writer, "store_frame", slow)
+
+
+@pytest.mark.parametrize("role", ["dark", "ambient"])
+@pytest.mark.usefixtures("slow_disk")
+def test_a_rejected_dark_frame_judges_nothing(
+    rig: Rig, bench: Bench, tmp_path: Path, role: str
+) -> None:
+    """The door stood open during the first: it alone is taken again, before the lights."""
+    plan = CapturePlan(
+        leds=(3, 0),
+        exposures_us=(200.0, 50.0),
+        dark=role == "dark",
+        ambient=role == "ambient",
+        retakes=1,
+        max_clipped_fraction=0.5,
+    )
+    spoil(bench, 1)
+    session = record(rig, plan, tmp_path / "s", **TOLD)
+    assert bench.shots == [None, None, None, 3, 0, 3, 0]
+    rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
+    assert [line.role for line in rejected] == [role]
+    for frame in session.frames:
+        if frame.led is not None:
+            planned = plan.exposures_us[frame.bracket]
+            above = seen(frame.led, planned).mean() - seen(None, planned).mean()
+            assert frame.line.above_dark == pytest.approx(above / 4095, abs=1e-6)
+
+
+@pytest.mark.usefixtures("slow_disk")
+def test_a_long_exposure_is_taken_again_before_a_short_one_is_judged_by_it(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    bench.albedo = 0.02
+    plan = CapturePlan(leds=(0, 3), exposures_us=(10.0, 200.0), retakes=1, max_clipped_fraction=0.5)
+    spoil(bench, 3)  # the first shot of LED 0
+    session = record(rig, plan, tmp_path / "s", **TOLD)
+    assert bench.shots == [None, None, 0, 3, 0, 0, 3]
+    rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
+    assert [(line.led, line.bracket) for line in rejected] == [(0, 1)]
+    assert [line.event for line in events_of(session)] == ["retake", "no_light_seen"]
+
+
+@pytest.mark.usefixtures("slow_disk")
+def test_a_sequence_holds_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> None:
+    """50 us show nothing of LED 0, and LED 1 needs no more: one exposure, two ranks."""
+    plan = CapturePlan(
+        leds=(0, 1, 2),
+        exposures_us=(50.0, 40.0),
+        exposures_by_led={0: (900.0, 50.0)},
+        sequence=True,
+    )
+    with sequenced_rig({0: 0.009, 1: 1.0, 2: 1.0}) as sequenced:
+        session = record(sequenced, plan, tmp_path / "s", **TOLD)
+    assert session.complete
+    told = [line.details for line in session.events if line.event == "no_light_seen"]
+    assert told == [{"led": 0, "exposure_us": 50.0}]
+
+
+def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> None:
+    plan = CapturePlan(
+        leds=(0, 1, 2), exposures_us=(500.0,), sequence=True, retakes=1, max_clipped_fraction=0.5
+    )
+    with sequenced_rig({0: 1.0, 1: 1.0, 2: 1.0}) as sequenced:
+        spoil(sequenced.camera, 1)
+        session = record(sequenced, plan, tmp_path / "s", **TOLD)
+    takes = [(frame.path.name, frame.line.status) for frame in session.recorded]
+    lights = [(f"L{led:02d}_E0.tif", "ok") for led in plan.leds]
+    assert takes == [("D_500us.tif", "rejected"), ("D_500us_R1.tif", "ok"), *lights]
+    above = [frame.line.above_dark for frame in session.frames if frame.role == "light"]
+    assert above == [pytest.approx(500 / 4095, abs=1e-3)] * 3
+
+
+def test_frames_that_another_process_added_meanwhile_judge_too(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its dark frames came after the session was looked at, and before it was locked."""
+    plan = CapturePlan(leds=(3, 0), exposures_us=(200.0,))
+
+    def unplug_at(last: int) -> None:
+        def unplug(number: int) -> None:
+            if number == last:
+                raise CameraError("the camera was unplugged")
+
+        bench.on_trigger = unplug
+
+    unplug_at(1)
+    with pytest.raises(CameraError):
+        record(rig, plan, tmp_path / "s", **TOLD)
+    real = _engine.check_resume
+
+    def looked_at_early(*words: Any) -> Any:
+        found = real(*words)
+        monkeypatch.setattr(_engine, "check_resume", real)
+        unplug_at(3)
+        with pytest.raises(CameraError):
+            resume(rig, tmp_path / "s")
+        bench.on_trigger = lambda number: None
+        bench.dead = {0}
+        return found
+
+    monkeypatch.setattr(_engine, "check_resume", looked_at_early)
+    with pytest.raises(RigError, match="LED 0 gave no light"):
+        resume(rig, tmp_path / "s")
+    assert not Session.open(tmp_path / "s").complete
+
+
+def test_a_rejected_shot_comes_before_those_judged_by_it_else_behind_its_kind() -> None:
+    plan = CapturePlan(leds=(0, 1), exposures_us=(200.0, 50.0), flats=1)
+    shots = plan.shots()
+    by_name = {shot.file: shot for shot in shots}
+
+    def order_with(again: str, behind: int) -> list[str]:
+        agenda = Agenda(shots[behind:])
+        agenda.again(by_name[again])
+        return [shot.file for shot in agenda.take(lambda shot: True)]
+
+    assert [shot.file for shot in shots] == [
+        *("D_200us.tif", "D_50us.tif"),
+        *("L00_E0.tif", "L01_E0.tif", "L00_E1.tif", "L01_E1.tif"),
+        *("F_E0.tif", "F_E1.tif"),
+    ]
+    assert order_with("D_200us.tif", 2)[0] == "D_200us.tif"
+    assert order_with("D_50us.tif", 2)[1:4] == ["L01_E0.tif", "D_50us.tif", "L00_E1.tif"]
+    assert order_with("L00_E0.tif", 3)[:3] == ["L01_E0.tif", "L00_E0.tif", "L00_E1.tif"]
+    assert order_with("L00_E1.tif", 5)[:3] == ["L01_E1.tif", "L00_E1.tif", "F_E0.tif"]
+    assert order_with("F_E0.tif", 7) == ["F_E0.tif", "F_E1.tif"]
+    assert order_with("F_E1.tif", 8) == ["F_E1.tif"]
