@@ -3,8 +3,7 @@
 CPU seconds are of all threads together, the least of three runs with warm caches; set
 NUMBA_NUM_THREADS for their number. "copies" are CPU seconds over those of a copy of the map, "maps"
 the growth of peak memory over the map's own bytes (on Linux); the outputs of a separation are two
-maps, of a transfer (``combine``) one. "loops alone" is without the check that every normal a call
-returns is of unit length.
+maps, of a transfer (``combine``) one.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ import numpy as np
 from harness import command_line, measured
 
 from processing import FilterKind, NormalMap, ShapeFilter, combine, separate
-from processing._detail.rotation import rotate_from_z
 
 
 def relief(megapixels: float) -> NormalMap:
@@ -39,10 +37,8 @@ def cases(given: NormalMap, filters: list[str], w: int) -> dict[str, Callable[[]
         kind, order = name.split("-")
         by = ShapeFilter(cast(FilterKind, kind), int(order), w)
         made[f"separate {name}"] = partial(by.split, given)
-        made[f"separate {name}, loops alone"] = partial(by.split_vectors, given)
     parts = separate(given, order=1, w=w)
     made["combine"] = partial(combine, parts.shape, parts.detail)
-    made["combine, loops alone"] = partial(rotate_from_z, parts.detail.normals, parts.shape.normals)
     return made
 
 
@@ -57,7 +53,7 @@ def main() -> None:
     )
     options = parser.parse_args()
     print(f"{numba.get_num_threads()} threads, w={options.w}\n")
-    print(f"{'':40}{'CPU s':>8}{'ns/px':>8}{'copies':>8}{'maps':>8}")
+    print(f"{'':25}{'CPU s':>8}{'ns/px':>8}{'copies':>8}{'maps':>8}")
     for megapixels in options.megapixels:
         given = relief(megapixels)
         copy = 0.0
@@ -66,7 +62,7 @@ def main() -> None:
             cost, _ = measured(work, runs=3)
             copy = copy or cost.cpu_s
             print(
-                f"{f'{megapixels:g} Mpx {name}':40}{cost.cpu_s:8.4f}"
+                f"{f'{megapixels:g} Mpx {name}':25}{cost.cpu_s:8.4f}"
                 f"{cost.cpu_s / given.mask.size * 1e9:8.1f}{cost.cpu_s / copy:8.1f}"
                 f"{cost.peak_bytes / given.normals.nbytes:8.2f}",
                 flush=True,

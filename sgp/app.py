@@ -168,7 +168,8 @@ def run(app: App, tokens: list[str]) -> int:
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
         code = _show(*outcome) if isinstance(outcome, tuple) else 0
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it was closed before the start
+            sys.stdout.flush()
         return code
     except CycloptsError as error:
         return fail(error, 2, usage_complaint(error, app.name[0]))

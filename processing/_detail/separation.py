@@ -112,4 +112,4 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     if not mask.any():
         raise DataError("the masks of shape and detail do not overlap: nothing to combine")
     # Where one of them is 0 the result is.
-    return NormalMap(rotate_from_z(detail.normals, shape.normals), mask)
+    return NormalMap.of_unit_vectors(rotate_from_z(detail.normals, shape.normals), mask)

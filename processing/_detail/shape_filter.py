@@ -107,7 +107,8 @@ class ShapeFilter:
             If the window is larger than the map.
         """
         shape, detail = self.split_vectors(normal_map)
-        return NormalMap(shape, normal_map.mask), NormalMap(detail, normal_map.mask)
+        mask = normal_map.mask
+        return NormalMap.of_unit_vectors(shape, mask), NormalMap.of_unit_vectors(detail, mask)
 
     def split_vectors(self, normal_map: NormalMap) -> tuple[Float, Float]:
         """Do as `split`, and return the vectors alone."""
