@@ -106,12 +106,6 @@ class ShapeFilter:
         DataError
             If the window is larger than the map.
         """
-        shape, detail = self.split_vectors(normal_map)
-        mask = normal_map.mask
-        return NormalMap.of_unit_vectors(shape, mask), NormalMap.of_unit_vectors(detail, mask)
-
-    def split_vectors(self, normal_map: NormalMap) -> tuple[Float, Float]:
-        """Do as `split`, and return the vectors alone."""
         height, width = normal_map.size
         if 2 * self.w + 1 > min(height, width):
             raise DataError(
@@ -130,7 +124,10 @@ class ShapeFilter:
                 self.kind, normal_map.normals, mask, shape.reshape(size), self.w
             ).reshape(height, -1)
             finish(normals, mask, shape, detail)
-        return shape.reshape(size), detail.reshape(size)
+        return (
+            NormalMap.of_unit_vectors(shape.reshape(size), mask),
+            NormalMap.of_unit_vectors(detail.reshape(size), mask),
+        )
 
     def _repeat(
         self, normals: Float, mask: npt.NDArray[np.bool_], shape: Float, detail: Float
