@@ -75,6 +75,7 @@ def main() -> None:
                     shaded("pasted", pasted.normal_map),
                     shaded("set in", done.normal_map),
                 ]
+                given.out.mkdir(parents=True, exist_ok=True)
                 name = f"local-{face.source}-{face.target}.png"
                 write_overview(given.out / name, "", panels)
     else:
