@@ -1,6 +1,6 @@
 """A `capture` command on the simulated rig with a fault planted, as a process of its own.
 
-python benchmarks/capture_struck.py FAULT run|resume FOLDER, started by capture_faults.py
+python benchmarks/capture_struck.py FAULT run|resume FOLDER, started by capture_faults.py alone.
 
 FAULT is a key of `PLANTS`, or "none". Beside what the operator is told, stderr has a line with the
 bench state and one for each frame that is safe.

@@ -181,7 +181,7 @@ def resume(
                 on_stop=talk.on_stop,
                 before_flats=talk.before_flats,
             )
-    taken = [f"{len(missing)} shots were missing and have been taken"]
+    taken = [f"shots that were missing and have been taken: {len(missing)}"]
     return describe(finished, [*begun.warnings, *taken, *_left_out(finished), *told.warnings])
 
 
@@ -273,4 +273,4 @@ def _left_out(session: Session) -> list[str]:
     leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
     if not leds:
         return []
-    return [f"LED {', '.join(leds)}: died, {len(session.left_out)} shots were left out"]
+    return [f"LED {', '.join(leds)}: died, shots left out: {len(session.left_out)}"]

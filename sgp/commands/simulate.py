@@ -56,7 +56,8 @@ def simulate(
     size
         Pixels of the camera, such as 640x512; the width of the field stays.
     seed
-        Of surface, paint, the lights' spread and the noise; default: the scene file's, else 0.
+        Of surface, paint and the lights' spread (default: the scene file's, else 0), and of the
+        noise (default: 0).
     exposure_us
         Exposure in microseconds, given again for each bracket; default: metered.
     noise

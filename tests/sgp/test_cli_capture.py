@@ -236,7 +236,7 @@ def test_an_led_that_dies_amid_a_recording_is_listed_and_the_rest_completed(sgp,
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
     assert answer.code == 0, answer.err
-    assert "LED 2: died, 1 shots were left out" in answer.err
+    assert "LED 2: died, shots left out: 1" in answer.err
     assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
     answer = sgp("capture", "verify", out)
     assert answer.code == 0
@@ -421,7 +421,7 @@ def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig
     answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
     assert answer.code == 0, answer.err
     assert answer.err.count("the last line was cut off while being written") == 1
-    assert "1 shots were missing" in answer.err
+    assert "missing and have been taken: 1" in answer.err
     assert sgp("capture", "verify", out).code == 0
 
 
