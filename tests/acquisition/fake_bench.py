@@ -16,6 +16,7 @@ from rig import (
     BoardEcho,
     BoardError,
     BoardIdentity,
+    CameraError,
     CameraFrame,
     CameraInfo,
     Rig,
@@ -88,7 +89,7 @@ class Bench:
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 
     def expect(self) -> int:
-        raise NotImplementedError
+        raise CameraError("fake: has no trigger line")
 
     def darken(self) -> None: ...
     def ping(self) -> None: ...
