@@ -24,6 +24,7 @@ from acquisition._plan.plan import CapturePlan, read_plan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._preflight.check import Check
 from acquisition._preflight.preflight import Preflight, preflight, preflight_resume
+from acquisition._progress import Progress, silent
 from acquisition._session.compact import Compaction, compact_session
 from acquisition._session.journal import EventLine, FrameLine
 from acquisition._session.manifest import Manifest
@@ -61,6 +62,7 @@ __all__ = [
     "PlanEstimate",
     "PlannedShot",
     "Preflight",
+    "Progress",
     "RawFrame",
     "Session",
     "SessionFrame",
@@ -95,6 +97,7 @@ __all__ = [
     "record",
     "rehearse",
     "resume",
+    "silent",
     "software_version",
     "verify_session",
     "watch_folder",

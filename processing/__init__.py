@@ -22,11 +22,9 @@ from processing._normal_map_files import NormalMapFile, read_normals, write_norm
 from processing._projection.mesh_read import Geometry, read_geometry
 from processing._projection.project import Projection, project
 from processing._projection.view import MAX_PROJECTED_PIXELS, View, view_rotation
-from processing._stereo.photometric_stereo import (
-    Method,
-    PhotometricStereoResult,
-    photometric_stereo,
-)
+from processing._reconstruction.reconstruct import Reconstruction, reconstruct
+from processing._stereo.estimator import Estimator, Method
+from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.height_profile import HeightProfile, height_profile
 from processing._surface.integration import HeightMap, integrate
 from processing._surface.mesh_files import Mesh, height_mesh, write_mesh
@@ -36,6 +34,7 @@ __all__ = [
     "AngularError",
     "ChainStep",
     "DetailLikeness",
+    "Estimator",
     "FilterKind",
     "Geometry",
     "HeightMap",
@@ -48,6 +47,7 @@ __all__ = [
     "ObjectMask",
     "PhotometricStereoResult",
     "Projection",
+    "Reconstruction",
     "RotationSimilarity",
     "SeamSteps",
     "Separation",
@@ -70,6 +70,7 @@ __all__ = [
     "project",
     "read_geometry",
     "read_normals",
+    "reconstruct",
     "rotation_similarity",
     "separate",
     "ssim",

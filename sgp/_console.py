@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -39,6 +40,32 @@ def progress(what: str) -> Iterator[Advance]:
     with Progress(*columns, console=_stderr, transient=True) as bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+class Stages:
+    """Shows the stages of a library call one after another, each with a `progress` of its own.
+
+    A context manager; inside it, it is a `acquisition.Progress`.
+    """
+
+    def __init__(self) -> None:
+        self._open = ExitStack()
+        self._stage: str | None = None
+        self._advance: Advance | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def __call__(self, stage: str, done: int, total: int, /) -> None:
+        """Report on a stage; a new name ends the stage before it."""
+        if self._advance is None or stage != self._stage:
+            self._open.close()
+            self._advance = self._open.enter_context(progress(stage))
+            self._stage = stage
+        self._advance(done, total)
 
 
 class _Lines:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import Lights, Source
-from processing import HeightMap, Separation, integrate, separate
+from processing import HeightMap, Reconstruction, Separation, integrate, separate
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import (
@@ -21,7 +21,7 @@ from sgp._overview import (
     shaded_panel,
 )
 from sgp._result import Result
-from sgp._stages import NormalsStage, Stopwatch, compute_normals
+from sgp._stages import Stopwatch, compute_normals
 from sgp._write import write_normals_stage, write_separation, write_surface
 
 
@@ -29,7 +29,7 @@ from sgp._write import write_normals_stage, write_separation, write_surface
 class Outcome:
     """Everything the pipeline made of one source."""
 
-    normals: NormalsStage
+    normals: Reconstruction
     parts: Separation
     surface: HeightMap
     result: Result
@@ -59,7 +59,7 @@ def process(
     with watch.stage("normals"):
         stage = compute_normals(source, options)
         write("normals", lambda folder: write_normals_stage(folder, stage))
-    normal_map = stage.solved.normal_map
+    normal_map = stage.stereo.normal_map
     with watch.stage("detail"):
         parts = separate(normal_map)
         write("detail", lambda folder: write_separation(folder, parts))
@@ -74,14 +74,14 @@ def process(
 def overview_panels(outcome: Outcome, true_lights: Lights | None = None) -> list[Panel]:
     """Return the pictures that every recording has."""
     stage, surface = outcome.normals, outcome.surface
-    normal_map, names = stage.solved.normal_map, stage.lights.ids
+    normal_map, names = stage.stereo.normal_map, stage.lights.ids
     lights_title = "lights" if true_lights is None else "lights (red: truth)"
     panels = [
         image_panel(f"light {names[0]}", stage.previews[0], stage.mask),
         image_panel(f"light {names[-1]}", stage.previews[1], stage.mask),
         lights_panel(f"{lights_title}, as the camera sees them", stage.lights, true_lights),
         normals_panel("normals (right red, up green)", normal_map),
-        image_panel("albedo", np.where(stage.mask, stage.solved.albedo, np.nan), stage.mask),
+        image_panel("albedo", np.where(stage.mask, stage.stereo.albedo, np.nan), stage.mask),
         normals_panel("shape component", outcome.parts.shape),
         normals_panel("detail component", outcome.parts.detail),
         map_panel("height", surface.height, surface.unit),

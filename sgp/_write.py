@@ -7,14 +7,20 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import write_exr, write_png
-from processing import HeightMap, NormalMap, Separation, write_mesh, write_normals
+from processing import (
+    HeightMap,
+    NormalMap,
+    Reconstruction,
+    Separation,
+    write_mesh,
+    write_normals,
+)
 from sgp._result import Result
-from sgp._stages import NormalsStage
 
 
-def write_normals_stage(folder: Path, stage: NormalsStage) -> Result:
+def write_normals_stage(folder: Path, stage: Reconstruction) -> Result:
     """Write normals.exr and .png, albedo, residual, used, mask; returns files and figures."""
-    solved = stage.solved
+    solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
     result.outputs = write_normals(folder, solved.normal_map)
     for name in ("albedo", "residual", "used"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -90,7 +91,11 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
 def _upright(recorded: SessionFrame, mounting: Mounting) -> Callable[[], Image]:
     if mounting == Mounting():
         return recorded.read
-    return lambda: mounting.upright(recorded.read())
+    return partial(_read_upright, recorded, mounting)
+
+
+def _read_upright(recorded: SessionFrame, mounting: Mounting) -> Image:
+    return mounting.upright(recorded.read())
 
 
 def _upright_cfa(session: Session, folder: Path) -> str | None:

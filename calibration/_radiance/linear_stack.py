@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights
+from acquisition import CameraModel, DataError, Lights
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
 
@@ -40,6 +40,10 @@ class Stack:
         N names of the lights.
     lights
         The N lights in this order, with their original intensities. None where not known.
+    mask
+        ``(H, W)`` bool, the object. None where not known.
+    camera
+        The camera as geometry. None where not known.
     warnings
         What deserves a look, one line each.
     """
@@ -47,7 +51,19 @@ class Stack:
     values: FloatImage
     ids: tuple[str, ...]
     lights: Lights | None
+    mask: npt.NDArray[np.bool_] | None = None
+    camera: CameraModel | None = None
     warnings: tuple[str, ...] = ()
+
+    def take(self, indices: Sequence[int]) -> Stack:
+        """Return the stack of these images, in this order."""
+        pick = list(indices)
+        return replace(
+            self,
+            values=self.values[pick],
+            ids=tuple(self.ids[i] for i in pick),
+            lights=None if self.lights is None else self.lights.take(pick),
+        )
 
 
 def linear_stack(
@@ -123,7 +139,7 @@ def linear_stack(
             if on_progress is not None:
                 on_progress(i + 1, len(ids))
     _check_usable(values, ids, source)
-    return Stack(values, ids, lights, tuple(develop.warnings))
+    return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
 
 
 class _Developer:

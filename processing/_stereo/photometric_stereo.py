@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -12,16 +11,17 @@ import numpy.typing as npt
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._normal_map import NormalMap
-from processing._stereo.kernels import MAX_CONDITION, solve_rows
+from processing._stereo.estimator import ESTIMATORS, METHODS, Method
+from processing._stereo.light_model import LightModel
+from processing._stereo.pixel_algebra import MAX_CONDITION
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-Method = Literal["ls", "cauchy"]
-
-# Rows between two reports of progress.
-_BAND = 64
+# Pixels that are estimated together. Their samples stay in the second-level cache or near it, and
+# starting the threads costs little beside them.
+_BLOCK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +80,7 @@ def photometric_stereo(
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
     on_progress
-        Called with (rows done, rows in all). What it raises ends the computation.
+        Called with (pixels done, pixels in all). What it raises ends the computation.
 
     Returns
     -------
@@ -95,31 +95,35 @@ def photometric_stereo(
     EstimateError
         With fewer than 3 lights, lights in one plane, or no pixel that can be determined.
     """
-    if method not in ("ls", "cauchy"):
-        raise DataError(f"{method!r} is not a method of photometric stereo: use ls or cauchy")
+    if method not in METHODS:
+        raise DataError(
+            f"{method!r} is not a method of photometric stereo: use {' or '.join(METHODS)}"
+        )
+    estimate = ESTIMATORS[method]
     stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
-    points = _checked_points(points_mm, lights, mask)
-    _check_lights(lights, _typical_point(points, mask) if lights.near else np.zeros(3))
-    height, width = mask.shape
-    directions = lights.unit_directions
-    inverse = np.linalg.pinv(directions.T @ directions).astype(np.float64)
-    positions, axes, mu, reference = _near_model(lights)
-    normals = np.zeros((height, width, 3), np.float32)
-    albedo = np.zeros((height, width), np.float32)
-    residual = np.zeros((height, width), np.float32)
-    used = np.zeros((height, width), np.uint16)
-    for first in range(0, height, _BAND):
-        last = min(first + _BAND, height)
-        solve_rows(
-            stack, mask, first, last,
-            directions, inverse,
-            lights.near, positions, axes, mu, reference, points,
-            method == "cauchy",
-            normals, albedo, residual, used,
-        )  # fmt: skip
+    pixels = np.flatnonzero(mask)
+    model = LightModel(lights, points_mm, mask)
+    _check_lights(model.typical_vectors(pixels))
+    normals = np.zeros((mask.size, 3), np.float32)
+    albedo = np.zeros(mask.shape, np.float32)
+    residual = np.zeros(mask.shape, np.float32)
+    used = np.zeros(mask.shape, np.uint16)
+    for first in range(0, len(pixels), _BLOCK):
+        block = pixels[first : first + _BLOCK]
+        samples, vectors = model.samples(stack, block)
+        scaled, rms = estimate(samples, vectors)
+        length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
+        with np.errstate(over="ignore"):
+            strength = length.astype(np.float32)
+        solved = strength > 0
+        found = block[solved]
+        normals[found] = scaled[solved] / length[solved, None]
+        albedo.flat[found] = strength[solved]
+        residual.flat[found] = rms[solved]
+        used.flat[block] = np.isfinite(samples).sum(axis=1)
         if on_progress is not None:
-            on_progress(last, height)
+            on_progress(min(first + _BLOCK, len(pixels)), len(pixels))
     known = albedo > 0
     if not known.any():
         raise EstimateError(_why_nothing(stack, mask))
@@ -129,7 +133,7 @@ def photometric_stereo(
         f"{lost} of {asked} pixels of the mask have no normal: black, or too few usable samples",
     )
     return PhotometricStereoResult(
-        normal_map=NormalMap(normals, known),
+        normal_map=NormalMap(normals.reshape(*mask.shape, 3), known),
         albedo=albedo,
         residual=residual,
         used=used,
@@ -155,58 +159,20 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         raise DataError("the mask is empty: no pixel to compute")
 
 
-def _checked_points(points_mm: npt.ArrayLike | None, lights: Lights, mask: Mask) -> Double:
-    if not lights.near:
-        return np.zeros((1, 1, 3))
-    if points_mm is None:
-        raise DataError(
-            "lights with positions need surface points: give a camera with a working distance, or "
-            "take the lights as distant"
-        )
-    points = np.ascontiguousarray(points_mm, np.float64)
-    if points.shape != (*mask.shape, 3):
-        raise DataError(f"points of shape {points.shape} do not fit a mask of shape {mask.shape}")
-    return points
-
-
-def _typical_point(points: Double, mask: Mask) -> Double:
-    """Return the middle of the object, from a thousand of its points."""
-    inside = np.flatnonzero(mask)
-    some = points.reshape(-1, 3)[inside[:: 1 + len(inside) // 1000]]
-    finite = some[np.isfinite(some).all(axis=1)]
-    if not len(finite):
-        raise DataError("the surface points inside the mask are not finite: check the camera")
-    middle: Double = np.median(finite, axis=0)
-    return middle
-
-
-def _check_lights(lights: Lights, point_mm: Double) -> None:
+def _check_lights(vectors: Double) -> None:
     """Refuse lights that leave a direction of the normal undetermined."""
-    if len(lights) < 3:
+    if len(vectors) < 3:
         raise EstimateError(
-            f"{len(lights)} lights do not determine a normal: at least 3 are needed"
+            f"{len(vectors)} lights do not determine a normal: at least 3 are needed"
         )
-    vectors = lights.vectors_at(point_mm)
     strength = np.linalg.svd(vectors, compute_uv=False)
     condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
     if not condition <= MAX_CONDITION:
         raise EstimateError(
-            f"the {len(lights)} lights lie too nearly in one plane to determine normals (condition "
-            f"number {condition:.3g}, at most {MAX_CONDITION:g} is usable): add lights beside it"
+            f"the {len(vectors)} lights lie too nearly in one plane to determine normals "
+            f"(condition number {condition:.3g}, at most {MAX_CONDITION:g} is usable): "
+            "add lights beside it"
         )
-
-
-def _near_model(lights: Lights) -> tuple[Double, Double, Double, Double]:
-    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``, the last for unit irradiance at 0."""
-    if not lights.near:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0)
-    positions, axes, mu = (
-        np.array(x, np.float64) for x in (lights.positions_mm, lights.axes, lights.mu)
-    )
-    distance = np.linalg.norm(positions, axis=1)
-    cosine = -np.sum(positions * axes, axis=1) / distance
-    reference: Double = distance**2 / cosine**mu
-    return positions, axes, mu, reference
 
 
 def _why_nothing(stack: Float, mask: Mask) -> str:

@@ -216,7 +216,7 @@ class _Errors:
             for known in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
-        error = angular_error(outcome.normals.solved.normal_map, truth.normals, truth.mask)
+        error = angular_error(outcome.normals.stereo.normal_map, truth.normals, truth.mask)
         self.normals_mae_deg = error.mae_deg
         self.coverage = error.coverage
         self.normal_map_deg = error.map_deg

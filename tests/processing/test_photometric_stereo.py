@@ -220,16 +220,16 @@ def test_strided_and_float64_stacks_give_the_same():
         )
 
 
-def test_progress_counts_rows_and_may_stop_the_work():
-    values, mask = np.ones((4, 150, 3)), np.ones((150, 3), bool)
+def test_progress_counts_pixels_and_may_stop_the_work():
+    values, mask = np.ones((4, 400, 100)), np.ones((400, 100), bool)
     reports = []
     photometric_stereo(
         values, Lights(_dome(4)), mask, on_progress=lambda *report: reports.append(report)
     )
-    assert reports == [(64, 150), (128, 150), (150, 150)]
+    assert reports == [(16384, 40000), (32768, 40000), (40000, 40000)]
 
     def stop(done, _total):
-        if done > 64:
+        if done > 16384:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):

@@ -1,0 +1,1 @@
+"""A source to normals and height in one call."""

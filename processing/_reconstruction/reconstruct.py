@@ -1,0 +1,170 @@
+"""From a recording to normals and height, as one library call."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights, Progress, Source, silent
+from calibration import EstimateError, linear_stack
+from processing._mask import object_mask
+from processing._metrics import AngularError, angular_error
+from processing._reconstruction.lit_images import lit_images
+from processing._stereo.estimator import Method
+from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
+from processing._surface.integration import HeightMap, integrate
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """The normals and the height of a recorded object, with what they were computed from.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    lights
+        The lights of the images that were used, in their order.
+    mask
+        ``(H, W)`` bool, the object: the source's mask, or one that was made from the images.
+    stereo
+        Normals, albedo and residual.
+    surface
+        The height; None where it was not asked for.
+    error
+        Error of the normals over `mask`, where the source has ground truth.
+    previews
+        The first and the last linear image, each ``(H, W)`` float32.
+    warnings
+        One line each, those of the source, the stack, the normals and the height.
+    """
+
+    source: Source
+    lights: Lights
+    mask: npt.NDArray[np.bool_]
+    stereo: PhotometricStereoResult
+    surface: HeightMap | None
+    error: AngularError | None
+    previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+    warnings: tuple[str, ...]
+
+
+def reconstruct(
+    source: Source,
+    *,
+    method: Method = "cauchy",
+    distant: bool = False,
+    gamma: float | None = None,
+    surface: bool = True,
+    on_progress: Progress = silent,
+) -> Reconstruction:
+    """Compute normals and height of a recorded object.
+
+    The images become linear radiance; images without light on the object are left out; photometric
+    stereo gives the normals, and their integration the height. Near lights are evaluated at the
+    points of the working plane.
+
+    Parameters
+    ----------
+    source
+        What `acquisition.read_source` returns, with lights. A source without a mask gets one made
+        from its images, see `object_mask`.
+    method
+        Of `photometric_stereo`.
+    distant
+        Take lights with positions as directions.
+    gamma
+        Exponent that makes the images linear, see `calibration.linear_stack`.
+    surface
+        Also integrate the normals.
+    on_progress
+        Receives the stages ``reading`` and ``normals``.
+
+    Returns
+    -------
+    Reconstruction
+
+    Raises
+    ------
+    DataError
+        If the source has no lights, or lights with positions and no camera with a working distance.
+    EstimateError
+        If the images or the lights do not determine normals, or the normals face away from the
+        camera.
+
+    Examples
+    --------
+    >>> from acquisition import read_source
+    >>> from processing import reconstruct, write_mesh
+    >>> result = reconstruct(read_source("recordings/owl"))  # doctest: +SKIP
+    >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
+    """
+    lights, points_mm = _light_geometry(source, distant=distant)
+    stack = linear_stack(
+        source, gamma=gamma, on_progress=lambda done, total: on_progress("reading", done, total)
+    )
+    warnings = [*source.warnings, *stack.warnings]
+    mask = stack.mask
+    if mask is None:
+        found = object_mask(stack.values)
+        mask = found.mask
+        warnings.append(
+            "no mask came with the images: one was made; the object is "
+            f"{found.contrast:.0f} times as bright as its background"
+        )
+    lit = lit_images(stack.values, mask)
+    if len(lit) < len(stack.ids):
+        dark = [name for i, name in enumerate(stack.ids) if i not in lit]
+        warnings.append(f"images left out because no light is seen in them: {', '.join(dark)}")
+        stack, lights = stack.take(lit), lights.take(lit)
+    stereo = photometric_stereo(
+        stack.values,
+        lights,
+        mask,
+        method=method,
+        points_mm=points_mm,
+        on_progress=lambda done, total: on_progress("normals", done, total),
+    )
+    previews = stack.values[0].copy(), stack.values[-1].copy()
+    del stack  # the largest value by far, and the height does not need it
+    normal_map = stereo.normal_map
+    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
+        raise EstimateError(
+            f"{source.path}: the normals face away from the camera: do the light directions point "
+            "from the object toward the lights, with z toward the camera?"
+        )
+    warnings += stereo.warnings
+    height = None
+    if surface:
+        height = integrate(normal_map, camera=source.camera)
+        warnings += height.warnings
+    truth = source.normals_truth
+    return Reconstruction(
+        source=source,
+        lights=lights,
+        mask=mask,
+        stereo=stereo,
+        surface=height,
+        error=None if truth is None else angular_error(normal_map, truth, mask),
+        previews=previews,
+        warnings=tuple(warnings),
+    )
+
+
+def _light_geometry(
+    source: Source, *, distant: bool
+) -> tuple[Lights, npt.NDArray[np.float64] | None]:
+    """Return the lights as they are to be used, and the surface points that near lights need."""
+    if source.lights is None:
+        raise DataError(f"{source.path}: no lights are known for these images: add a lights file")
+    lights = source.lights.distant() if distant else source.lights
+    if not lights.near:
+        return lights, None
+    if source.camera is None or source.camera.working_distance_mm is None:
+        raise DataError(
+            f"{source.path}: lights with positions need a camera with a working distance: add a "
+            "camera file, or take the lights as distant"
+        )
+    return lights, source.camera.points_on_plane()

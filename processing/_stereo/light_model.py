@@ -1,0 +1,138 @@
+"""Light vectors at surface points, and the samples of a block of pixels beside them."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+class LightModel:
+    """What N lights do at the pixels of a mask.
+
+    Parameters
+    ----------
+    lights
+        Distant or near.
+    points_mm
+        ``(H, W, 3)`` surface points in the house frame, for lights with positions; None for
+        distant lights.
+    mask
+        ``(H, W)`` bool, the pixels that are asked for.
+
+    Raises
+    ------
+    DataError
+        If near lights come without points, or points do not fit the mask or are not finite in it.
+    """
+
+    def __init__(self, lights: Lights, points_mm: npt.ArrayLike | None, mask: Mask) -> None:
+        self._lights = lights
+        self._points: Double | None = None
+        if not lights.near:
+            return
+        if points_mm is None:
+            raise DataError(
+                "lights with positions need surface points: give a camera with a working "
+                "distance, or take the lights as distant"
+            )
+        points = np.ascontiguousarray(points_mm, np.float64)
+        if points.shape != (*mask.shape, 3):
+            raise DataError(
+                f"points of shape {points.shape} do not fit a mask of shape {mask.shape}"
+            )
+        self._points = points.reshape(-1, 3)
+
+    def typical_vectors(self, pixels: npt.NDArray[np.intp]) -> Double:
+        """Return the ``(N, 3)`` light vectors in the middle of the object."""
+        if self._points is None:
+            return self._lights.vectors_at(np.zeros(3))
+        some = self._points[pixels[:: 1 + len(pixels) // 1000]]
+        finite = some[np.isfinite(some).all(axis=1)]
+        if not len(finite):
+            raise DataError("the surface points inside the mask are not finite: check the camera")
+        return self._lights.vectors_at(np.median(finite, axis=0))
+
+    def samples(self, stack: Float, pixels: npt.NDArray[np.intp]) -> tuple[Float, Float]:
+        """Return what an `Estimator` takes: the values of some pixels and their light vectors.
+
+        Parameters
+        ----------
+        stack
+            ``(N, H, W)`` linear radiance.
+        pixels
+            ``(P,)`` places in a flat image.
+
+        Returns
+        -------
+        values
+            ``(P, N)`` float32, not finite where a sample was not measured, or a light does not
+            reach the point.
+        vectors
+            ``(1, 3, N)`` float32 for distant lights, which all pixels share, else ``(P, 3, N)``.
+        """
+        lights = len(stack)
+        values = np.ascontiguousarray(stack.reshape(lights, -1)[:, pixels].T)
+        if self._points is None:
+            directions = self._lights.unit_directions.T[None]
+            return values, np.ascontiguousarray(directions, np.float32)
+        vectors = np.zeros((len(pixels), 3, lights), np.float32)
+        _near_vectors(self._points, pixels, *_near_parameters(self._lights), values, vectors)
+        return values, vectors
+
+
+def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
+    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``, the last for unit irradiance at 0."""
+    positions, axes, mu = (
+        np.array(x, np.float64) for x in (lights.positions_mm, lights.axes, lights.mu)
+    )
+    distance = np.linalg.norm(positions, axis=1)
+    cosine = -np.sum(positions * axes, axis=1) / distance
+    reference: Double = distance**2 / cosine**mu
+    return positions, axes, mu, reference
+
+
+@numba.njit(cache=True)
+def _irradiance(x: float, y: float, z: float, reference: float, axis: Double, mu: float) -> float:
+    """Return what turns (x, y, z), from a point to an LED, into its light vector; see Lights."""
+    distance2 = x * x + y * y + z * z
+    distance = math.sqrt(distance2)
+    cosine = -(x * axis[0] + y * axis[1] + z * axis[2])
+    # Also false for a point that is not finite.
+    if not cosine > 0.0:
+        return 0.0
+    gain = reference / (distance2 * distance)
+    if mu == 0.0:
+        return float(gain)
+    if mu == 1.0:
+        return float(gain * cosine / distance)
+    return float(gain * (cosine / distance) ** mu)
+
+
+@numba.njit(parallel=True, cache=True)
+def _near_vectors(
+    points: Double, pixels: npt.NDArray[np.intp],
+    positions: Double, axes: Double, mu: Double, reference: Double,
+    values: Float, vectors: Float,
+) -> None:  # fmt: skip
+    """Write the light vectors; the sample of an LED that does not reach a point becomes NaN."""
+    count, lights = values.shape
+    for p in numba.prange(count):
+        px, py, pz = points[pixels[p]]
+        for i in range(lights):
+            x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
+            gain = _irradiance(x, y, z, reference[i], axes[i], mu[i])
+            if gain > 0.0:
+                vectors[p, 0, i] = x * gain
+                vectors[p, 1, i] = y * gain
+                vectors[p, 2, i] = z * gain
+            else:
+                values[p, i] = np.nan

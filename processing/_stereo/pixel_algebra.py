@@ -1,0 +1,99 @@
+"""Least squares over the samples of one pixel, compiled: shared by the estimators.
+
+numba's cache of a kernel checks the kernel's own file, not the files of the functions that it
+calls. After a change of this file, delete the caches of its callers: ``make clean-kernels``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# A row of lights whose directions are wrong by a degree has about 50, a cone of 3 degrees 30, a
+# dome 2 to 5: what lies above multiplies every error of the images by as much.
+MAX_CONDITION = 30.0
+# trace(A) * trace(A^-1) is between the squared condition number and 9 times that: this refuses no
+# pixel that sees all the lights of an accepted set.
+_CONDITION2 = 9.0 * MAX_CONDITION**2
+# Sums may be taken in any order, so that they vectorise; the order is the same in every run.
+ANY_ORDER = {"reassoc", "contract", "nsz"}
+
+
+@numba.njit(cache=True)
+def usable_samples(values: Float, vectors: Float, usable: Float) -> int:
+    """Copy the finite samples of one pixel and their light vectors; return their number.
+
+    ``values`` is ``(N,)``, ``vectors`` ``(3, N)``, ``usable`` ``(4, N)``: value, x, y, z.
+    """
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    count = 0
+    for i in range(len(values)):
+        if math.isfinite(values[i]):
+            v[count] = values[i]
+            lx[count] = vectors[0, i]
+            ly[count] = vectors[1, i]
+            lz[count] = vectors[2, i]
+            count += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _solve(
+    a00: float, a01: float, a02: float, a11: float, a12: float, a22: float,
+    b0: float, b1: float, b2: float,
+) -> tuple[bool, float, float, float]:  # fmt: skip
+    """Solve a symmetric 3 x 3 system by cofactors; False where it is ill-conditioned."""
+    c00 = a11 * a22 - a12 * a12
+    c01 = a02 * a12 - a01 * a22
+    c02 = a01 * a12 - a02 * a11
+    c11 = a00 * a22 - a02 * a02
+    c12 = a01 * a02 - a00 * a12
+    c22 = a00 * a11 - a01 * a01
+    determinant = a00 * c00 + a01 * c01 + a02 * c02
+    if not (a00 + a11 + a22) * (c00 + c11 + c22) < _CONDITION2 * determinant:
+        return False, 0.0, 0.0, 0.0
+    return (
+        True,
+        (c00 * b0 + c01 * b1 + c02 * b2) / determinant,
+        (c01 * b0 + c11 * b1 + c12 * b2) / determinant,
+        (c02 * b0 + c12 * b1 + c22 * b2) / determinant,
+    )
+
+
+@numba.njit(cache=True, fastmath=ANY_ORDER)
+def weighted_solution(count: int, usable: Float, weight: Float) -> tuple[bool, float, float, float]:
+    """Solve ``v = l . m`` by weighted least squares over the first ``count`` samples.
+
+    Returns whether the lights determine ``m``, and its three components. Sums are float64.
+    """
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
+    for k in range(count):
+        x, y, z = lx[k], ly[k], lz[k]
+        wx, wy, wz = weight[k] * x, weight[k] * y, weight[k] * z
+        a00 += wx * x
+        a01 += wx * y
+        a02 += wx * z
+        a11 += wy * y
+        a12 += wy * z
+        a22 += wz * z
+        b0 += wx * v[k]
+        b1 += wy * v[k]
+        b2 += wz * v[k]
+    return _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
+
+
+@numba.njit(cache=True, fastmath=ANY_ORDER)
+def rms_residual(count: int, usable: Float, m0: float, m1: float, m2: float) -> float:
+    """Return the root mean square of ``v - l . m`` over the first ``count`` samples."""
+    total = 0.0
+    for k in range(count):
+        shading = usable[1, k] * m0 + usable[2, k] * m1 + usable[3, k] * m2
+        total += (usable[0, k] - shading) ** 2
+    return math.sqrt(total / count)

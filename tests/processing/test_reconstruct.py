@@ -1,0 +1,109 @@
+"""The whole pipeline as one library call, against the simulator's truth."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquisition import CapturePlan, DataError, Lights, read_source, record
+from calibration import EstimateError
+from processing import reconstruct
+from rig import Mounting, RigConfig
+from simulator import render, rig_for, save_truth, scene_named
+
+LEDS = 8
+PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """A coin under eight near LEDs, LED 3 dead, photographed by a camera on its side."""
+    folder = tmp_path_factory.mktemp("session") / "coin"
+    rendering = render(scene_named("coin", width=96, height=80, leds=LEDS))
+    config = RigConfig(
+        name="x",
+        driver="simulated",
+        leds=LEDS,
+        mounting=Mounting(rotation_deg=90, mirror=True),
+        settle_ms=0,
+    )
+    with rig_for(rendering, config, noisy=False, realtime=False) as rig:
+        record(
+            rig, PLAN, folder, operator="Ada", object_name="coin", lights=rendering.truth.lights,
+            camera_model=rendering.truth.camera, sensor=rendering.truth.noise,
+        )  # fmt: skip
+    save_truth(folder / "derived" / "truth", rendering, exposures_us=PLAN.exposures_us)
+    return folder
+
+
+def test_a_session_becomes_normals_and_height(session):
+    source = read_source(session)
+    stages = []
+    result = reconstruct(source, on_progress=lambda stage, done, total: stages.append(stage))
+    assert result.error is not None
+    assert result.error.mae_deg < 1.5
+    assert result.error.coverage > 0.99
+    assert result.surface is not None
+    assert result.surface.unit == "mm"
+    assert result.lights.near
+    assert result.previews[0].shape == source.size
+    assert list(dict.fromkeys(stages)) == ["reading", "normals"]
+
+
+def test_distant_lights_and_normals_alone(session):
+    result = reconstruct(read_source(session), distant=True, surface=False)
+    assert not result.lights.near
+    assert result.surface is None
+
+
+def test_a_source_and_what_it_gives_survive_pickling(session):
+    source = read_source(session)
+    copy = pickle.loads(pickle.dumps(source))
+    np.testing.assert_array_equal(copy.frames[2].read(), source.frames[2].read())
+    np.testing.assert_array_equal(
+        reconstruct(copy, surface=False).stereo.normal_map.normals,
+        reconstruct(source, surface=False).stereo.normal_map.normals,
+    )
+
+
+def test_black_images_are_left_out_and_named(session):
+    source = read_source(session)
+    frames = tuple(
+        replace(frame, load=lambda frame=frame: np.zeros_like(frame.read()))
+        if frame.light_id == "L03"
+        else frame
+        for frame in source.frames
+    )
+    result = reconstruct(replace(source, frames=frames), surface=False)
+    assert result.lights.ids == tuple(f"L{i:02d}" for i in range(LEDS) if i != 3)
+    assert any("no light is seen in them: L03" in warning for warning in result.warnings)
+    assert result.error is not None
+    assert result.error.mae_deg < 1.5
+
+
+def test_a_source_without_a_mask_gets_one(session):
+    source = replace(read_source(session), mask=None)
+    result = reconstruct(source, surface=False)
+    truth = read_source(session).mask
+    assert np.mean(result.mask == truth) > 0.95
+    assert any("no mask came with the images" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        pytest.param({"lights": None}, DataError, "add a lights file", id="no lights"),
+        pytest.param({"camera": None}, DataError, "add a camera file", id="near without camera"),
+        pytest.param(
+            {"lights": "turned"}, EstimateError, "face away from the camera", id="lights behind"
+        ),
+    ],
+)
+def test_what_cannot_be_reconstructed(session, change, error, words):
+    source = read_source(session)
+    if change.get("lights") == "turned":
+        directions = -source.lights.unit_directions
+        change = {"lights": Lights(directions=directions, ids=source.lights.ids)}
+    with pytest.raises(error, match=words):
+        reconstruct(replace(source, **change))
