@@ -58,16 +58,19 @@ def cost(lights, megapixels):
     x, y = np.meshgrid(np.linspace(-70, 70, side), np.linspace(70, -70, side))
     points = np.stack([x, y, 0 * x], axis=2)
     rows = {
-        "ls": lambda: photometric_stereo(values, distant, mask),
-        "ls, saturated samples": lambda: photometric_stereo(saturated, distant, mask),
-        "ls, near LEDs": lambda: photometric_stereo(values, leds, mask, points_mm=points),
+        "ls": lambda: photometric_stereo(values, distant, mask, method="ls"),
+        "ls, saturated samples": lambda: photometric_stereo(saturated, distant, mask, method="ls"),
+        "ls, near LEDs": lambda: photometric_stereo(
+            values, leds, mask, method="ls", points_mm=points
+        ),
         "cauchy": lambda: photometric_stereo(values, distant, mask, method="cauchy"),
         "cauchy, near LEDs": lambda: photometric_stereo(
             values, leds, mask, method="cauchy", points_mm=points
         ),
         "numpy lstsq": lambda: naive(values, directions),
     }
-    photometric_stereo(values[:, :1], distant, mask[:1])  # compiles
+    for method in ("ls", "cauchy"):
+        photometric_stereo(values[:, :1], distant, mask[:1], method=method)  # compiles
     copy = copy_s(values)
     print(
         f"{lights} lights x {side} x {side} float32 ({values.nbytes / MIB:.0f} MiB), "

@@ -57,7 +57,7 @@ def photometric_stereo(
     lights: Lights,
     mask: Mask,
     *,
-    method: Method = "ls",
+    method: Method = "cauchy",
     points_mm: npt.ArrayLike | None = None,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> PhotometricStereoResult:
