@@ -1,23 +1,18 @@
 """The virtual board: its firmware on a clock of the tests' own, its process by birth and death."""
 
 import contextlib
-import os
-import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-import simulator._public
-from rig import Command, LineBuffer, LineError, Reply, RigError, decode_reply, encode_command
+from rig import Command, LineBuffer, LineError, Reply, decode_reply, encode_command
 from simulator._bench_state import BenchState, BenchWriter, LitPeriod
 from simulator._board.faults import BoardFault, FaultyBoard, PowerCutError
 from simulator._board.firmware import BoardFirmware
 from simulator._board.outputs import ActiveInput, BoardOutputs
-from simulator._board.virtual_board import VirtualBoard
 
 MS = 1_000_000
 US = 1000
@@ -473,60 +468,3 @@ def test_the_process_loads_nothing_of_the_renderer():
     code = f"import sys, simulator.board; sys.exit(' '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_all_that_the_simulator_offers_is_there_when_it_is_asked_for():
-    for name in simulator._public.__all__:
-        assert getattr(simulator, name) is getattr(simulator._public, name)
-    with pytest.raises(ImportError, match="no_such_name"):
-        from simulator import no_such_name  # noqa: F401
-    assert not hasattr(simulator, "_no_such_name")
-
-
-def gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
-def test_closing_ends_process_and_file():
-    board = VirtualBoard(3)
-    assert board.bench_state_path.is_file()
-    assert not gone(board.pid)
-    board.close()
-    board.close()
-    assert gone(board.pid)
-    assert not board.bench_state_path.exists()
-
-
-def test_an_interrupted_start_leaves_nothing(monkeypatch, tmp_path):
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    first_line = VirtualBoard._first_line
-
-    def interrupted(board):
-        first_line(board)
-        assert list(tmp_path.iterdir())
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(VirtualBoard, "_first_line", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        VirtualBoard(2)
-    assert not list(tmp_path.iterdir())
-
-
-def test_closing_after_a_death_still_cleans_up():
-    with VirtualBoard(3) as board:
-        os.kill(board.pid, signal.SIGKILL)
-        time.sleep(0.05)
-        assert board.bench_state_path.exists()
-    assert not board.bench_state_path.exists()
-    with pytest.raises(RigError, match="gone"):
-        board.set_faults(BoardFault(kind="die"))
-
-
-def test_a_board_that_does_not_start_says_why(monkeypatch):
-    monkeypatch.setattr("sys.executable", "/bin/false")
-    with pytest.raises(RigError, match="did not start: no answer"):
-        VirtualBoard(3)

@@ -1,0 +1,11 @@
+from ._errors import EstimateError as EstimateError
+from ._intensities import IntensityCalibration as IntensityCalibration
+from ._intensities import calibrate_intensities as calibrate_intensities
+from ._radiance.linear_stack import Stack as Stack
+from ._radiance.linear_stack import linear_stack as linear_stack
+from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
+from ._spheres.ellipse import Ellipse as Ellipse
+from ._spheres.find import find_spheres as find_spheres
+from ._spheres.sphere_calibration import Sphere as Sphere
+from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
+from ._spheres.sphere_image import SphereImage as SphereImage
