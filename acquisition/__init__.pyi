@@ -57,6 +57,7 @@ from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
+from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id

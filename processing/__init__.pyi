@@ -38,7 +38,7 @@ from ._projection.view import view_rotation as view_rotation
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._stereo.estimator import Estimator as Estimator
-from ._stereo.estimator import Method as Method
+from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._surface.height_profile import HeightProfile as HeightProfile

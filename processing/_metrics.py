@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, angle_deg
 from processing._normal_map import NormalMap
+
+__all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -18,27 +20,6 @@ Mask = npt.NDArray[np.bool_]
 
 # What a pixel without a normal counts, as in the published benchmarks.
 _MISSING_DEG = 90.0
-
-
-def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
-    """Return the angle between vectors in degrees, exact for small angles too.
-
-    Parameters
-    ----------
-    a, b
-        ``(..., 3)`` vectors of any length; they broadcast against each other.
-
-    Returns
-    -------
-    Double
-        ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 where a vector has no length.
-    """
-    first, second = np.asarray(a, np.float64), np.asarray(b, np.float64)
-    ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
-    bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
-    cross = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
-    angle: Double = np.degrees(np.arctan2(cross, ax * bx + ay * by + az * bz))
-    return angle
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,6 +75,11 @@ class CameraModel:
         return self.height, self.width
 
     @property
+    def focal_px(self) -> float:
+        """The mean focal length in pixels: one pixel spans ``1 / focal_px`` radians."""
+        return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
+
+    @property
     def centre_mm(self) -> Array:
         """The centre of projection, ``(0, 0, working distance)``."""
         if self.working_distance_mm is None:

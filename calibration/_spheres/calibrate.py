@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Lights, led_id
+from acquisition import CameraModel, DataError, Lights, angle_deg, led_id
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack
-from calibration._spheres.cone import Cone, fit_cone, focal_px
+from calibration._spheres.cone import Cone, fit_cone
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.placed import off_the_plane, one_radius_each, place
@@ -113,7 +113,7 @@ def calibrate_spheres(
             axis=1,
         )
         return _directions(names, seen_spheres(images), highlights, rays, warnings)
-    cones = [fit_cone(camera.rays(image.points_px), 1 / focal_px(camera))[0] for image in images]
+    cones = [fit_cone(camera.rays(image.points_px), 1 / camera.focal_px)[0] for image in images]
     if radii is None:
         axes, sines = np.array([c.axis for c in cones]), np.array([c.sine for c in cones])
         _, rays = reflected_rays(camera.rays(highlights), axes, sines)
@@ -188,7 +188,7 @@ def _directions(
             f"the highlight under light {name} lies outside of the sphere: check the outline"
         )
     directions = np.nansum(rays, axis=1)
-    residuals = _rms(_angle_deg(directions[:, None], rays), seen)
+    residuals = _rms(angle_deg(directions[:, None], rays), seen)
     residuals[seen.sum(axis=1) < 2] = np.nan
     if np.any(residuals > _DISAGREEMENT_DEG):
         worst = float(np.nanmax(residuals))
@@ -228,7 +228,7 @@ def _positions(
         images, cones = [images[k] for k in kept], [cones[k] for k in kept]
         return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
     points, rays = observed_rays(camera, replace(known, centres_mm=centres), highlights)
-    residuals = _rms(_angle_deg(positions[:, None] - points, rays), used)
+    residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
     disagreement = float(np.median(residuals))
     if disagreement > _UNTRUSTED_DEG:
         warnings.append(
@@ -246,13 +246,6 @@ def _positions(
     lights = Lights(positions_mm=positions, ids=names)
     spheres = placed_spheres(images, centres, radii)
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
-
-
-def _angle_deg(a: Array, b: Array) -> Array:
-    """Return the angle between vectors ``(..., 3)``."""
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    angle: Array = np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
-    return angle
 
 
 def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:

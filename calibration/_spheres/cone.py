@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.robust import (
     FINEST_PX,
@@ -35,11 +34,6 @@ class Cone:
     axis: Array
     sine: float
     covariance: Array
-
-
-def focal_px(camera: CameraModel) -> float:
-    """Return the mean focal length in pixels: one pixel is 1 / focal length in radians."""
-    return float(np.sqrt(camera.K[0, 0] * camera.K[1, 1]))
 
 
 def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:

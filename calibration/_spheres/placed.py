@@ -7,7 +7,7 @@ from scipy.linalg import block_diag
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
-from calibration._spheres.cone import Cone, focal_px
+from calibration._spheres.cone import Cone
 from calibration._spheres.light_positions import KnownSpheres
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
@@ -41,7 +41,7 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     pairs = list(zip(cones, radii, strict=True))
     centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
     # The scatter of the points does not tell how far an outline is off as a whole.
-    pixel_angle = _OUTLINE_SIGMA_PX / focal_px(camera)
+    pixel_angle = _OUTLINE_SIGMA_PX / camera.focal_px
     covariances = []
     for cone, radius in pairs:
         sideways = pixel_angle * radius / cone.sine

@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._spheres.cone import focal_px
 from calibration._spheres.find import find_spheres, overlap, round_outlines
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
@@ -56,7 +55,7 @@ def searched_spheres(
             )
         return images, _blurred_lines(blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
-    radii_px = [float(size) for size in focal_px(camera) * radii_mm / distances]
+    radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
     images, blurred = _parted(find_spheres(values, radii_px))
     # A sphere of another size is not missed in silence, and a vague circle about it is not
     # taken for its outline. What a sphere mirrors may be the sharper circle, so both is said.
@@ -110,4 +109,4 @@ def _blurred_lines(images: list[SphereImage]) -> list[str]:
 def _radius_mm(camera: CameraModel, image: SphereImage) -> float:
     """Return the radius of a sphere on the working plane that appears so large."""
     size = image.outline.radius_px
-    return float(camera.centre_mm[2]) * size / (focal_px(camera) + size)
+    return float(camera.centre_mm[2]) * size / (camera.focal_px + size)

@@ -155,5 +155,4 @@ def _frame(
             f"an image of {size[1]} x {size[0]} pixels was asked of a camera of {camera.width} x "
             f"{camera.height}: leave the size out"
         )
-    focal_px = math.sqrt(camera.K[0, 0] * camera.K[1, 1])
-    return Frame(camera.size, camera.working_distance_mm / focal_px, camera)
+    return Frame(camera.size, camera.working_distance_mm / camera.focal_px, camera)

@@ -12,7 +12,7 @@ from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.lit_images import lit_images
-from processing._stereo.estimator import Method
+from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
 

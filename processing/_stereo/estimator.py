@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol, get_args
+from typing import Protocol
 
 from processing._stereo.cauchy import cauchy
 from processing._stereo.least_squares import least_squares
+from processing._stereo.method import Method
 from processing._stereo.pixel_algebra import Double, Float
-
-Method = Literal["ls", "cauchy"]
 
 
 class Estimator(Protocol):
@@ -41,4 +40,3 @@ class Estimator(Protocol):
 
 
 ESTIMATORS: dict[Method, Estimator] = {"ls": least_squares, "cauchy": cauchy}
-METHODS: tuple[Method, ...] = get_args(Method)

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._normal_map import NormalMap
-from processing._stereo.estimator import ESTIMATORS, METHODS, Method
+from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
+from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
 
 Float = npt.NDArray[np.float32]

@@ -182,8 +182,7 @@ def _scale(
     """Return unit, pixel size and, with a camera, the working distance in that unit."""
     if camera is None:
         return ("px", 1.0, 0.0) if pixel_mm is None else ("mm", pixel_mm, 0.0)
-    focal_px = math.sqrt(camera.K[0, 0] * camera.K[1, 1])
-    distance = camera.working_distance_mm
+    focal_px, distance = camera.focal_px, camera.working_distance_mm
     if distance is None:
         return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
     if pixel_mm is not None:

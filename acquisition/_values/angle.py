@@ -1,0 +1,29 @@
+"""The angle between vectors."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Double = npt.NDArray[np.float64]
+
+
+def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
+    """Return the angle between vectors in degrees, exact for small angles too.
+
+    Parameters
+    ----------
+    a, b
+        ``(..., 3)`` vectors of any length; they broadcast against each other.
+
+    Returns
+    -------
+    Double
+        ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 where a vector has no length.
+    """
+    first, second = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
+    bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
+    cross = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
+    angle: Double = np.degrees(np.arctan2(cross, ax * bx + ay * by + az * bz))
+    return angle

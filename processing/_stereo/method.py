@@ -1,0 +1,8 @@
+"""The names of the estimators."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+Method = Literal["ls", "cauchy"]
+METHODS: tuple[Method, ...] = get_args(Method)
