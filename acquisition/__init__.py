@@ -18,6 +18,7 @@ from acquisition._pixels.images import (
     write_tiff,
 )
 from acquisition._pixels.mask_files import read_mask, read_mask_shares
+from acquisition._pixels.normals_mat import write_normals_mat
 from acquisition._pixels.raw import RawFrame, read_raw
 from acquisition._plan.estimate import PlanEstimate, estimate_plan
 from acquisition._plan.plan import CapturePlan, read_plan
@@ -34,6 +35,8 @@ from acquisition._session.writer import SessionWriter
 from acquisition._software import SOFTWARE, software_version
 from acquisition._source.reader import read_source
 from acquisition._source.source import Frame, Source
+from acquisition._staging import staged
+from acquisition._storage import make_folder, refusal, write_durably
 from acquisition._value_files.camera import read_camera, write_camera
 from acquisition._value_files.lights import read_lights, write_lights
 from acquisition._values.camera_model import CameraModel
@@ -78,6 +81,7 @@ __all__ = [
     "led_id",
     "light_id",
     "lights_in_order",
+    "make_folder",
     "meter",
     "preflight",
     "preflight_resume",
@@ -93,14 +97,18 @@ __all__ = [
     "read_raw",
     "read_source",
     "record",
+    "refusal",
     "rehearse",
     "resume",
     "software_version",
+    "staged",
     "verify_session",
     "watch_folder",
     "write_camera",
+    "write_durably",
     "write_exr",
     "write_lights",
+    "write_normals_mat",
     "write_png",
     "write_tiff",
 ]
