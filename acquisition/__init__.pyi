@@ -25,6 +25,7 @@ from ._pixels.images import write_png as write_png
 from ._pixels.images import write_tiff as write_tiff
 from ._pixels.mask_files import read_mask as read_mask
 from ._pixels.mask_files import read_mask_shares as read_mask_shares
+from ._pixels.normals_mat import write_normals_mat as write_normals_mat
 from ._pixels.raw import RawFrame as RawFrame
 from ._pixels.raw import read_raw as read_raw
 from ._plan.estimate import PlanEstimate as PlanEstimate
@@ -53,6 +54,10 @@ from ._software import software_version as software_version
 from ._source.reader import read_source as read_source
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
+from ._staging import staged as staged
+from ._storage import make_folder as make_folder
+from ._storage import refusal as refusal
+from ._storage import write_durably as write_durably
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights

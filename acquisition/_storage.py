@@ -1,7 +1,8 @@
 """The disk under a capture: writes that survive a power cut, one writer per folder, clear errors.
 
-All that is particular to a system is here: `flock` and the fsync of a folder, which Windows does
-not have in this form and where they are left out, and the flag of files that are no text.
+All that is particular to a system is here: `flock`, the fsync of a folder and opening without
+following links, which Windows does not have in this form and where they are left out, and the flag
+of files that are no text.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import hashlib
 import os
 import stat
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,22 +21,40 @@ from acquisition._errors import DataError, SessionInUseError, StorageError
 
 if sys.platform == "win32":
     _BINARY = os.O_BINARY
+    _NO_WAIT = _NO_LINK = 0
 else:
     import fcntl
 
     _BINARY = 0
+    _NO_WAIT = os.O_NONBLOCK  # a pipe has another end, which may never be opened
+    _NO_LINK = os.O_NOFOLLOW | _NO_WAIT
 
 _PART = ".part-"
+# How long to wait for another process that is writing the same file.
+_TURN_S = 10.0
+_PAUSE_S = 0.01
 
 _HINTS = {
-    errno.ENOSPC: "free space on this disk, then resume",
-    errno.EDQUOT: "the quota is used up: free space, then resume",
-    errno.EFBIG: "the limit on file sizes is reached: raise it, then resume",
+    errno.ENOSPC: "free space on this disk, then try again",
+    errno.EDQUOT: "the quota is used up: free space, then try again",
+    errno.EFBIG: "the limit on file sizes is reached: raise it, then try again",
     errno.EROFS: "the disk is read-only: mount it writable or choose another folder",
     errno.EACCES: "permission is missing: choose a folder you may write to",
     errno.EPERM: "permission is missing: choose a folder you may write to",
     errno.EIO: "the disk fails: copy what is there and use another disk",
+    errno.ENOENT: "the folder does not exist: create it or choose another one",
+    errno.ENOTDIR: "a file stands where a folder is needed: choose another folder",
+    errno.EISDIR: "a folder has this name: move it away or choose another name",
+    errno.EEXIST: "something else has this name: move it away or choose another name",
+    errno.ELOOP: "a link has this name: move it away or choose another name",
+    errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
 }
+
+
+def refusal(path: Path, action: str, error: OSError) -> StorageError:
+    """Return what the system refused as an error that names path, action, reason and remedy."""
+    hint = _HINTS.get(error.errno or 0, "check the disk and the folder")
+    return StorageError(f"{path}: cannot {action}: {error.strerror or error}; {hint}")
 
 
 @contextmanager
@@ -43,16 +63,11 @@ def disk(path: Path, action: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        hint = _HINTS.get(error.errno or 0, "check the disk and the folder")
-        reason = error.strerror or str(error)
-        raise StorageError(f"{path}: cannot {action}: {reason}; {hint}") from error
+        raise refusal(path, action, error) from error
 
 
 def part_path(path: Path) -> Path:
-    """Return the temporary name under which a file is written before it is published.
-
-    Hidden, in the same folder, and with the same suffix, from which image writers choose a format.
-    """
+    """Return the temporary name, in the same folder, of a file that is being written."""
     return path.with_name(_PART + path.name)
 
 
@@ -61,53 +76,221 @@ def is_part(path: Path) -> bool:
     return path.name.startswith(".")
 
 
-@contextmanager
-def published(path: Path) -> Iterator[Path]:
-    """Give a temporary name to write to; then the file is made durable and gets its own.
+class Part:
+    """The temporary file of a path: a new file that this process alone writes.
 
-    fsync, rename, fsync of the folder: there is the old file, or none, or the new one, never a
-    part of it. After an error inside the block nothing new is there.
+    Whatever has its name is removed first: the rest of a write that was killed, a link, a pipe.
+    Nothing is followed or overwritten, not even what takes the name in the same moment. Another
+    process that is writing the same file holds a lock on it, and is waited for.
+
+    Parameters
+    ----------
+    path
+        The file that is to be.
+
+    Raises
+    ------
+    StorageError
+        If a folder has the name, or the other process does not end.
+    OSError
+        If the system refuses.
     """
-    part = part_path(path)
+
+    def __init__(self, path: Path) -> None:
+        self.path = part_path(path)
+        self.descriptor = -1
+        patience = time.monotonic() + _TURN_S
+        while not self._create():
+            if time.monotonic() > patience:
+                raise StorageError(
+                    f"{path}: another process is writing it: wait for it to end, or choose another "
+                    "name"
+                )
+            if not self._clear():
+                time.sleep(_PAUSE_S)
+
+    def is_there(self) -> bool:
+        """Tell whether the file still has its name."""
+        with suppress(FileNotFoundError):
+            return os.path.samestat(os.fstat(self.descriptor), self.path.lstat())
+        return False
+
+    def close(self) -> None:
+        """Close the file, which ends the lock; harmless when repeated."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
+
+    def _create(self) -> bool:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK | _BINARY
+        try:
+            self.descriptor = os.open(self.path, flags, 0o666)
+        except FileExistsError:
+            return False
+        # Another process may have taken it for a rest before it was locked.
+        if _lock(self.descriptor) and self.is_there():
+            return True
+        self.close()
+        return False
+
+    def _clear(self) -> bool:
+        """Remove what has the name; return False if another process is writing it."""
+        with suppress(FileNotFoundError):
+            kind = self.path.lstat().st_mode
+            if stat.S_ISDIR(kind):
+                raise StorageError(
+                    f"{self.path}: this folder is in the way of a temporary file: move it away"
+                )
+            if stat.S_ISREG(kind):
+                return self._clear_rest()
+            self.path.unlink()
+        return True
+
+    def _clear_rest(self) -> bool:
+        try:
+            self.descriptor = os.open(self.path, os.O_WRONLY | _NO_LINK | _BINARY)
+        except PermissionError:  # to remove it takes a permission of the folder alone
+            self.path.unlink()
+            return True
+        try:
+            # The name is another file's now if a third process was faster.
+            free = _lock(self.descriptor)
+            if free and self.is_there():
+                self.path.unlink()
+            return free
+        finally:
+            self.close()
+
+
+@contextmanager
+def temporary(path: Path) -> Iterator[Part]:
+    """Give the temporary file of a path to write to, and remove it in the end.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be created.
+    """
+    with disk(path, "write"):
+        part = Part(path)
     try:
         yield part
-        with disk(path, "write"):
-            # Read-write, because Windows refuses to flush a file opened for reading.
-            descriptor = os.open(part, os.O_RDWR)
-            try:
-                os.fsync(descriptor)
-            finally:
-                os.close(descriptor)
-            os.replace(part, path)
-            sync_folder(path.parent)
-    except BaseException:
+    finally:
+        # Of a process that is killed here the rest is removed when the path is written again.
         with suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise
+            if part.descriptor >= 0 and part.is_there():
+                part.path.unlink()
+        part.close()
 
 
-def write_durably(path: Path, data: bytes) -> None:
-    """Write a whole small file, or leave what was there."""
+@contextmanager
+def published(path: Path) -> Iterator[Part]:
+    """Give a temporary file to write to; then it is made durable and gets its own name.
+
+    fsync, rename, fsync of the folder: there is the old file, or none, or the new one, never a
+    part of it. After an error inside the block nothing new is there. Where the name is a link, the
+    link is replaced, not the file that it points to.
+    """
+    with temporary(path) as part:
+        yield part
+        with disk(path, "write"):
+            os.fsync(part.descriptor)
+            if not part.is_there():
+                raise StorageError(f"{part.path}: was replaced by another program: try again")
+            if sys.platform == "win32":  # where no file that is open can be renamed
+                part.close()
+            os.replace(part.path, path)
+            sync_folder(path.parent)
+
+
+def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
+    """Write a whole file, or leave what was there.
+
+    Parameters
+    ----------
+    path
+        File to create or replace; a link is replaced, not followed. Its folder exists.
+    pieces
+        What it is to hold, one after the other.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses.
+    """
     with published(path) as part, disk(path, "write"):
-        part.write_bytes(data)
+        for piece in pieces:
+            write_whole(part.descriptor, piece)
 
 
-def read_file(path: Path) -> bytes:
-    """Return the bytes of a regular file, links followed.
+def read_file(path: Path, *, follow: bool = True) -> bytes:
+    """Return the bytes of a regular file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    follow
+        False refuses a link.
 
     Raises
     ------
     OSError
         If it cannot be read; also where reading might never end, as of pipes and devices.
     """
-    if not stat.S_ISREG(path.stat().st_mode):
-        raise OSError(errno.EINVAL, "not a regular file", str(path))
-    return path.read_bytes()
+    if follow and not stat.S_ISREG(path.stat().st_mode):  # to open a device may set it off
+        raise _irregular(path)
+    with os.fdopen(_open(path, os.O_RDONLY | (_NO_WAIT if follow else _NO_LINK)), "rb") as file:
+        return file.read()
+
+
+def read_back(path: Path) -> bytes:
+    """Return the bytes of a file that was just written: from the disk, where one can ask for that.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read, or is no regular file but a link, a pipe or a device.
+    """
+    with os.fdopen(open_binary(path, os.O_RDONLY), "rb") as file:
+        if hasattr(os, "posix_fadvise"):  # the system forgets its copy of what is on the disk
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        return file.read()
 
 
 def open_binary(path: Path, flags: int) -> int:
-    """Open a file as `os.open` does, for bytes: Windows would put a 13 before each 10 of a text."""
-    return os.open(path, flags | _BINARY, 0o666)
+    """Open a regular file as `os.open` does, for bytes: Windows would put a 13 before each 10.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, also where it is a link, a pipe or a device.
+    """
+    return _open(path, flags | _NO_LINK)
+
+
+def _open(path: Path, flags: int) -> int:
+    descriptor = os.open(path, flags | _BINARY, 0o666)
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return descriptor
+    os.close(descriptor)
+    raise _irregular(path)
+
+
+def _irregular(path: Path) -> OSError:
+    return OSError(errno.EINVAL, "not a regular file", str(path))
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock a file for this process alone; False if another one holds it."""
+    if sys.platform != "win32":
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:  # a file system that knows no locks
+            pass
+    return True
 
 
 def append_durably(descriptor: int, path: Path, data: bytes) -> None:
@@ -151,10 +334,11 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def lock_folder(folder: Path) -> int:
+def lock_folder(folder: Path, doing: str = "recording into this session") -> int:
     """Take a folder for this process alone until the descriptor returned is closed.
 
-    The lock is advisory, on the folder itself, and ends with the process however it dies.
+    The lock is advisory, on the folder itself, and ends with the process however it dies. ``doing``
+    is what the message says that another process does.
 
     Raises
     ------
@@ -172,8 +356,7 @@ def lock_folder(folder: Path) -> int:
         except BlockingIOError:
             os.close(descriptor)
             raise SessionInUseError(
-                f"{folder}: another process is recording into this session; "
-                "wait for it to end or choose another folder"
+                f"{folder}: another process is {doing}; wait for it to end or choose another folder"
             ) from None
         except BaseException:
             os.close(descriptor)
@@ -194,7 +377,7 @@ def library_path(path: Path) -> str:
         text.encode()
     except UnicodeEncodeError:
         raise DataError(
-            f"{ascii(text)[1:-1]}: the name is no UTF-8: rename the file or its folder"
+            f"{ascii(text)[1:-1]}: the name is not UTF-8: rename the file or its folder"
         ) from None
     return text
 

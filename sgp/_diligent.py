@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights, Session, SessionFrame, write_png
+from acquisition import (
+    DataError,
+    Lights,
+    Session,
+    SessionFrame,
+    write_durably,
+    write_normals_mat,
+    write_png,
+)
 
 Advance = Callable[[int, int], None]
 
@@ -87,7 +95,7 @@ def write_diligent(
         write_png(files[-1], mask.astype(np.uint8) * np.uint8(255))
     if normals is not None:
         files.append(folder / "Normal_gt.mat")
-        _write_normals(files[-1], normals)
+        write_normals_mat(files[-1], normals)
     tables = {
         "light_directions.txt": _rows(known.unit_directions),
         "light_intensities.txt": _rows(np.asarray(known.intensities)),
@@ -95,16 +103,9 @@ def write_diligent(
     }
     for name, text in tables.items():
         files.append(folder / name)
-        files[-1].write_text(text, encoding="utf-8")
+        write_durably(files[-1], text.encode())
     return files
 
 
 def _rows(table: npt.NDArray[np.float64]) -> str:
     return "".join(" ".join(f"{value:.10f}" for value in row) + "\n" for row in table)
-
-
-def _write_normals(path: Path, normals: npt.NDArray[np.float32]) -> None:
-    # SciPy's writers take long to import.
-    from scipy.io import savemat
-
-    savemat(path, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from acquisition import DataError, MissingPathError, StorageError
+import errno
+from pathlib import Path
+
+from acquisition import DataError, MissingPathError, StorageError, refusal
 from calibration import EstimateError
 from rig import RigError, RigNotFoundError
 
@@ -17,8 +20,6 @@ _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),
     (MissingPathError, 2),
     (RigNotFoundError, 2),
-    # What the rooms let through is an output place that cannot be used.
-    (OSError, 2),
     (RigError, 3),
     (StorageError, 3),
     (DataError, 4),
@@ -26,6 +27,28 @@ _CODES: tuple[tuple[type[Exception], int], ...] = (
 )
 
 
+# A path that cannot be meant; with any other reason the system or its disk refuses.
+_WRONG_PATHS = {
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.EISDIR,
+    errno.EEXIST,
+    errno.ELOOP,
+    errno.ENAMETOOLONG,
+}
+
+
 def exit_code(error: BaseException) -> int:
-    """Return the exit code of an error; ``FAULT`` for one that is ours to mend."""
+    """Return the exit code of an error; ``FAULT`` for one that is ours to repair."""
+    if isinstance(error, OSError):  # of a path that no room looked at
+        return 2 if error.errno in _WRONG_PATHS else 3
     return next((code for kind, code in _CODES if isinstance(error, kind)), FAULT)
+
+
+def error_text(error: BaseException) -> str:
+    """Return what went wrong, where, and what to do about it, in one line."""
+    if isinstance(error, OSError):
+        return str(refusal(Path(error.filename or "."), "use it", error))
+    if exit_code(error) == FAULT:
+        return f"{type(error).__name__}: {error} (a fault of this program: see --debug)"
+    return str(error)

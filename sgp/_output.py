@@ -6,13 +6,14 @@ import functools
 import hashlib
 import inspect
 import json
+import os
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from acquisition import SOFTWARE, software_version
+from acquisition import SOFTWARE, make_folder, refusal, software_version, write_durably
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -54,15 +55,28 @@ def claim_folder(out: Path, record: str) -> Path:
     """Make an output folder ready to be written: an earlier result's files and record are removed.
 
     Called when the work is done and only writing is left, so that a failing run costs nothing.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    with suppress(OSError, ValueError, AttributeError):
-        earlier = json.loads((out / record).read_text(encoding="utf-8"))["outputs"]
-        for name in earlier.values():
-            if Path(name).name == name:
-                (out / name).unlink(missing_ok=True)
-    (out / record).unlink(missing_ok=True)
+    make_folder(out)
+    for path in earlier_files(out, record):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise refusal(path, "replace", error) from error
     return out
+
+
+def earlier_files(out: Path, record: str) -> list[Path]:
+    """Return what an earlier result with this record left in a folder, the record first."""
+    names = [record]
+    with suppress(OSError, ValueError, AttributeError, TypeError, KeyError):
+        earlier = json.loads((out / record).read_text(encoding="utf-8"))["outputs"]
+        names += [name for name in earlier.values() if Path(name).name == name]
+    return [out / name for name in names if os.path.lexists(out / name)]
 
 
 def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -117,11 +131,15 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     Raises
     ------
     UsageError
-        If the path is a file, or a folder that is not empty and ``force`` is not given.
+        If the path is a file, lies below one, has a name that is not UTF-8, or is a folder that is
+        not empty and ``force`` is not given. Rests of writes that never finished do not count.
     """
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is a file: give --out a folder")
-    if out.is_dir() and any(out.iterdir()) and not force:
+    _check_name(out)
+    place = next((path for path in (out, *out.absolute().parents) if os.path.lexists(path)), out)
+    if os.path.lexists(place) and not place.is_dir():
+        below = "" if place == out else f", and {out} cannot lie below it"
+        raise UsageError(f"{place} is a file{below}: give --out a folder")
+    if out.is_dir() and not force and any(not _is_rest(path) for path in out.iterdir()):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already holds files: choose another folder{instead}")
 
@@ -135,6 +153,7 @@ def check_file(out: Path, suffix: str, *, force: bool) -> None:
         If the path is a folder, has not the suffix, its folder does not exist, or the file does and
         ``force`` is not given.
     """
+    _check_name(out)
     if out.is_dir():
         raise UsageError(f"{out} is a folder: give --out a file name")
     if out.suffix.lower() != suffix:
@@ -143,6 +162,18 @@ def check_file(out: Path, suffix: str, *, force: bool) -> None:
         raise UsageError(f"{out.parent} does not exist: make it, or give another --out")
     if out.exists() and not force:
         raise UsageError(f"{out} exists already: choose another --out, or add --force")
+
+
+def _check_name(out: Path) -> None:
+    try:
+        str(out).encode()
+    except UnicodeEncodeError:
+        raise UsageError(f"{out}: the name is not UTF-8: choose another one") from None
+
+
+def _is_rest(path: Path) -> bool:
+    """Tell what a process that was killed while writing left: it is replaced."""
+    return path.name.startswith(".part-")
 
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
@@ -157,9 +188,7 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
         "metrics": result.metrics,
         "warnings": result.warnings,
     }
-    part = path.with_name(f".{path.name}.part")
-    part.write_text(dumps(record) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_durably(path, f"{dumps(record)}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse as EllipsePatch
 from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from acquisition import Lights
+from acquisition import Lights, write_durably
 from calibration import SphereCalibration
 from processing import HeightProfile, NormalMap
 
@@ -43,17 +44,24 @@ def write_overview(
     )
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(title, fontsize=14)
+        figure.suptitle(_drawable(title), fontsize=14, parse_math=False)
     for index, panel in enumerate(panels):
         axes = figure.add_subplot(rows, columns, index + 1)
-        axes.set_title(panel.title, fontsize=11)
+        axes.set_title(_drawable(panel.title), fontsize=11, parse_math=False)
         panel.draw(axes)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        figure.savefig(part, format="png", metadata={"Software": None})
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    write_figure(path, figure)
+
+
+def write_figure(path: Path, figure: Figure) -> None:
+    """Write a figure as a PNG; the same figure gives the same bytes."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", metadata={"Software": None})
+    write_durably(path, file.getbuffer())
+
+
+def _drawable(text: str) -> str:
+    """Return a text that has no half characters, as names that are not UTF-8 have."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
@@ -155,7 +163,14 @@ def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Pan
         for name, (x, y, _) in zip(lights.ids, where, strict=True):
             if len(lights) <= 40:
                 short = name.rsplit(".", 1)[-1].removeprefix("L")
-                axes.annotate(short, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7)
+                axes.annotate(
+                    short,
+                    (x, y),
+                    xytext=(3, 3),
+                    textcoords="offset points",
+                    fontsize=7,
+                    parse_math=False,
+                )
         axes.set_aspect("equal")
         axes.set_xlim(-1.05, 1.05)
         axes.set_ylim(-1.05, 1.05)

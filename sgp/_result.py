@@ -53,8 +53,12 @@ class Result:
 
 
 def dumps(value: Mapping[str, Any]) -> str:
-    """Return strict JSON: numpy scalars become numbers, what is not finite becomes null."""
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    """Return strict JSON: numpy scalars become numbers, what is not finite becomes null.
+
+    Bytes of names that are not UTF-8 become escapes, from which Python reads the same name.
+    """
+    text = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def plain(value: Any) -> Any:

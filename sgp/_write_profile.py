@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 
+from acquisition import write_durably
 from processing import HeightProfile, NormalMap, height_profile, integrate
 from sgp._overview import profile_panel, write_overview
 from sgp._result import Result
@@ -38,4 +40,6 @@ def write_profile_data(path: Path, profile: HeightProfile) -> None:
     heights = ("target", "result", "smoothed")
     rows = np.column_stack([pick, *(getattr(profile, name)[pick] for name in heights)])
     header = ",".join(["pixel", *(f"{name}_{profile.unit}" for name in heights)])
-    np.savetxt(path, rows, ["%d", *["%.7g"] * 3], delimiter=",", header=header, comments="")
+    table = io.BytesIO()
+    np.savetxt(table, rows, ["%d", *["%.7g"] * 3], delimiter=",", header=header, comments="")
+    write_durably(path, table.getbuffer())

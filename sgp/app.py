@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import io
 import os
 import signal
 import sys
@@ -161,6 +162,9 @@ def run(app: App, tokens: list[str]) -> int:
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         return result, json
 
+    for stream in (sys.stdout, sys.stderr):  # what they cannot encode is escaped
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     app.meta.suppress_keyboard_interrupt = False
     fail = functools.partial(_fail, as_json="--json" in tokens, debug="--debug" in tokens)
     try:
@@ -188,13 +192,9 @@ def run(app: App, tokens: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:  # noqa: BLE001 - the front door turns every error into one line
-        from sgp._exit import FAULT, exit_code
+        from sgp._exit import error_text, exit_code
 
-        code = exit_code(error)
-        text = str(error)
-        if code == FAULT:
-            text = f"{type(error).__name__}: {text} (a fault of this program: see --debug)"
-        return fail(error, code, text)
+        return fail(error, exit_code(error), error_text(error))
 
 
 def _show(result: Any, as_json: bool) -> int:

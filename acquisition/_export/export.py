@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,7 +36,7 @@ from acquisition._source.recording_json import (
     write_recording_notes,
 )
 from acquisition._source.source import Frame, Source
-from acquisition._storage import make_folder
+from acquisition._staging import staged
 from acquisition._value_files.camera import write_camera
 from acquisition._value_files.lights import write_lights
 from acquisition._values.lights import Lights
@@ -73,8 +73,17 @@ class Export:
     _samples: Samples
     _lights: Lights | None
 
-    def write(self, out: Path, on_frame: OnExported | None = None) -> tuple[Path, ...]:
-        """Write all files into a folder, made if need be, and return them.
+    def write(
+        self,
+        out: Path,
+        on_frame: OnExported | None = None,
+        *,
+        replaced: Iterable[Path] = (),
+    ) -> tuple[Path, ...]:
+        """Write all files into a folder, created if need be, and return them.
+
+        They are written aside and appear together. After an error, or when the process is killed,
+        there are none, or `read_source` refuses the folder.
 
         Parameters
         ----------
@@ -82,6 +91,8 @@ class Export:
             Files of the same names are replaced.
         on_frame
             Called after each image with its file, how many are done, and how many there are.
+        replaced
+            Files of an earlier export, removed when this one is whole and before it appears.
 
         Raises
         ------
@@ -90,14 +101,16 @@ class Export:
         StorageError
             If the disk refuses.
         """
-        make_folder(out)
-        files = []
-        for index, frame in enumerate(self._frames):
-            files.append(out / self.notes.frames[index].file)
-            self._write_image(files[-1], frame, index)
-            if on_frame is not None:
-                on_frame(files[-1], index + 1, len(self._frames))
-        return (*files, *self._write_tables(out), write_recording_notes(out, self.notes))
+        with staged(out, replaced) as place:
+            files = []
+            for index, frame in enumerate(self._frames):
+                files.append(place / self.notes.frames[index].file)
+                self._write_image(files[-1], frame, index)
+                if on_frame is not None:
+                    on_frame(out / files[-1].name, index + 1, len(self._frames))
+            files += self._write_tables(place)
+            files.append(write_recording_notes(place, self.notes))
+        return tuple(out / file.name for file in files)
 
     def _write_image(self, path: Path, frame: Frame, index: int) -> None:
         noted = self.notes.frames[index]

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._pixels.images import write_png
-from acquisition._storage import disk, published, write_durably
+from acquisition._pixels.normals_mat import write_normals_mat
+from acquisition._storage import write_durably
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition._values.lights import Array, Lights
 
@@ -32,7 +33,8 @@ def write_diligent_tables(
         _text(folder / INTENSITIES_FILE, _numbers(np.asarray(lights.intensities))),
     ]
     if normals is not None:
-        files.append(_normals(folder / "Normal_gt.mat", normals))
+        files.append(folder / "Normal_gt.mat")
+        write_normals_mat(files[-1], normals)
     return files
 
 
@@ -63,13 +65,4 @@ def _numbers(table: Array) -> list[list[str]]:
 
 def _text(path: Path, rows: Sequence[Sequence[str]]) -> Path:
     write_durably(path, "".join(" ".join(row) + "\n" for row in rows).encode())
-    return path
-
-
-def _normals(path: Path, normals: npt.NDArray[np.float32]) -> Path:
-    # SciPy's writers take as long to import as the rest of this package.
-    from scipy.io import savemat
-
-    with published(path) as part, disk(path, "write"):
-        savemat(part, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)
     return path

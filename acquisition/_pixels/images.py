@@ -17,7 +17,8 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.png_chunks import SIGNATURE, check_png
 from acquisition._pixels.raw import is_raw
-from acquisition._storage import disk, library_path, published
+from acquisition._pixels.scratch import scratch_file
+from acquisition._storage import disk, library_path, published, write_whole
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
@@ -197,36 +198,75 @@ def _write(
     spec.attribute("compression", compression)
     spec.attribute("png:compressionLevel", 1)  # half the time of the default, the same size
     spec.attribute("DateTime", "")  # otherwise the clock goes into the file
-    with published(path) as part:
-        with disk(path, "write"):
-            part.touch()  # the library gives no reason when it cannot
-        _encode(part, array, spec, kind, path)
-        # All three encoders can report success on a full disk.
-        if not _holds(part, array):
-            raise StorageError(f"{path}: written incompletely: check the disk")
+    store_image(path, encode_image(path, kind, spec, array), array)
 
 
-def _encode(
-    part: Path, array: npt.NDArray[np.generic], spec: oiio.ImageSpec, kind: str, path: Path
-) -> None:
+def encode_image(
+    path: Path, kind: str, spec: oiio.ImageSpec, array: npt.NDArray[np.generic]
+) -> bytes:
+    """Return an image as the bytes of a file; of ``path`` is only told.
+
+    Parameters
+    ----------
+    path
+        Where the image will lie, for messages.
+    kind
+        OpenImageIO's name of the format.
+    spec
+        Size, sample type and attributes.
+    array
+        ``(H, W, channels)``, contiguous, in native byte order.
+
+    Raises
+    ------
+    DataError
+        If `read_image` could not open a file of that name.
+    StorageError
+        If the encoder fails.
+    """
+    library_path(path)
     file = oiio.ImageOutput.create(kind)
     if file is None:
         raise StorageError(f"{path}: no writer for {kind} in this OpenImageIO: install another")
-    done = file.open(library_path(part), spec)
-    done = done and file.write_image(array)
-    message = file.geterror()
-    # After close a TIFF that is right may leave a message about Exif: only the results count.
-    if not (file.close() and done):
-        raise StorageError(f"{path}: cannot be written ({_line(message)}): check the disk")
+    with disk(path, "encode"), scratch_file() as place:
+        done = file.open(str(place), spec)
+        done = done and file.write_image(array)
+        message = file.geterror()
+        # After close a TIFF that is right may leave a message about Exif: only the results count.
+        if not (file.close() and done):
+            raise StorageError(
+                f"{path}: cannot be encoded ({_line(message)}): free memory of this computer, or "
+                "raise its limit on file sizes"
+            )
+        return place.read_bytes()
 
 
-def _holds(path: Path, array: npt.NDArray[np.generic]) -> bool:
+def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> None:
+    """Write an encoded image; it appears whole and checked to hold these pixels, or not at all.
+
+    Raises
+    ------
+    DataError
+        If `read_image` could not open a file of that name.
+    StorageError
+        If the disk refuses, or the file does not read back as written.
+    """
+    library_path(path)
+    with published(path) as part:
+        with disk(path, "write"):
+            write_whole(part.descriptor, data)
+        if not holds(part.path, pixels):
+            raise StorageError(f"{path}: does not read back as written: check the disk")
+
+
+def holds(path: Path, pixels: npt.NDArray[np.generic]) -> bool:
+    """Tell whether a file that was just written gives these pixels."""
     try:
         stored = read_image(path)
-    except DataError:
+    except (DataError, MissingPathError):
         return False
     # As bytes, because NaN equals nothing.
-    return np.array_equal(np.atleast_3d(stored).view(np.uint8), array.view(np.uint8))
+    return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()
 
 
 def _line(message: str) -> str:

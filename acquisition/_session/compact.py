@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.compact_tiff import deflate_tiff
-from acquisition._pixels.images import read_image
+from acquisition._pixels.images import holds
 from acquisition._session.journal import COMPACTED, REOPENED, EventLine, Journal
 from acquisition._session.journal_file import JournalFile, utc_now
 from acquisition._session.layout import (
@@ -31,10 +30,12 @@ from acquisition._storage import (
     disk,
     make_folder,
     published,
+    read_back,
     read_file,
     sha256_of,
     sync_folder,
     write_durably,
+    write_whole,
 )
 
 
@@ -136,9 +137,11 @@ class _Compactor:
                     on_frame(frame, index + 1, len(frames))
             self._finish()
         except BaseException as error:
-            try:
+            with suppress(DataError, StorageError):
                 self._finish()
-            except (DataError, StorageError):
+            if self._journal is None:
+                error.add_note(f"{self._folder}: the compaction changed nothing")
+            elif self._complete and not (self._folder / COMPLETE).is_file():
                 error.add_note(f"{self._folder}: whole, but compact it again to make it complete")
             raise
         finally:
@@ -163,18 +166,21 @@ class _Compactor:
         new = self._free_path(frame.path)
         with published(new) as part:
             with disk(new, "write"):
-                part.write_bytes(data)
+                write_whole(part.descriptor, data)
             # What counts is that the reader gives the pixels back, not that the writer meant to.
-            if not np.array_equal(read_image(part), pixels):
-                raise StorageError(f"{new}: does not read back as written: check the disk")
-            self._open_journal()
+            if not holds(part.path, pixels):
+                raise _unlike(new)
+            journal = self._open_journal()
+        with disk(new, "read back"):
+            if read_back(new) != data:
+                raise _unlike(new)
         details = {
             "frame_seq": frame.line.seq,
             "file": f"{FRAMES}/{new.name}",
             "bytes": len(data),
             "file_sha256": sha256_of(data),
         }
-        self._open_journal().append(EventLine, {"event": COMPACTED, "details": details})
+        journal.append(EventLine, {"event": COMPACTED, "details": details})
         self._names.add(new.name)
         with disk(frame.path, "remove"):
             frame.path.unlink()
@@ -183,9 +189,9 @@ class _Compactor:
     def _drop_original(self, frame: SessionFrame) -> None:
         """Remove the old file of a frame whose compaction was cut off after its event."""
         original = self._folder / frame.line.file
-        if not original.exists() or leaves(original, self._folder):
+        if not os.path.lexists(original) or leaves(original, self._folder):
             return
-        _check_file(frame)
+        _check_file(frame, follow=False)
         frame.read()
         with disk(original, "remove"):
             original.unlink()
@@ -219,13 +225,16 @@ class _Compactor:
         """Write COMPLETE again where it was."""
         if not self._complete:
             return
-        if not (self._folder / COMPLETE).exists():
+        if not (self._folder / COMPLETE).is_file():
             journal = self._open_journal()
             mark = completion_mark(journal.read_back())
             self._sweep()
             write_durably(self._folder / COMPLETE, mark)
-        with disk(self._folder / ASIDE, "remove"):
-            (self._folder / ASIDE).unlink(missing_ok=True)
+        aside = self._folder / ASIDE
+        # A disk that is read-only refuses to remove even what is not there.
+        if os.path.lexists(aside) and not leaves(aside.parent, self._folder):
+            with disk(aside, "remove"):
+                aside.unlink()
 
     def _sweep(self) -> None:
         """Remove compressed files whose event was never written: they belong to no line."""
@@ -234,10 +243,14 @@ class _Compactor:
                 self._free_path(frame.path).unlink(missing_ok=True)
 
 
-def _check_file(frame: SessionFrame) -> None:
+def _unlike(path: Path) -> StorageError:
+    return StorageError(f"{path}: does not read back as written: check the disk")
+
+
+def _check_file(frame: SessionFrame, *, follow: bool = True) -> None:
     """Raise DataError unless a frame's file is, byte for byte, the one recorded."""
     try:
-        data = read_file(frame.path)
+        data = read_file(frame.path, follow=follow)
     except OSError as error:
         raise DataError(
             f"{frame.path}: cannot be read: {error.strerror}; restore or retake it"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._pixels.plain_tiff import plain_tiff_header
-from acquisition._storage import disk, open_binary, published, write_whole
+from acquisition._storage import disk, published, write_whole
 
 # Pieces that are hashed while they are still in the cache.
 _PIECE: Final = 1 << 20
@@ -58,14 +57,10 @@ def store_frame(path: Path, pixels: npt.NDArray[np.uint16]) -> StoredFrame:
     header = plain_tiff_header(pixels.shape, len(samples))
     of_file, of_pixels = hashlib.sha256(header), hashlib.sha256()
     with published(path) as part, disk(path, "write"):
-        descriptor = open_binary(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        try:
-            write_whole(descriptor, header)
-            for start in range(0, len(samples), _PIECE):
-                piece = samples[start : start + _PIECE]
-                write_whole(descriptor, piece)
-                of_file.update(piece)
-                of_pixels.update(piece)
-        finally:
-            os.close(descriptor)
+        write_whole(part.descriptor, header)
+        for start in range(0, len(samples), _PIECE):
+            piece = samples[start : start + _PIECE]
+            write_whole(part.descriptor, piece)
+            of_file.update(piece)
+            of_pixels.update(piece)
     return StoredFrame(len(header) + len(samples), of_file.hexdigest(), of_pixels.hexdigest())

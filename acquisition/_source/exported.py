@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from acquisition._errors import DataError
 from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
@@ -22,7 +23,8 @@ def with_export_notes(source: Source) -> Source:
     Raises
     ------
     DataError
-        If the file, or one that it names, is there and is not understood.
+        If the file, or one that it names, is there and is not understood, or an image that it
+        lists is missing.
     """
     folder = source.path if source.path.is_dir() else source.path.parent
     notes = None if source.kind == "session" else read_recording_notes(folder)
@@ -33,6 +35,12 @@ def with_export_notes(source: Source) -> Source:
     if strange is not None:
         told = f"{strange}: is not in {RECORD_FILE} beside it, which is left aside"
         return replace(source, warnings=(*source.warnings, told))
+    missing = [frame.file for frame in notes.frames if not (folder / frame.file).is_file()]
+    if missing:
+        raise DataError(
+            f"{folder}: {len(missing)} images that {RECORD_FILE} lists are missing, first "
+            f"{missing[0]}: restore them, or export the session again"
+        )
     named = [name for name in (notes.lights_file, notes.camera_file) if name is not None]
     there = [name for name in named if (folder / name).is_file()]
     lost = tuple(

@@ -12,6 +12,7 @@ from acquisition._source.exported import with_export_notes
 from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.session import read_session
 from acquisition._source.source import Source
+from acquisition._staging import check_whole
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 
@@ -50,12 +51,13 @@ def read_source(
     MissingPathError
         If ``path`` or ``mask_path`` does not exist.
     DataError
-        If it is none of these, or its parts disagree: counts of images and lights, sizes of
-        images, mask, camera and true normals.
+        If it is none of these, its export was cut off, or its parts disagree: counts of images and
+        lights, sizes of images, mask, camera and true normals.
     """
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
+    check_whole(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path))
     if camera is not None:
         source = replace(source, camera=camera)

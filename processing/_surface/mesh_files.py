@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, StorageError
+from acquisition import DataError, write_durably
 from processing._normal_map import NormalMap
 from processing._surface.integration import HeightMap
 
@@ -150,15 +150,7 @@ def write_mesh(
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl, ".glb": _glb}.get(path.suffix.lower())
     if encode is None:
         raise DataError(f"{path}: no mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb")
-    chunks = encode(height_mesh(height_map, normals=normals))
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with part.open("wb") as file:
-            file.writelines(chunks)
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise StorageError(f"{path}: cannot write the mesh: {error.strerror}") from error
+    write_durably(path, *encode(height_mesh(height_map, normals=normals)))
 
 
 def _ply(mesh: Mesh) -> list[bytes]:

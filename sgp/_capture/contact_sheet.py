@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from sgp._overview import write_figure
 from simulator import Rendering
 
 Picture = npt.NDArray[np.float32]
@@ -63,7 +64,7 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None
         axes.set(xlim=(0, whole), ylim=(-_GAP, 1 + _GAP))
         axes.set_title(name, fontsize=9, pad=2)
         axes.axis("off")
-    figure.savefig(path, metadata={"Software": None})
+    write_figure(path, figure)
 
 
 def upper_left_light(rendering: Rendering) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from acquisition import write_durably
 from sgp._console import note
 from sgp._options import Count
 from sgp._output import claim_folder, writes_folder
@@ -59,9 +60,9 @@ def paper(
         write_profile_data(result.outputs[f"{name}_data"], profile)
     left_out = [f"Note: {line}." for line in found.left_out]
     text = "\n\n".join([found.preface, *left_out, *map(markdown, found.tables)])
-    result.outputs["tables"].write_text(text + "\n", encoding="utf-8")
+    write_durably(result.outputs["tables"], f"{text}\n".encode())
     tables = {table.key: asdict(table) for table in found.tables}
-    result.outputs["tables_json"].write_text(dumps(tables) + "\n", encoding="utf-8")
+    write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
     result.metrics = {"tables": len(found.tables), "runs": count, "quick": quick}
     result.summary = [f"{len(found.tables)} tables in {result.outputs['tables']}"]
     return result

@@ -26,7 +26,7 @@ from acquisition import (
 from sgp._console import note, progress
 from sgp._exit import UsageError
 from sgp._options import Count, Positive
-from sgp._output import check_folder, claim_folder, writes_folder
+from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp.commands.capture import info
 
@@ -119,9 +119,12 @@ def export(
     prepared = prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
-    claim_folder(out, _RECORD)
     with progress("exporting") as advance:
-        written = prepared.write(out, lambda path, n, of: advance(n, of))
+        written = prepared.write(
+            out,
+            lambda path, n, of: advance(n, of),
+            replaced=earlier_files(out, _RECORD),
+        )
     notes = prepared.notes
     images = len(notes.frames)
     return Result(

@@ -13,9 +13,11 @@ from acquisition import (
     CapturePlan,
     Lights,
     Session,
+    make_folder,
     read_source,
     record,
     write_camera,
+    write_durably,
     write_lights,
 )
 from calibration import (
@@ -142,8 +144,8 @@ def _make_room(out: Path, *, force: bool) -> None:
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
-    out.mkdir(parents=True, exist_ok=True)
-    mark.write_text("{}", encoding="utf-8")
+    make_folder(out)
+    write_durably(mark, b"{}")
 
 
 def _made(out: Path) -> list[Path]:
@@ -163,7 +165,7 @@ def _read_mark(mark: Path) -> dict[str, str]:
 def _write_mark(out: Path) -> None:
     """Note every file this demo made, by its hash, so that the next one can tell them apart."""
     names = {str(path.relative_to(out)): sha256(path) for path in _made(out)}
-    (out / _MARK).write_text(dumps(names), encoding="utf-8")
+    write_durably(out / _MARK, dumps(names).encode())
 
 
 def _capture(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
+import shutil
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from acquisition import Session
+from acquisition import Session, staged
 from sgp._console import progress
 from sgp._diligent import write_diligent
 from sgp._exit import UsageError
@@ -117,9 +117,12 @@ def simulate(
     with watch.stage("record"):
         if layout == "diligent":
             place = out / "truth"
-            out.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=out, prefix=".recording-") as folder:
-                _write_diligent(out, recorded(Path(folder) / "session"), rendering, result)
+            with staged(out) as building:
+                recording = building / "recording"
+                made_files = _write_diligent(building, recorded(recording), rendering, result)
+                shutil.rmtree(recording)
+            result.outputs |= {"folder": out} | {path.stem: out / path.name for path in made_files}
+            result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
         else:
             place = out / "derived" / "truth"
             session = recorded(out)
@@ -156,25 +159,26 @@ def _scene(
     return scene_named(name, seed=seed or 0, **options), []
 
 
-def _write_diligent(out: Path, session: Session, rendering: Rendering, result: Result) -> None:
+def _write_diligent(
+    folder: Path, session: Session, rendering: Rendering, result: Result
+) -> list[Path]:
     truth = rendering.truth
     seen = bool(truth.mask.any())
     with progress("images") as advance:
         files = write_diligent(
-            out,
+            folder,
             session,
             truth.lights,
             normals=truth.normals if seen else None,
             mask=truth.mask if seen else None,
             on_progress=advance,
         )
-    result.outputs |= {"folder": out} | {file.stem: file for file in files}
-    result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
     if truth.lights.near:
         result.warnings.append(
             "the lights are near, and light_directions.txt gives them as seen from the middle of "
             "the field: the layout knows no positions"
         )
+    return files
 
 
 def _list(sheet: Path | None, out: Path | None) -> Result:

@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from acquisition import (
     SOFTWARE,
-    StorageError,
+    make_folder,
     software_version,
     write_camera,
+    write_durably,
     write_exr,
     write_lights,
     write_png,
@@ -67,28 +68,25 @@ def save_truth(
         If an exposure is not positive, or the scene holds what a scene file cannot.
     """
     folder, truth = Path(folder), rendering.truth
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        made = _save_maps(folder, truth) if truth.mask.any() else {}
-        if made:
-            made["cramer_rao"] = folder / "cramer_rao.exr"
-            write_exr(made["cramer_rao"], _bound_deg(rendering, exposures_us))
-        for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
-            made[f"sphere_{index}"] = folder / f"sphere_{index}.png"
-            write_png(made[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
-        made["lights"] = folder / "lights.json"
-        write_lights(made["lights"], truth.lights, {"method": "simulated"})
-        if truth.camera is not None:
-            made["camera"] = folder / "camera.json"
-            write_camera(made["camera"], truth.camera)
-        made["scene"] = folder / "scene.toml"
-        write_scene(made["scene"], rendering.scene)
-        made["truth"] = folder / "truth.json"
-        values = _values(rendering) | dict(facts or {})
-        text = json.dumps(values, indent=1, allow_nan=False)
-        made["truth"].write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"{folder}: the truth cannot be written: {error}") from error
+    make_folder(folder)
+    made = _save_maps(folder, truth) if truth.mask.any() else {}
+    if made:
+        made["cramer_rao"] = folder / "cramer_rao.exr"
+        write_exr(made["cramer_rao"], _bound_deg(rendering, exposures_us))
+    for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
+        made[f"sphere_{index}"] = folder / f"sphere_{index}.png"
+        write_png(made[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
+    made["lights"] = folder / "lights.json"
+    write_lights(made["lights"], truth.lights, {"method": "simulated"})
+    if truth.camera is not None:
+        made["camera"] = folder / "camera.json"
+        write_camera(made["camera"], truth.camera)
+    made["scene"] = folder / "scene.toml"
+    write_scene(made["scene"], rendering.scene)
+    made["truth"] = folder / "truth.json"
+    values = _values(rendering) | dict(facts or {})
+    text = json.dumps(values, indent=1, allow_nan=False)
+    write_durably(made["truth"], f"{text}\n".encode())
     return made
 
 
@@ -108,7 +106,7 @@ def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
     write_png(made["mask"], _picture(truth.mask))
     if truth.shadows is not None:
         made["shadows"] = folder / "shadows"
-        made["shadows"].mkdir(exist_ok=True)
+        make_folder(made["shadows"])
         for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
             write_png(made["shadows"] / f"{light}.png", _picture(shadow))
     return made

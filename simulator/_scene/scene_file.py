@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import tomli_w
 import trimesh
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from trimesh.exchange.ply import export_ply
 
-from acquisition import DataError, MissingPathError, NoiseModel, StorageError, write_lights
+from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
 from rig import complaints
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import bench_sensor
@@ -197,33 +198,30 @@ def write_scene(path: Path | str, scene: Scene) -> list[Path]:
     path = Path(path)
     made = [path, path.with_suffix(".lights.json")]
     body: Table | None = None
-    try:
-        if isinstance(scene.body, MeshBody):
-            made.append(path.with_suffix(".ply"))
-            mesh = trimesh.Trimesh(scene.body.vertices_mm, scene.body.faces, process=False)
-            mesh.export(made[-1])
-            # It is in its place: to centre and scale it again changes nothing.
-            place = {"radius_mm": scene.body.radius_mm, "smooth": scene.body.smooth}
-            body = {"kind": "mesh", "file": made[-1].name, **place}
-        elif scene.body is not None:
-            body = kind_table(BODIES, scene.body)
-        said = SceneFile(
-            **{name: getattr(scene, name) for name in _SHARED},
-            object=body,
-            pattern=kind_table(PATTERNS, scene.pattern),
-            material=kind_table(MATERIALS, scene.material),
-            board=kind_table(PATTERNS, scene.board),
-            spheres=tuple(table(sphere) for sphere in scene.spheres),
-            lights={"kind": "file", "file": made[1].name},
-            lamps=table(scene.lamps),
-            lens=lens_table(scene.lens),
-            sensor=table(scene.noise),
-        )
-        write_lights(made[1], scene.lights)
-        text = tomli_w.dumps(said.model_dump(exclude_none=True, exclude_defaults=True))
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {error.strerror}") from error
+    if isinstance(scene.body, MeshBody):
+        made.append(path.with_suffix(".ply"))
+        mesh = trimesh.Trimesh(scene.body.vertices_mm, scene.body.faces, process=False)
+        write_durably(made[-1], export_ply(mesh))
+        # It is in its place: to centre and scale it again changes nothing.
+        place = {"radius_mm": scene.body.radius_mm, "smooth": scene.body.smooth}
+        body = {"kind": "mesh", "file": made[-1].name, **place}
+    elif scene.body is not None:
+        body = kind_table(BODIES, scene.body)
+    said = SceneFile(
+        **{name: getattr(scene, name) for name in _SHARED},
+        object=body,
+        pattern=kind_table(PATTERNS, scene.pattern),
+        material=kind_table(MATERIALS, scene.material),
+        board=kind_table(PATTERNS, scene.board),
+        spheres=tuple(table(sphere) for sphere in scene.spheres),
+        lights={"kind": "file", "file": made[1].name},
+        lamps=table(scene.lamps),
+        lens=lens_table(scene.lens),
+        sensor=table(scene.noise),
+    )
+    write_lights(made[1], scene.lights)
+    text = tomli_w.dumps(said.model_dump(exclude_none=True, exclude_defaults=True))
+    write_durably(path, text.encode())
     return made
 
 

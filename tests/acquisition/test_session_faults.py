@@ -190,6 +190,7 @@ def test_a_frame_is_on_disk_under_its_name_before_its_line_is(
         log.clear()
         writer.complete()
         assert log == [
+            ("write", (folder / "COMPLETE").stat().st_ino),
             ("fsync", (folder / "COMPLETE").stat().st_ino),
             ("rename", "COMPLETE"),
             ("fsync", folder.stat().st_ino),

@@ -94,7 +94,7 @@ def test_a_png_that_does_not_read_back_replaces_nothing(
 ) -> None:
     write_captioned_png(tmp_path / "a.png", PIXELS, CAPTION)
     before = (tmp_path / "a.png").read_bytes()
-    monkeypatch.setattr("acquisition._export.images.read_image", lambda path: read_image(path) + 1)
+    monkeypatch.setattr("acquisition._pixels.images.read_image", lambda path: read_image(path) + 1)
     with pytest.raises(StorageError, match="does not read back"):
         write_captioned_png(tmp_path / "a.png", PIXELS[::-1], CAPTION)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
@@ -104,12 +104,15 @@ def test_a_png_that_does_not_read_back_replaces_nothing(
 def test_normals_that_the_disk_refuses_leave_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(path: Path, *_: Any, **__: Any) -> None:
-        path.write_bytes(b"half")
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("scipy.io.savemat", full)
+    real = os.write
     lights = Lights(directions=np.array([[0.0, 0.0, 1.0]]))
+
+    def full(descriptor: int, data: Any) -> int:
+        if os.readlink(f"/proc/self/fd/{descriptor}").endswith("Normal_gt.mat"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(descriptor, data)
+
+    monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match=r"Normal_gt\.mat: cannot write: No space left"):
         write_diligent_tables(tmp_path, ["001.png"], lights, np.zeros((2, 2, 3), np.float32))
     assert not any(path.name.startswith(".") for path in tmp_path.iterdir())
@@ -117,7 +120,7 @@ def test_normals_that_the_disk_refuses_leave_nothing(
 
 @pytest.fixture
 def latin(tmp_path: Path) -> Path:
-    """A folder named as old disks name it: in no UTF-8."""
+    """A folder named as old disks name it: not in UTF-8."""
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     try:
         folder.mkdir()
@@ -136,13 +139,13 @@ def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
         lambda: write_captioned_png(latin / "b.png", PIXELS, CAPTION),
         lambda: write_captioned_exr(latin / "b.exr", PIXELS.astype(np.float32), CAPTION, {}),
     ):
-        with pytest.raises(DataError, match=r"no UTF-8: rename the file or its folder"):
+        with pytest.raises(DataError, match=r"not UTF-8: rename the file or its folder"):
             read()
     assert sorted(path.name for path in latin.iterdir()) == ["a.dng", "a.png"]
 
 
 def test_a_session_where_its_frames_could_not_be_read_is_not_begun(latin: Path) -> None:
-    with pytest.raises(DataError, match="no UTF-8"):
+    with pytest.raises(DataError, match="not UTF-8"):
         SessionWriter.create(latin / "s", manifest())
     assert list(latin.iterdir()) == []
 

@@ -1,0 +1,232 @@
+"""Temporary files: whatever has their name, nothing is followed, overwritten or waited for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from acquisition import _storage
+from acquisition._errors import StorageError
+from acquisition._storage import (
+    Part,
+    open_binary,
+    part_path,
+    published,
+    read_back,
+    read_file,
+    write_durably,
+    write_whole,
+)
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="knows no such files")
+
+
+def link(name: Path, victim: Path) -> None:
+    name.symlink_to(victim)
+
+
+def link_to_nothing(name: Path, victim: Path) -> None:
+    name.symlink_to(victim.with_name("nothing"))
+
+
+def hard_link(name: Path, victim: Path) -> None:
+    name.hardlink_to(victim)
+
+
+def pipe(name: Path, victim: Path) -> None:
+    os.mkfifo(name)
+
+
+def rest(name: Path, victim: Path) -> None:
+    name.write_bytes(b"half of a lon")
+
+
+def unreadable_rest(name: Path, victim: Path) -> None:
+    name.write_bytes(b"half")
+    name.chmod(0)
+
+
+def device(name: Path, victim: Path) -> None:
+    name.symlink_to("/dev/full")
+
+
+PLANTED = [link, link_to_nothing, hard_link, pipe, rest, unreadable_rest, device]
+Plant = Callable[[Path, Path], None]
+
+
+@pytest.fixture
+def victim(tmp_path: Path) -> Path:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "victim").write_bytes(b"mine")
+    return folder / "victim"
+
+
+def unharmed(victim: Path) -> bool:
+    return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
+
+
+@pytest.mark.parametrize("plant", PLANTED)
+@pytest.mark.parametrize("name", ["a", ".part-a"], ids=["final", "temporary"])
+def test_what_has_the_name_is_replaced_and_never_followed(
+    tmp_path: Path, victim: Path, plant: Plant, name: str
+) -> None:
+    plant(tmp_path / name, victim)
+    write_durably(tmp_path / "a", b"first ", b"second")
+    assert not (tmp_path / "a").is_symlink()
+    assert (tmp_path / "a").read_bytes() == b"first second"
+    assert (tmp_path / "a").stat().st_nlink == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "elsewhere"]
+    assert unharmed(victim)
+
+
+@pytest.mark.parametrize("plant", PLANTED)
+def test_what_takes_the_name_in_the_moment_before_it_is_created(
+    tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if another program were faster three times over."""
+    real, part = os.open, tmp_path / ".part-a"
+    left = [3]
+
+    def raced(path: object, flags: int, *mode: int) -> int:
+        if path == part and flags & os.O_CREAT and left[0]:
+            left[0] -= 1
+            plant(part, victim)
+        return real(path, flags, *mode)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(os, "open", raced)
+    write_durably(tmp_path / "a", b"data")
+    assert left == [0]
+    assert read_file(tmp_path / "a", follow=False) == b"data"
+    assert unharmed(victim)
+
+
+def test_a_link_that_replaces_the_temporary_file_is_not_published(
+    tmp_path: Path, victim: Path
+) -> None:
+    (tmp_path / "a").write_bytes(b"old")
+
+    def replaced() -> None:
+        with published(tmp_path / "a") as part:
+            write_whole(part.descriptor, b"new")
+            part.path.unlink()
+            part.path.symlink_to(victim)
+
+    with pytest.raises(StorageError, match=r"\.part-a: was replaced by another program"):
+        replaced()
+    assert (tmp_path / "a").read_bytes() == b"old"
+    assert unharmed(victim)
+
+
+@pytest.mark.parametrize("name", ["a", ".part-a"])
+def test_a_folder_in_the_way_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "theirs").write_bytes(b"x")
+    with pytest.raises(StorageError, match=r"/(\.part-)?a: .*(folder).*move it away") as caught:
+        write_durably(tmp_path / "a", b"data")
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / name / "theirs").read_bytes() == b"x"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_writers_of_one_file_take_turns(tmp_path: Path) -> None:
+    """Threads stand for processes: each has locks of its own."""
+    path, length = tmp_path / "a", 200_000
+    errors: list[BaseException] = []
+
+    def write(letter: bytes) -> None:
+        try:
+            for _ in range(20):
+                write_durably(path, letter * length, letter * length)
+        except BaseException as error:  # noqa: BLE001 - a thread has nobody to tell
+            errors.append(error)
+
+    threads = [threading.Thread(target=write, args=(bytes([65 + n]),)) for n in range(4)]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        if path.exists():
+            data = path.read_bytes()
+            assert data == data[:1] * (2 * length)
+    for thread in threads:
+        thread.join()
+    assert errors == []
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_writer_that_does_not_end_is_named_and_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_storage, "_TURN_S", 0.05)
+    with published(tmp_path / "a") as part:
+        with pytest.raises(StorageError, match="/a: another process is writing it: wait"):
+            write_durably(tmp_path / "a", b"other")
+        write_whole(part.descriptor, b"mine")
+    assert (tmp_path / "a").read_bytes() == b"mine"
+
+
+def test_the_rest_of_a_killed_process_is_gone_after_the_next_write(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from pathlib import Path
+from acquisition._storage import published, write_whole
+with published(Path(sys.argv[1])) as part:
+    write_whole(part.descriptor, b"half")
+    os.kill(os.getpid(), 9)
+"""
+    subprocess.run([sys.executable, "-P", "-c", code, tmp_path / "a"], check=False)
+    assert [path.name for path in tmp_path.iterdir()] == [".part-a"]
+    write_durably(tmp_path / "a", b"whole")
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_a_file_system_without_locks_takes_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import fcntl
+
+    def none(descriptor: int, operation: int) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(fcntl, "flock", none)
+    part_path(tmp_path / "a").write_bytes(b"rest")
+    write_durably(tmp_path / "a", b"data")
+    assert (tmp_path / "a").read_bytes() == b"data"
+
+
+@pytest.mark.parametrize("plant", [pipe, device, link])
+def test_nothing_but_a_file_is_opened_or_waited_for(
+    tmp_path: Path, victim: Path, plant: Plant
+) -> None:
+    plant(tmp_path / "a", victim)
+    for read in (read_back, lambda path: read_file(path, follow=False)):
+        with pytest.raises(OSError, match=r"regular|symbolic|Too many"):
+            read(tmp_path / "a")
+    with pytest.raises(OSError, match=r"."):
+        open_binary(tmp_path / "a", os.O_WRONLY | os.O_APPEND)
+    if plant is link:
+        assert read_file(tmp_path / "a") == b"mine"
+    else:
+        with pytest.raises(OSError, match="not a regular file"):
+            read_file(tmp_path / "a")
+    assert unharmed(victim)
+
+
+def test_the_descriptor_is_closed_whatever_happens(tmp_path: Path) -> None:
+    parts: list[Part] = []
+
+    def interrupted() -> None:
+        with published(tmp_path / "a") as part:
+            parts.append(part)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert parts[0].descriptor == -1
+    assert list(tmp_path.iterdir()) == []
