@@ -79,7 +79,7 @@ def busy(count: int) -> Iterator[None]:
     words = [sys.executable, "-c", _BUSY, str(os.getpid())]
     started: list[subprocess.Popen[bytes]] = []
     try:
-        for _ in range(count):
+        while len(started) < count:
             started.append(subprocess.Popen(words, stdin=subprocess.DEVNULL))
         yield
     finally:

@@ -34,7 +34,8 @@ def frames(width, height):
     """Every pixel says the LED: 100 grey values and 50 for each LED above the darkness."""
 
     def frame(led):
-        return np.full((height, width), BLACK_DN + (0 if led is None else 50 * (led + 1)), np.uint16)
+        above = 0 if led is None else 50 * (led + 1)
+        return np.full((height, width), BLACK_DN + above, np.uint16)
 
     return frame
 

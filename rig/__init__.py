@@ -37,6 +37,7 @@ from rig._config import RigConfig, read_rig_config
 from rig._errors import (
     BoardError,
     CameraError,
+    FrameLostError,
     FrameTimeoutError,
     RigConfigError,
     RigError,
@@ -74,6 +75,7 @@ __all__ = [
     "FlashReport",
     "FoundCamera",
     "FoundPort",
+    "FrameLostError",
     "FrameTimeoutError",
     "GenICamCamera",
     "Lights",
