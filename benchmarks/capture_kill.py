@@ -1,7 +1,5 @@
 """Kill the recording process at random moments, look at what is left, and resume.
 
-python benchmarks/capture_kill.py [--kills 200] [--seed 0] [--camera auto|gentl|inside]
-
 36 lights and a dark frame on the simulated rig, small frames, noise off, 2 ms exposures; triggered
 by software, by the board and in a sequence in turn. For each kill: every line that was in the
 journal, and every frame that had been reported, is there afterwards; everything that counts has the
@@ -11,7 +9,6 @@ pixels that its LED gives, worked out here and rounded; the session verifies, be
 Exit code 1 where any of this fails.
 """
 
-import argparse
 import json
 import os
 import random
@@ -38,6 +35,7 @@ from capture_bench import (
     wait_for,
     wrong_frames,
 )
+from harness import busy, busy_option, command_line
 
 from acquisition import Session, record, resume, verify_session
 
@@ -74,16 +72,20 @@ def resuming(folder, mode, camera):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--kills", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--camera", default="auto", choices=("auto", "gentl", "inside"))
+    parser = command_line(__doc__)
+    parser.add_argument("--kills", type=int, default=200, help="recordings that are killed")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument(
+        "--camera", default="auto", choices=("auto", "gentl", "inside"), help="which virtual one"
+    )
+    busy_option(parser)
     options = parser.parse_args()
     root = Path(tempfile.mkdtemp(prefix="sgp-kill-"))
     # Processes that are killed cannot clear up their virtual cameras.
     os.environ["TMPDIR"] = tempfile.tempdir = str(root)
     try:
-        sys.exit(run(options, root))
+        with busy(options.busy):
+            sys.exit(run(options, root))
     finally:
         shutil.rmtree(root, ignore_errors=True)
 

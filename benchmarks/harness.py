@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import ctypes
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,6 +21,14 @@ import numpy.typing as npt
 
 # Idle threads of numba's OpenMP pool would spin, and count as work.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+# Ends with the process that started it, however that one ends.
+_BUSY = """
+import os, sys
+while os.getppid() == int(sys.argv[1]):
+    for _ in range(100_000):
+        pass
+"""
 
 P = ParamSpec("P")
 Made = TypeVar("Made")
@@ -53,6 +64,28 @@ class _Help(argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpF
 def command_line(doc: str | None) -> argparse.ArgumentParser:
     """Return a parser whose help page is a benchmark's docstring, with defaults of the options."""
     return argparse.ArgumentParser(description=doc, formatter_class=_Help)
+
+
+def busy_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option ``--busy``, the number of processes for `busy`."""
+    parser.add_argument(
+        "--busy", type=int, default=0, help="processes that compute without pause meanwhile"
+    )
+
+
+@contextmanager
+def busy(count: int) -> Iterator[None]:
+    """Keep so many processes computing without pause, at normal priority, inside the ``with``."""
+    words = [sys.executable, "-c", _BUSY, str(os.getpid())]
+    started: list[subprocess.Popen[bytes]] = []
+    try:
+        while len(started) < count:
+            started.append(subprocess.Popen(words, stdin=subprocess.DEVNULL))
+        yield
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
 
 
 def measured(work: Callable[[], Made], runs: int = 1) -> tuple[Cost, Made]:

@@ -22,7 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from harness import command_line, resident_bytes
+from harness import busy, busy_option, command_line, resident_bytes
 
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, RigError, open_genicam
@@ -303,8 +303,13 @@ def main():
     parser.add_argument("--cycles", type=int, default=1000, help="of opening and closing")
     parser.add_argument("--growth-mib", type=float, default=16.0, help="allowed after a tenth")
     parser.add_argument("--seed", type=int, default=1, help="of LEDs and faults")
+    busy_option(parser)
     options = parser.parse_args()
+    with busy(options.busy):
+        return run(options)
 
+
+def run(options):
     tally, seconds = soak(options.flashes, options.share, options.seed)
     faults = sum((tally.told + tally.recovered).values())
     print(f"{tally.flashes} flashes in {seconds:.0f} s, {faults} faults injected")

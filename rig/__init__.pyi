@@ -31,6 +31,7 @@ from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
 from ._errors import BoardError as BoardError
 from ._errors import CameraError as CameraError
+from ._errors import FrameLostError as FrameLostError
 from ._errors import FrameTimeoutError as FrameTimeoutError
 from ._errors import RigConfigError as RigConfigError
 from ._errors import RigError as RigError

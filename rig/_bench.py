@@ -42,6 +42,9 @@ class BenchOptions(BaseModel):
         In the camera's own unit; left as it is otherwise.
     readout_us
         From the first to the last row of a rolling shutter, of cameras that do not tell it.
+    buffer_mib
+        Memory that frames under way may take, MiB: a sequence gets a buffer for each of its frames
+        where they fit. By default 1024, or a quarter of the computer's memory where that is less.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -56,6 +59,7 @@ class BenchOptions(BaseModel):
     frame_rate_hz: Annotated[float, Field(gt=0)] | None = None
     black_level: float | None = None
     readout_us: Annotated[float, Field(ge=0)] | None = None
+    buffer_mib: Annotated[int, Field(ge=1, le=2**20)] | None = None
 
 
 def open_bench(config: RigConfig) -> Rig:
@@ -143,4 +147,5 @@ def _camera(cti: str, options: BenchOptions) -> Camera:
         frame_rate_hz=options.frame_rate_hz,
         black_level=options.black_level,
         readout_us=options.readout_us,
+        most_bytes=None if options.buffer_mib is None else options.buffer_mib * 2**20,
     )

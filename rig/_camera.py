@@ -104,8 +104,12 @@ class Camera(Protocol):
         A value outside the camera's range is refused; the message says the range.
         """
 
-    def arm(self, trigger: Trigger = "software") -> None:
-        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten."""
+    def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
+        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten.
+
+        ``frames`` is how many may be under way at once: the camera keeps room for so many, as far
+        as memory allows. Left out by callers that need only one.
+        """
 
     def trigger(self) -> int:
         """Start one exposure by software and return, at once, the id that its frame will carry."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Self
 
 
 class RigError(Exception):
@@ -21,7 +22,36 @@ class CameraGoneError(CameraError):
     """The camera does not answer any more."""
 
 
-class FrameTimeoutError(CameraError):
+class FrameLostError(CameraError):
+    """The frame of a trigger is missing, incomplete, or not proven to be of that trigger.
+
+    Neither the object nor the light is at fault, so the shot may simply be taken again.
+
+    Parameters
+    ----------
+    message
+        What happened.
+    counts
+        What the camera's stream has counted since acquisition was started, as far as its GenTL
+        producer counts: frames ``started``, ``delivered``, and ``underrun``, those that found no
+        free buffer; and ``buffers``, how many there are.
+    """
+
+    def __init__(self, message: str, counts: Mapping[str, int] | None = None) -> None:
+        super().__init__(message)
+        self.counts = dict(counts or {})
+
+    @property
+    def host_is_slow(self) -> bool:
+        """Whether frames found no free buffer: this computer did not return them in time."""
+        return self.counts.get("underrun", 0) > 0
+
+    def because(self, more: str) -> Self:
+        """Return the same error with more to say."""
+        return type(self)(f"{self}; {more}", self.counts)
+
+
+class FrameTimeoutError(FrameLostError):
     """A frame did not come in time, and the camera has nothing to say about it."""
 
 

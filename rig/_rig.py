@@ -51,6 +51,8 @@ class Rig(Lights):
         self._settings: tuple[float, float] | None = None
         self._exposure: Exposure | None = None
         self._armed: Trigger | None = None
+        # Frames that the camera has room for.
+        self._frames = 1
         # The light goes first, whatever fails after it.
         closing = board.off, camera.disarm, camera.close, board.close, on_close
         super().__init__(board, config, closing)
@@ -154,9 +156,10 @@ class Rig(Lights):
             self._check_led(led)
         exposure = self._configure(exposure_us, gain_db)
         try:
-            self._arm("line")
+            parts = tuple(runs(tuple(leds), self.board.identity.max_steps))
+            self._arm("line", max(map(len, parts), default=1))
             self._bench.chain.cut()
-            for part in runs(tuple(leds), self.board.identity.max_steps):
+            for part in parts:
                 # Two frames alone do not prove each other: a lost trigger and a stray one could
                 # stand in for them.
                 if len(part) <= 2:
@@ -228,12 +231,16 @@ class Rig(Lights):
             self._settings = (exposure_us, gain_db)
         return self._exposure
 
-    def _arm(self, trigger: Trigger) -> None:
-        if self._armed != trigger:
-            self._armed = None
-            self._bench.chain.cut()
+    def _arm(self, trigger: Trigger, frames: int = 1) -> None:
+        if self._armed == trigger and frames <= self._frames:
+            return
+        self._armed = None
+        self._bench.chain.cut()
+        if frames > 1:
+            self.camera.arm(trigger, frames)
+        else:
             self.camera.arm(trigger)
-            self._armed = trigger
+        self._armed, self._frames = trigger, frames
 
     def _off_after(self, error: BaseException) -> None:
         """Turn the LEDs off on the way out of an error, which stays the one that is told."""

@@ -22,12 +22,15 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.writer import SessionWriter
-from rig import Rig, RigError, Shot
+from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
 
 # Frames that may wait for the disk; with the camera's own buffers they stay under a dozen.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
 THREADS: Final = 2
+# How often a shot is taken again whose frame was lost, whatever the plan says: the object and the
+# light have nothing to do with it.
+LOST_RETAKES: Final = 3
 
 
 class StoppedError(KeyboardInterrupt):
@@ -83,6 +86,9 @@ class Recording:
         self._total = writer.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
+        self._losses: Counter[ShotKey] = Counter()
+        # A frame has come: where none has, the trigger may lack its wire.
+        self._delivered = False
         self._sequenced = plan.sequence and rig.config.trigger == "board"
         self._card_is_there = False
 
@@ -220,6 +226,7 @@ class Recording:
 
     def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
         """Have a frame written; False where it is known by now that it does not count."""
+        self._delivered = True
         quality, counts = None, True
         if planned.lit_led is None:
             # At once, as later frames are judged by it.
@@ -240,13 +247,24 @@ class Recording:
 
     def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
         """Note that a shot has to be taken again, or raise the error."""
-        self._failures[shot.key] += 1
-        failures = self._failures[shot.key]
-        if failures > self._plan.retakes:
+        failed, most = self._failures, self._plan.retakes
+        if isinstance(error, FrameLostError):
+            self.event("frames_lost", file=shot.file, led=shot.lit_led, **error.counts)
+            failed = self._losses
+            if self._came(error):
+                most = max(most, LOST_RETAKES)
+        failed[shot.key] += 1
+        failures = failed[shot.key]
+        if failures > most:
             if failures > 1:
                 error.add_note(f"{shot.file} was taken {failures} times")
             raise error
         self.event("retake", file=shot.file, led=shot.lit_led, reason=str(error), failures=failures)
+
+    def _came(self, error: FrameLostError) -> bool:
+        """Tell whether frames come at all, so that only some were lost."""
+        waited = isinstance(error, FrameTimeoutError)
+        return not waited or self._delivered or error.counts.get("delivered", 0) > 0
 
     def _store(
         self,

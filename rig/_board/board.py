@@ -19,9 +19,8 @@ from rig._board.values import (
 )
 from rig._errors import BoardError, close_after
 
-OFF_ATTEMPTS = 8
 # How long an ON and the OFF after it may take at worst.
-ON_OFF_TIMEOUT_S = (ATTEMPTS + OFF_ATTEMPTS) * REPLY_TIMEOUT_S
+ON_OFF_TIMEOUT_S = 2 * ATTEMPTS * REPLY_TIMEOUT_S
 # A board that resets when its port opens may sit in its boot loader for two seconds.
 HANDSHAKE_TIMEOUT_S = 4.0
 _UPTIME_WRAPS_MS = 1_000_000_000
@@ -97,7 +96,7 @@ class Board:
             If the board does not confirm it; hold and watchdog then end the light.
         """
         self._line.abandon()
-        outcome = self._line.ask("OFF", attempts=OFF_ATTEMPTS).done()
+        outcome = self._line.ask("OFF").done()
         return BoardEcho(outcome.seq, outcome.led(0))
 
     def level(self, led: int, level: int) -> BoardEcho:

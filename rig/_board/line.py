@@ -35,7 +35,8 @@ _OPEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError)
 _DARKEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError, TypeError)
 
 REPLY_TIMEOUT_S = 0.25
-ATTEMPTS = 3
+# A simulated board on a busy computer may be kept waiting for a second; its LED is safe meanwhile.
+ATTEMPTS = 8
 _WRITE_TIMEOUT_S = 1.0
 
 

@@ -2,49 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from collections import deque
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-from genicam import gentl
 from harvesters.core import Callback
-from harvesters.util.pfnc import symbolics
 
-from rig._errors import CameraError
-from rig._genicam.errors import told
-from rig._genicam.pixels import PixelFormat, decode
+from rig._errors import CameraError, FrameLostError
+from rig._genicam.buffers import (
+    LEAST,
+    Buffering,
+    announceable,
+    buffering,
+    memory_limit,
+    with_copies,
+)
+from rig._genicam.collector import Collector
+from rig._genicam.errors import GENICAM_ERRORS, told
+from rig._genicam.pixels import PixelFormat
+from rig._genicam.received import Content, ReceivedFrame
+from rig._genicam.stream_counts import StreamCounts
 
 # harvesters holds the interpreter's lock while it waits: so it is asked often, and never waits.
 _POLL_S = 2e-5
-_BIG_ENDIAN = gentl.PIXELENDIANNESS_IDS.PIXELENDIANNESS_BIG
-_IMAGES = (
-    gentl.PAYLOADTYPE_INFO_IDS.PAYLOAD_TYPE_IMAGE,
-    gentl.PAYLOADTYPE_INFO_IDS.PAYLOAD_TYPE_CHUNK_DATA,
-)
-
-
-class IncompleteFrameError(CameraError):
-    """A frame arrived in part only."""
-
-
-@dataclass(frozen=True, eq=False)
-class ReceivedFrame:
-    """A whole frame out of a buffer.
-
-    Parameters
-    ----------
-    block
-        The device's own count.
-    timestamp_ns
-        The device's own clock, 0 where it does not tell.
-    pixels
-        ``(H, W)`` uint16.
-    """
-
-    block: int
-    timestamp_ns: int
-    pixels: npt.NDArray[np.uint16]
+_UNKNOWN: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
+# How soon the collecting thread notices that it is to end, while another one looks at a frame.
+_PATIENCE_S = 0.05
 
 
 class _Heard(Callback):  # type: ignore[misc] # harvesters has no types
@@ -60,12 +43,17 @@ class _Heard(Callback):  # type: ignore[misc] # harvesters has no types
 class Acquisition:
     """The stream of frames of a camera.
 
+    Frames lie in buffers until they are asked for. Where there are fewer buffers than frames may
+    be under way, a thread copies frames out of them meanwhile, between `collect` and `rest`.
+
     Parameters
     ----------
     acquirer
         harvesters' ``ImageAcquirer``.
     camera
         What messages call the camera.
+    most_bytes
+        Memory that frames may take; None for the `memory_limit`.
 
     Raises
     ------
@@ -73,9 +61,10 @@ class Acquisition:
         If the camera has not exactly one stream.
     """
 
-    def __init__(self, acquirer: Any, camera: str) -> None:
+    def __init__(self, acquirer: Any, camera: str, most_bytes: int | None = None) -> None:
         self._acquirer = acquirer
         self._camera = camera
+        self._most_bytes = memory_limit() if most_bytes is None else most_bytes
         self._heard = _Heard()
         self._running = False
         self._form: PixelFormat | None = None
@@ -84,6 +73,16 @@ class Acquisition:
             raise CameraError(f"camera {camera} has {streams} data streams, wanted is one")
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, self._heard)
         acquirer.timeout_period_on_update_event_data_call = 0
+        self._counts = StreamCounts(acquirer.data_streams[0])
+        self._room = Buffering(LEAST)
+        # What the producer takes: payload, how many were wanted, how many it took.
+        self._taken = (0, 0, 0)
+        # Guards the stream's queue and what was collected from it. Reentrant: a signal handler may
+        # close the camera while this thread looks at a frame.
+        self._lock = threading.RLock()
+        # None stands for a frame that arrived in part.
+        self._collected: deque[Content | None] = deque()
+        self._collector = Collector(self._collect_one)
 
     @property
     def running(self) -> bool:
@@ -95,83 +94,120 @@ class Acquisition:
         self._form = form
         self._size = size
 
-    def start(self) -> None:
-        """Start with all buffers empty."""
+    def start(self, frames: int = 1) -> None:
+        """Start with all buffers empty, and with room for so many frames at once."""
         with told(f"camera {self._camera}, start of acquisition"):
+            self._room = self._made_room(frames)
+            least = self._acquirer.min_num_buffers
+            self._acquirer.num_buffers = max(least, self._room.buffers)
             self._acquirer.start()
+        self._counts.begin()
         self._running = True
 
     def stop(self) -> None:
         """Stop, and throw away whatever has not been taken."""
+        self.rest()
+        self._collected.clear()
         self._running = False
         with told(f"camera {self._camera}, end of acquisition"):
             self._acquirer.stop()
+
+    def collect(self) -> None:
+        """Take frames out of their buffers as they come, where buffers are too few to keep them."""
+        if self._room.copies:
+            self._collector.begin()
+
+    def rest(self) -> None:
+        """Leave frames in their buffers; what was collected stays."""
+        self._collector.end()
+
+    def counts(self) -> dict[str, int]:
+        """Return what the producer counted since the start: see `FrameLostError`."""
+        return {**self._counts.read(), "buffers": self._room.buffers}
 
     def poll(self) -> ReceivedFrame | None:
         """Return the next frame, None where there is none at this moment.
 
         Raises
         ------
-        IncompleteFrameError
+        FrameLostError
             If one arrived in part; its buffer waits for another again.
         CameraError
             If the camera does not answer, or a frame is not what was expected.
         """
-        self._heard.incomplete = False
+        with self._lock:
+            if not self._collected:
+                return self._from_buffer()
+            content = self._collected.popleft()
+        if content is None:
+            raise self._incomplete()
+        return self._frame(content)
+
+    def _from_buffer(self) -> ReceivedFrame | None:
         with told(f"camera {self._camera}, awaiting a frame"):
-            buffer = self._acquirer.try_fetch(timeout=_POLL_S, is_raw=True)
+            buffer = self._next_buffer()
             if buffer is None:
                 if self._heard.incomplete:
-                    raise IncompleteFrameError(f"camera {self._camera}: a frame arrived in part")
+                    raise self._incomplete()
                 return None
             try:
-                return self._received(buffer)
+                return self._frame(Content.of(buffer))
             finally:
                 buffer.parent.queue_buffer(buffer)
 
-    def _received(self, buffer: Any) -> ReceivedFrame:
-        if buffer.payload_type not in _IMAGES:
-            raise CameraError(
-                f"camera {self._camera}: its buffers hold payload of type {buffer.payload_type}, "
-                "not images; turn multi-part, compressed and 3D payloads off"
-            )
-        form = self._form
-        name = symbolics.get(int(buffer.pixel_format), hex(int(buffer.pixel_format)))
-        size = int(buffer.height), int(buffer.width)
-        if form is None or name != form.name or size != self._size:
-            raise CameraError(
-                f"camera {self._camera}: a frame of {size[1]} x {size[0]} pixels in {name} came, "
-                f"set is {self._size[1]} x {self._size[0]} in {form.name if form else 'nothing'}; "
-                "open the camera again"
-            )
-        filled = int(_told_or(buffer, "size_filled", len(buffer.raw_buffer)))
-        start = int(_told_or(buffer, "image_offset", 0))
-        return ReceivedFrame(
-            int(buffer.frame_id),
-            _timestamp_ns(buffer),
-            decode(
-                memoryview(buffer.raw_buffer)[start:filled],
-                form,
-                size=size,
-                padding=int(_told_or(buffer, "padding_x", 0)),
-                big_endian=_told_or(buffer, "pixel_endianness", None) == _BIG_ENDIAN,
-                camera=self._camera,
-            ),
-        )
+    def _collect_one(self) -> bool:
+        """Copy a frame out of its buffer; return whether there was one, and room for it."""
+        if not self._lock.acquire(timeout=_PATIENCE_S):
+            return False
+        try:
+            if len(self._collected) >= self._room.copies:
+                return False
+            with told(f"camera {self._camera}, awaiting a frame"):
+                buffer = self._next_buffer()
+                if buffer is None:
+                    if self._heard.incomplete:
+                        self._collected.append(None)
+                    return self._heard.incomplete
+                try:
+                    self._collected.append(Content.of(buffer).copied())
+                finally:
+                    buffer.parent.queue_buffer(buffer)
+                return True
+        finally:
+            self._lock.release()
 
+    def _next_buffer(self) -> Any | None:
+        self._heard.incomplete = False
+        return self._acquirer.try_fetch(timeout=_POLL_S, is_raw=True)
 
-def _told_or(buffer: Any, name: str, default: Any) -> Any:
-    """Return what the producer tells of a buffer, or the default where it need not and does not."""
-    try:
-        return getattr(buffer, name)
-    except gentl.GenericException:
-        return default
+    def _frame(self, content: Content) -> ReceivedFrame:
+        return content.frame(self._form, self._size, self._camera)
 
+    def _incomplete(self) -> FrameLostError:
+        return FrameLostError(f"camera {self._camera}: a frame arrived in part", self.counts())
 
-def _timestamp_ns(buffer: Any) -> int:
-    stated = _told_or(buffer, "timestamp_ns", None)
-    if stated is not None:
-        return int(stated)
-    ticks = int(_told_or(buffer, "timestamp", 0))
-    frequency_hz = int(_told_or(buffer.parent.parent, "timestamp_frequency", 0))
-    return ticks * 1_000_000_000 // frequency_hz if frequency_hz else 0
+    def _made_room(self, frames: int) -> Buffering:
+        """Return the room that so many frames get, by memory and by what the producer takes."""
+        payload = self._payload()
+        room = buffering(frames, payload, self._most_bytes)
+        tried, wanted, taken = self._taken
+        if payload != tried or room.buffers > wanted == taken:
+            wanted, taken = room.buffers, announceable(self._stream, payload, room.buffers)
+            self._taken = payload, wanted, taken
+        if taken >= room.buffers:
+            return room
+        return with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
+
+    def _payload(self) -> int:
+        """Return the bytes of a buffer, as harvesters will ask for them."""
+        try:
+            if self._stream.defines_payload_size():
+                return int(self._stream.payload_size)
+            return int(self._acquirer.remote_device.node_map.PayloadSize.value)
+        except _UNKNOWN:
+            # Whatever is wrong there, starting will say.
+            return 2 * self._size[0] * self._size[1]
+
+    @property
+    def _stream(self) -> Any:
+        return self._acquirer.data_streams[0]

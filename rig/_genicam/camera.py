@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from rig._camera import CameraFrame, Trigger
-from rig._errors import CameraError, FrameTimeoutError
-from rig._genicam.acquisition import Acquisition, ReceivedFrame
+from rig._errors import CameraError, FrameLostError, FrameTimeoutError
+from rig._genicam.acquisition import Acquisition
 from rig._genicam.automatics import turn_off_automatics
 from rig._genicam.count import BlockCount
 from rig._genicam.nodes import Nodes
+from rig._genicam.received import ReceivedFrame
 from rig._genicam.settings import EXPOSURE, Settings
 from rig._genicam.setup import CameraOptions, check_needs, set_up
 from rig._genicam.system import OpenDevice, open_device
@@ -49,6 +50,8 @@ class GenICamCamera:
         self._name = device.found.serial or device.found.model
         self._free = "trigger" not in options.needs
         self._armed: Trigger | None = None
+        # Frames that may be under way at once.
+        self._frames = 1
         self._closed = False
         # The last fetch failed: what is under way is thrown away before the next trigger.
         self._stale = False
@@ -59,7 +62,7 @@ class GenICamCamera:
         self._temperature: tuple[float, float | None] = (-_TEMPERATURE_EVERY_S, None)
         try:
             self._nodes = Nodes(device.acquirer.remote_device.node_map, self._name)
-            self._acquisition = Acquisition(device.acquirer, self._name)
+            self._acquisition = Acquisition(device.acquirer, self._name, options.most_bytes)
             self._count = BlockCount()
             self._trigger = TriggerControl(self._nodes, options.trigger_line)
             check_needs(self._nodes, device.found, options.needs)
@@ -88,10 +91,15 @@ class GenICamCamera:
         self.info = replace(self.info, frame_period_us=self._settings.frame_period_us())
         return exposure_us
 
-    def arm(self, trigger: Trigger = "software") -> None:
-        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten."""
+    def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
+        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten.
+
+        Each of so many frames gets a buffer of its own, as far as memory and producer allow;
+        where they do not, a thread empties the buffers while frames are under way.
+        """
         self._check_open()
         self._armed = None
+        self._frames = frames
         self._acquisition.stop()
         if not self._free:
             self._trigger.choose(trigger)
@@ -121,9 +129,15 @@ class GenICamCamera:
         if not under_way or not self._acquisition.running:
             raise CameraError(f"camera {self._name}: no frame {frame_id} is under way")
         self._stale = True
-        frame = self._await(frame_id, timeout_s, waiting)
+        try:
+            frame = self._await(frame_id, timeout_s, waiting)
+        except BaseException:
+            self._acquisition.rest()
+            raise
         self._stale = False
         self._unfetched_id = frame_id + 1
+        if self._unfetched_id == self._next_id:
+            self._acquisition.rest()
         return CameraFrame(
             pixels=frame.pixels,
             frame_id=frame_id,
@@ -143,6 +157,7 @@ class GenICamCamera:
         """Give the camera back; closing twice does nothing."""
         if not self._closed:
             self._closed = True
+            self._acquisition.rest()
             self._device.close()
 
     def _check_open(self) -> None:
@@ -163,11 +178,13 @@ class GenICamCamera:
         elif self._next_id == self._unfetched_id:
             self._refuse_strangers()
         self._next_id += 1
+        if self._next_id - self._unfetched_id > 1:
+            self._acquisition.collect()
         return self._next_id - 1
 
     def _start(self) -> None:
         self._stale = True
-        self._acquisition.start()
+        self._acquisition.start(self._frames)
         self._count.started()
         self._first_id = self._unfetched_id = self._next_id
         self._stale = False
@@ -177,9 +194,10 @@ class GenICamCamera:
         self._stale = True
         while self._acquisition.poll() is not None:
             if not self._free:
-                raise CameraError(
+                raise FrameLostError(
                     f"camera {self._name} took a frame without a trigger{self._on_line()}: check "
-                    "the wire for noise, then shoot again"
+                    "the wire for noise, then shoot again",
+                    self._acquisition.counts(),
                 )
         self._stale = False
 
@@ -200,9 +218,11 @@ class GenICamCamera:
             if now_s - began_s >= timeout_s:
                 self._settings.check_answers()
                 line = f", armed on {self._options.trigger_line}," if self._armed == "line" else ":"
+                counts = self._acquisition.counts()
                 raise FrameTimeoutError(
                     f"camera {self._name}{line} frame {frame_id} did not come within "
-                    f"{timeout_s:g} s of waiting; check trigger and cable"
+                    f"{timeout_s:g} s of waiting; {_cause(counts, 'check trigger and cable')}",
+                    counts,
                 )
             time.sleep(_POLL_S)
             if waiting is not None and now_s - told_s >= _WAITING_EVERY_S:
@@ -214,22 +234,25 @@ class GenICamCamera:
 
         Raises
         ------
-        CameraError
+        FrameLostError
             If it is a newer one, so that the awaited frame is lost, or its block id came before.
         """
         if self._free:
             return True
         place = self._count.place(frame.block, self._next_id - self._first_id)
         if place is None:
-            raise CameraError(
+            raise FrameLostError(
                 f"camera {self._name}: awaiting frame {frame_id}, block {frame.block} came twice "
-                "or after a later one; it is thrown away, shoot again"
+                "or after a later one; it is thrown away, shoot again",
+                self._acquisition.counts(),
             )
         if self._first_id + place > frame_id:
-            raise CameraError(
+            counts = self._acquisition.counts()
+            cause = _cause(counts, "shoot again, and check cable and network if it happens often")
+            raise FrameLostError(
                 f"camera {self._name}: frame {frame_id} was lost on its way, frame "
-                f"{self._first_id + place} came in its place; shoot again, and check cable and "
-                "network where it happens often"
+                f"{self._first_id + place} came in its place; {cause}",
+                counts,
             )
         return self._first_id + place == frame_id
 
@@ -239,6 +262,23 @@ class GenICamCamera:
         if now_s - self._temperature[0] >= _TEMPERATURE_EVERY_S:
             self._temperature = now_s, self._settings.temperature_c()
         return self._temperature[1]
+
+
+def _cause(counts: Mapping[str, int], otherwise: str) -> str:
+    """Say why a frame is missing, from what the stream counted."""
+    if "underrun" not in counts:
+        return (
+            f"{otherwise}; this GenTL producer does not count frames that find no free buffer, so "
+            "a busy computer may be the cause too"
+        )
+    if (underrun := counts["underrun"]) == 0:
+        return otherwise
+    frames = "1 frame" if underrun == 1 else f"{underrun} frames"
+    return (
+        f"{frames} found none of the {counts['buffers']} buffers free, because this computer is "
+        "too busy to take them in time: end other programs, or set frame_rate_hz in the rig file "
+        "for a slower camera"
+    )
 
 
 def open_genicam(
@@ -251,6 +291,7 @@ def open_genicam(
     frame_rate_hz: float | None = None,
     black_level: float | None = None,
     readout_us: float | None = None,
+    most_bytes: int | None = None,
     needs: Collection[str] = ("exposure", "trigger"),
 ) -> GenICamCamera:
     """Open the camera that a GenTL producer offers.
@@ -261,7 +302,7 @@ def open_genicam(
         The producer (.cti file), or several to look through.
     serial, model
         As the camera states them; None where there is only one.
-    pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, needs
+    pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, most_bytes, needs
         See `CameraOptions`.
 
     Raises
@@ -271,7 +312,7 @@ def open_genicam(
         set up: see `GenICamCamera`.
     """
     options = CameraOptions(
-        pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, needs
+        pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, most_bytes, needs
     )
     ctis = [cti] if isinstance(cti, str | Path) else list(cti)
     return GenICamCamera(open_device(ctis, serial=serial, model=model), options)

@@ -49,9 +49,10 @@ class BlockCount:
         """Return the id of the first trigger's frame, given the first id that came."""
         if triggers == 1 and self._base is None:
             self._base = block
-        if self._base is None:
-            return min(block, 1)
-        if block != self._base and block >= self._next and (self._continues or triggers == 1):
+        base = min(block, 1) if self._base is None else self._base
+        # There are no so many triggers: this count did not begin with them.
+        beyond = block - base >= triggers
+        if block != base and block >= self._next and (self._continues or triggers == 1 or beyond):
             self._continues = True
             return block
-        return self._base
+        return base

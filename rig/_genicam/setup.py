@@ -38,6 +38,9 @@ class CameraOptions:
         In the camera's own unit; None leaves it.
     readout_us
         Of a rolling shutter; None asks the camera.
+    most_bytes
+        Memory that frames under way may take; None for 1 GiB, or a quarter of the computer's memory
+        where that is less.
     needs
         What the camera must be able to do: "exposure", "trigger". One that need not be triggered
         runs freely, and `GenICamCamera.trigger` then stands for its next frame: good for a look,
@@ -49,6 +52,7 @@ class CameraOptions:
     frame_rate_hz: float | None = None
     black_level: float | None = None
     readout_us: float | None = None
+    most_bytes: int | None = None
     needs: Collection[str] = ("exposure", "trigger")
 
 

@@ -20,10 +20,10 @@ from genicam import gentl
 from harvesters.core import Harvester, ParameterKey, ParameterSet
 
 from rig._errors import CameraError
+from rig._genicam.buffers import LEAST
 from rig._genicam.cti import check_cti
 from rig._genicam.errors import GENICAM_ERRORS, in_words
 
-_BUFFERS = 4
 _TAKEN: tuple[type[Exception], ...] = (gentl.AccessDeniedException, gentl.ResourceInUseException)
 # harvesters takes for granted that the camera's XML was understood, and trips where it was not.
 _CREATION_ERRORS: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AssertionError, AttributeError)
@@ -222,7 +222,7 @@ def _create(harvester: Any, index: int, found: FoundCamera) -> Any:
     config = ParameterSet(
         {
             ParameterKey.ENABLE_AUTO_CHUNK_DATA_UPDATE: False,
-            ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: _BUFFERS,
+            ParameterKey.NUM_BUFFERS_FOR_FETCH_CALL: LEAST,
         }
     )
     try:

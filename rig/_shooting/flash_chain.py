@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from rig._camera import CameraFrame
-from rig._errors import CameraError
+from rig._errors import CameraError, FrameLostError
 from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
 from rig._shooting.frame_time import time_ns
 from rig._shooting.shot import led_name
@@ -75,8 +75,10 @@ class FlashChain:
 
         Raises
         ------
+        FrameLostError
+            If the frame was not exposed as long after the one before.
         CameraError
-            If the frame was not exposed as long after the one before, or the camera tells no time.
+            If the camera tells no time, or the board has restarted.
         """
         last_ns = self._last_ns
         self.cut()
@@ -89,7 +91,7 @@ class FlashChain:
         apart_us = (time_ns(frame, self._camera) - last_ns) / 1000
         off_us = abs(apart_us - self._rate * since_us)
         if off_us > min(self._open_us(since_us), exposure.margin_us):
-            raise CameraError(
+            raise FrameLostError(
                 f"{where} was exposed {apart_us:.0f} us after the one before it, their triggers "
                 f"were {since_us} us apart: something else triggered the camera, and the frame is "
                 "thrown away; check the trigger wire for noise, and shoot again"

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from rig._board.values import BoardEcho, StepReport
 from rig._camera import CameraFrame
-from rig._errors import BoardError, CameraError, RigError
+from rig._errors import BoardError, CameraError, FrameLostError, RigError
 from rig._shooting.alive import SignOfLife
 from rig._shooting.exposure import LONGEST_RUN, Exposure
 from rig._shooting.shooting import Bench, check_light
@@ -90,18 +90,21 @@ def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
 
 def _check_id(bench: Bench, led: int | None, expected: int, frame: CameraFrame) -> None:
     if frame.frame_id != expected:
-        raise CameraError(
+        raise FrameLostError(
             f"camera {bench.camera.info.serial} delivered frame {frame.frame_id} at the turn of "
             f"{led_name(led)}, awaited was frame {expected}: take the sequence again"
         )
 
 
 def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> CameraError:
-    return CameraError(
-        f"{error}; it is step {index} of a sequence, the turn of {led_name(led)}"
-        f"{_standing(bench)}: check the wire from the board's trigger output to the camera's line, "
-        "and trigger_line and frame_period_ms in the rig file"
+    where = f"it is step {index} of a sequence, the turn of {led_name(led)}{_standing(bench)}"
+    check = (
+        "check the wire from the board's trigger output to the camera's line, and trigger_line and "
+        "frame_period_ms in the rig file"
     )
+    if not isinstance(error, FrameLostError):
+        return CameraError(f"{error}; {where}: {check}")
+    return error.because(where if error.host_is_slow else f"{where}: {check}")
 
 
 def _standing(bench: Bench) -> str:

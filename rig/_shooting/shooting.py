@@ -10,7 +10,7 @@ from rig._board.board import ON_OFF_TIMEOUT_S, Board
 from rig._board.values import BoardEcho, FlashReport, StepReport
 from rig._camera import Camera, CameraFrame
 from rig._config import RigConfig
-from rig._errors import BoardError, CameraError, RigError
+from rig._errors import BoardError, CameraError, FrameLostError, RigError
 from rig._shooting.alive import SignOfLife
 from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
 from rig._shooting.flash_chain import FlashChain
@@ -135,14 +135,14 @@ def _flash(
     report = board.flash(led, exposure.ahead_us, exposure.hold_us)
     bench.triggered(exposure, time.monotonic() - exposure.needed_us / 1e6)
     check_light(bench, led, exposure, report, light)
+    pulsed = f"the LED board on {board.port} did pulse its trigger line under {light}"
+    check = "check the wire from there to the camera's line, and trigger_line in the rig file"
     try:
         frame = camera.fetch(frame_id, bench.config.frame_timeout_s)
+    except FrameLostError as error:
+        raise error.because(pulsed if error.host_is_slow else f"{pulsed}: {check}") from error
     except CameraError as error:
-        raise CameraError(
-            f"{error}; the LED board on {board.port} did pulse its trigger line under "
-            f"{light}: check the wire from there to the camera's line, and trigger_line in "
-            "the rig file"
-        ) from error
+        raise CameraError(f"{error}; {pulsed}: {check}") from error
     echo = BoardEcho(report.seq, report.led, report.lit_us, report.active_us)
     shot = Shot(_awaited(camera, led, frame_id, frame), led, echo)
     return shot, report
@@ -203,7 +203,7 @@ def _check_burning(board: Board, led: int | None, burned: int | None, ends_s: fl
 
 def _awaited(camera: Camera, led: int | None, frame_id: int, frame: CameraFrame) -> CameraFrame:
     if frame.frame_id != frame_id:
-        raise CameraError(
+        raise FrameLostError(
             f"camera {camera.info.serial} delivered frame {frame.frame_id} for the shot with "
             f"{led_name(led)}, awaited was frame {frame_id}: shoot again"
         )

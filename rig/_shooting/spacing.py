@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rig._camera import CameraFrame
-from rig._errors import CameraError
+from rig._errors import FrameLostError
 from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE
 from rig._shooting.frame_time import time_ns
 from rig._shooting.shot import led_name
@@ -41,15 +41,17 @@ class Spacing:
 
         Raises
         ------
-        CameraError
+        FrameLostError
             If the time from the frame before it, or from the first one, is not that between their
-            triggers, or the camera tells no time.
+            triggers.
+        CameraError
+            If the camera tells no time.
         """
         frame_us = time_ns(frame, self._camera) / 1000
         for frame_id, taken_us, pulsed_us in self._taken:
             apart_us, pulses_us = frame_us - taken_us, trigger_us - pulsed_us
             if abs(apart_us - pulses_us) > CLOCK_JITTER_US + CLOCK_SHARE * pulses_us:
-                raise CameraError(
+                raise FrameLostError(
                     f"camera {self._camera}: frame {frame.frame_id}, the turn of {led_name(led)}, "
                     f"was exposed {apart_us:.0f} us after frame {frame_id}, their triggers were "
                     f"{pulses_us:.0f} us apart: a trigger was missed or one too many seen, and the "

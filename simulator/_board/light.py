@@ -19,8 +19,9 @@ State = Literal["IDLE", "ON", "FLASH", "RUN", "HALT"]
 _US = 1000
 # Steps are stated this long ahead, so that a process that sleeps too long delays none.
 _AHEAD_NS = 250_000_000
-# How late a simulated camera may state an exposure, for want of a wire, and how often to look.
-_GRACE_NS = 50_000_000
+# How late a simulated camera may state an exposure, for want of a wire, and how often to look. The
+# host and its camera may have to wait for a busy computer; a flash is asked for again after 250 ms.
+_GRACE_NS = 200_000_000
 _LOOK_NS = 1_000_000
 
 

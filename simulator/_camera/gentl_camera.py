@@ -32,7 +32,7 @@ from simulator._scene.lens import CFAS
 from simulator.gentl import build
 
 GentlPlanes = Callable[[int | None], npt.NDArray[Any] | None]
-GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug"]
+GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug", "underrun"]
 Automatic = Literal["exposure", "gain", "white", "gamma"]
 _STEADY = Lamps()
 
@@ -102,6 +102,8 @@ class GentlCamera:
         Automatics that take a new setting and do not obey.
     without_nodes
         Nodes that this camera lacks.
+    most_buffers
+        How many buffers its stream takes, 1 to 256.
     temperature_c
         Of the device, degrees Celsius.
 
@@ -143,6 +145,7 @@ class GentlCamera:
         automatics: Collection[Automatic] = (),
         stuck: Collection[Automatic] = (),
         without_nodes: Collection[str] = (),
+        most_buffers: int = 256,
         temperature_c: float = 40.0,
     ) -> None:
         self.serial = serial
@@ -152,6 +155,7 @@ class GentlCamera:
         self._check(all(1 <= n <= 65535 for n in size), f"a size of {size} cannot be")
         self._check(0.1 <= frame_rate_hz <= 1e6, f"{frame_rate_hz} Hz cannot be: 0.1 to 1e6")
         self._check(0 <= readout_us <= 1e7, f"a readout of {readout_us} us cannot be: 0 to 1e7")
+        self._check(1 <= most_buffers <= 256, f"{most_buffers} buffers cannot be: 1 to 256")
         bench = b"" if bench_state_path is None else str(bench_state_path.absolute()).encode()
         self._check(len(bench) < MAX_PATH, f"the path of the bench state is too long: {bench!r}")
         name = serial.encode()
@@ -179,6 +183,7 @@ class GentlCamera:
         fields.autos = sum(AUTOMATICS[automatic] for automatic in set(automatics))
         fields.stuck = sum(AUTOMATICS[automatic] for automatic in set(stuck))
         fields.patterned = pattern is not None
+        fields.most_buffers = most_buffers
         fields.seed = seed
         fields.cfa = (cfa or "").encode()
         fields.serial = name
@@ -212,7 +217,8 @@ class GentlCamera:
         kind
             ``lost``: never comes. ``late``: comes ``late_ms`` later, and so do all behind it.
             ``incomplete``: half of its rows. ``doubled``: comes twice. ``missed``: its trigger is
-            not seen. ``unplug``: the camera is unplugged instead of exposing.
+            not seen. ``unplug``: the camera is unplugged instead of exposing. ``underrun``: finds
+            no free buffer, as on a computer that does not return them in time.
         late_ms
             Of a late frame, milliseconds.
 

@@ -13,7 +13,15 @@ from typing import Any
 FAULTS = 256
 MAX_LEDS = 1024
 MAX_PATH = 1024
-FAULT_KINDS = {"lost": 1, "late": 2, "incomplete": 3, "doubled": 4, "missed": 5, "unplug": 6}
+FAULT_KINDS = {
+    "lost": 1,
+    "late": 2,
+    "incomplete": 3,
+    "doubled": 4,
+    "missed": 5,
+    "unplug": 6,
+    "underrun": 7,
+}
 AUTOMATICS = {"exposure": 1, "gain": 2, "white": 4, "gamma": 8}
 CONTENT_PLANES, CONTENT_FRAMES = 1, 2
 _VERSION = 1
@@ -36,7 +44,7 @@ class _Layout(ctypes.Structure):
     _fields_ = [
         ("magic", ctypes.c_char * 8),
         *_fields(ctypes.c_uint32, "version size width height leds content bit_depth noisy rolling"),
-        *_fields(ctypes.c_uint32, "block_base autos stuck patterned reserved"),
+        *_fields(ctypes.c_uint32, "block_base autos stuck patterned most_buffers"),
         ("seed", ctypes.c_uint64),
         ("cfa", ctypes.c_char * 8),
         ("serial", ctypes.c_char * 64),

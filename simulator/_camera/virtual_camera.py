@@ -165,8 +165,8 @@ class VirtualCamera:
         self._gain_db = gain_db
         return self._exposure_us
 
-    def arm(self, trigger: Trigger = "software") -> None:
-        """Make ready for triggers and forget frames that are under way."""
+    def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
+        """Make ready for triggers and forget frames that are under way; there is room for all."""
         self._check()
         self._armed = trigger
         self._stale = False
@@ -246,10 +246,15 @@ class VirtualCamera:
         )
         self._lamps_ns += round(self._exposure_us * 1000)
 
-    def _read_line(self) -> None:
-        """Start an exposure at every trigger pulse since the line was read last."""
+    def _read_line(self, frame_id: int) -> None:
+        """Start an exposure at each trigger pulse since the line was read last, up to this frame's.
+
+        What happens at later pulses, such as an unplugging, must not cost frames before them.
+        """
         now_ns = time.monotonic_ns()
         for pulse in self._bench.triggers():
+            if self._pulse_id > frame_id:
+                return
             if self._pulses_ns < pulse.time_ns <= now_ns:
                 self._expose(self._pulse_id, pulse.time_ns, lasting=True)
                 # A pulse that comes too soon after this one is missed.
@@ -267,7 +272,7 @@ class VirtualCamera:
         began_s = told_s = time.monotonic()
         while True:
             if self._armed == "line":
-                self._read_line()
+                self._read_line(frame_id)
             exposure = self._started.get(frame_id)
             now_s = time.monotonic()
             left_s = began_s + timeout_s - now_s

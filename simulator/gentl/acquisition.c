@@ -15,7 +15,9 @@
 #include "picture.h"
 #include "stream.h"
 
-#define UNDER_WAY 16 /* exposures whose frames are not out yet; more do not fit the memory */
+/* Exposures whose frames are not out yet; more do not fit the camera's memory. As many as pulses are
+ * remembered, so that threads which a busy host keeps waiting miss none. */
+#define UNDER_WAY BENCH_PULSES
 #define POLL_NS 200000
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
@@ -224,7 +226,8 @@ static void *put_frames_out(void *unused)
         }
         pthread_mutex_unlock(&lock);
         const bool composed = job->fault.kind != FAULT_LOST && !give_up() &&
-                              stream_awaits() && picture_compose(&job->shot, give_up);
+                              stream_awaits(job->fault.kind == FAULT_UNDERRUN) &&
+                              picture_compose(&job->shot, give_up);
         const int delivered = composed && !give_up()
                                   ? deliver(&job->shot, &job->format, job->fault.kind,
                                             (int)control->bit_depth)

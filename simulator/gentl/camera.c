@@ -75,6 +75,8 @@ size_t camera_payload(void)
     return size;
 }
 
+uint32_t camera_most_buffers(void) { return control ? control->most_buffers : 0; }
+
 static GC_ERROR check_alive(void)
 {
     return acquisition_alive()

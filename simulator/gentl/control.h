@@ -23,6 +23,7 @@ enum fault_kind {
     FAULT_DOUBLED,    /* delivered twice under one block id */
     FAULT_MISSED,     /* the trigger is not seen */
     FAULT_UNPLUG,     /* unplugged instead of exposing */
+    FAULT_UNDERRUN,   /* finds no free buffer, whatever is queued */
 };
 enum automatic { AUTO_EXPOSURE = 1, AUTO_GAIN = 2, AUTO_WHITE = 4, AUTO_GAMMA = 8 };
 
@@ -48,7 +49,7 @@ struct control {
     uint32_t autos;      /* automatics that are on at power-up */
     uint32_t stuck;      /* automatics that cannot be changed */
     uint32_t patterned;  /* the file of fixed patterns is there */
-    uint32_t reserved;
+    uint32_t most_buffers; /* that a client may announce; 0 for as many as the stream can take */
     uint64_t seed;
     char cfa[8];
     char serial[64];

@@ -242,6 +242,6 @@ GC_API GC_ERROR DevOpenDataStream(HANDLE device, const char *id, HANDLE *stream)
     CHECK(device, DEVICE);
     GC_ERROR result = check_id(id, STREAM_ID);
     if (!result && !(result = module_open(STREAM, stream)))
-        stream_open();
+        stream_open(camera_most_buffers());
     return result;
 }

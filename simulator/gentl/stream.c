@@ -11,7 +11,7 @@ static pthread_cond_t changed;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static struct buffer *buffers[BUFFERS];
-static uint32_t announced;
+static uint32_t announced, most;
 static bool grabbing;
 static uint64_t wanted, moves, delivered, underruns;
 
@@ -82,10 +82,11 @@ static void forget(uint32_t index)
     memmove(&buffers[index], &buffers[index + 1], (--announced - index) * sizeof *buffers);
 }
 
-void stream_open(void)
+void stream_open(uint32_t most_buffers)
 {
     pthread_once(&once, init);
     stream_lock();
+    most = most_buffers && most_buffers < BUFFERS ? most_buffers : BUFFERS;
     delivered = underruns = 0;
     grabbing = false;
     stream_unlock();
@@ -163,14 +164,15 @@ GC_ERROR stream_announce(void *memory, size_t size, void *user, HANDLE *handle)
     *buffer = (struct buffer){.memory = memory ? memory : own, .size = size, .user = user,
                               .ours = !memory};
     stream_lock();
-    const bool room = announced < BUFFERS;
+    const uint32_t limit = most;
+    const bool room = announced < limit;
     if (room)
         buffers[announced++] = buffer;
     stream_unlock();
     if (!room) {
         free(own);
         free(buffer);
-        return fail(GC_ERR_RESOURCE_EXHAUSTED, "more than %d buffers", BUFFERS);
+        return fail(GC_ERR_RESOURCE_EXHAUSTED, "more than %u buffers", limit);
     }
     *handle = buffer;
     return GC_ERR_SUCCESS;
@@ -251,11 +253,20 @@ GC_ERROR stream_buffer_info(HANDLE handle, int what, struct answer to)
     return result;
 }
 
-bool stream_awaits(void)
+/* The buffer for the next frame, if the client wants one. Counts an underrun where none is free. */
+static struct buffer *next_buffer(bool underrun)
+{
+    if (!grabbing || !wanted)
+        return NULL;
+    struct buffer *buffer = underrun ? NULL : stream_oldest(INPUT);
+    underruns += !buffer;
+    return buffer;
+}
+
+bool stream_awaits(bool underrun)
 {
     stream_lock();
-    const bool awaits = grabbing && wanted && stream_oldest(INPUT);
-    underruns += grabbing && wanted && !awaits;
+    const bool awaits = next_buffer(underrun) != NULL;
     stream_unlock();
     return awaits;
 }
@@ -263,7 +274,7 @@ bool stream_awaits(void)
 struct buffer *stream_take(size_t size, uint8_t **memory)
 {
     stream_lock();
-    struct buffer *buffer = grabbing && wanted ? stream_oldest(INPUT) : NULL;
+    struct buffer *buffer = next_buffer(false);
     if (buffer && buffer->size < size)
         buffer = NULL;
     if (buffer) {

@@ -19,7 +19,8 @@ struct frame_info {
     size_t size_filled; /* less where it is incomplete */
 };
 
-void stream_open(void);
+/* At most so many buffers may be announced; 0 for as many as there is room for. */
+void stream_open(uint32_t most_buffers);
 void stream_close(void);
 GC_ERROR stream_start(uint64_t frames);
 GC_ERROR stream_stop(void);
@@ -39,8 +40,9 @@ GC_ERROR stream_event_info(HANDLE event, int what, struct answer to);
 GC_ERROR stream_event_flush(HANDLE event);
 GC_ERROR stream_event_kill(HANDLE event);
 
-/* The camera's side: whether a frame would find a buffer now; counts an underrun where not. */
-bool stream_awaits(void);
+/* The camera's side: whether a frame would find a buffer now; counts an underrun where not, or
+ * where it is to be treated so. */
+bool stream_awaits(bool underrun);
 /* Memory for the next frame, NULL where none is queued or large enough. It is
  * the camera's alone until it is given back filled. */
 struct buffer *stream_take(size_t size, uint8_t **memory);

@@ -339,7 +339,7 @@ def test_a_board_that_stops_answering(bench, board):
     bench.virtual.set_faults(BoardFault(kind="drop-command", times=100))
     with pytest.raises(BoardError) as error:
         board.on(7, 5000)
-    one_line(error, board.port, "ON LED 7", "0.75 s")
+    one_line(error, board.port, "ON LED 7", "2 s")
 
 
 @pytest.mark.parametrize(

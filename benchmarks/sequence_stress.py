@@ -1,0 +1,178 @@
+"""Recordings in sequences on a busy host: whether any ends, and which LED lit which frame.
+
+The bench's code records on a virtual board and a virtual GenICam camera, one session for each
+recording, with hashes, flushes and journal as ever, while other processes compute without pause.
+The pixels of a frame say its LED. `--buffers` limits what the GenTL producer takes, as some do, and
+`--lose` loses that share of the frames on their way, which a busy host alone no longer does.
+
+Exit code 1 where a recording ended, a frame lies under another LED than it shows, a session is not
+whole, or an LED stayed on.
+"""
+
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+from random import Random
+
+import numpy as np
+from harness import busy, busy_option, command_line
+
+from acquisition import CapturePlan, NoiseModel, Session, record, verify_session
+from acquisition._pixels.quality import measure_quality
+from rig import Board, Rig, RigConfig, RigError, open_genicam
+from simulator._bench_state import BenchState
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera
+
+LEFT_ON_S = 1.25
+BLACK_DN = 100
+
+
+def frames(width, height):
+    """Every pixel says the LED: 100 grey values and 50 for each LED above the darkness."""
+
+    def frame(led):
+        above = 0 if led is None else 50 * (led + 1)
+        return np.full((height, width), BLACK_DN + above, np.uint16)
+
+    return frame
+
+
+def led_seen(pixels):
+    """Return the LED that the pixels show, None for darkness, a text where they show neither."""
+    code, rest = divmod(int(pixels[0, 0]) - BLACK_DN, 50)
+    if rest or not (pixels == pixels[0, 0]).all():
+        return "no single LED"
+    return code - 1 if code else None
+
+
+class Tally:
+    def __init__(self):
+        self.ended = self.frames = self.wrong = self.unwhole = self.left_on = 0
+        self.lost = self.retaken = self.pauses = 0
+        self.problems = []
+
+    def heard(self, event, details):
+        self.lost += event == "frames_lost"
+        self.retaken += event == "retake"
+        self.pauses += event == "paused"
+
+    def session(self, folder):
+        """Judge what a recording left."""
+        found = verify_session(folder)
+        if not (found.ok and found.complete and not found.missing):
+            self.unwhole += 1
+            self.problems += [f"{folder.name}: {problem}" for problem in found.problems]
+        for frame in Session.open(folder).frames:
+            self.frames += 1
+            seen = led_seen(frame.read())
+            if seen != frame.led:
+                self.wrong += 1
+                self.problems.append(f"{frame.path.name}: recorded as {frame.led}, shows {seen}")
+
+
+def dark_in_time(state):
+    ends = time.monotonic() + LEFT_ON_S
+    while state.led(time.monotonic_ns()) is not None:
+        if time.monotonic() > ends:
+            return False
+        time.sleep(0.002)
+    return True
+
+
+def stress(options, out):
+    width, height = map(int, options.size.split("x"))
+    plan = CapturePlan(leds=tuple(range(options.lights)), exposures_us=(options.exposure_us,),
+                       sequence=True)  # fmt: skip
+    config = RigConfig(name="stress", driver="bench", leds=options.lights, trigger="board")
+    more = {} if options.buffers is None else {"most_buffers": options.buffers}
+    dice, tally = Random(options.seed), Tally()
+    with (
+        VirtualBoard(options.lights) as virtual,
+        BenchState(virtual.bench_state_path) as state,
+        GentlCamera(
+            frames(width, height),
+            size=(height, width),
+            leds=options.lights,
+            noise=NoiseModel(1.0, 0.0, 0.0, 16),
+            precomposed=True,
+            bench_state_path=virtual.bench_state_path,
+            frame_rate_hz=options.rate,
+            **more,
+        ) as camera,
+    ):
+        rig = None
+        for number in range(options.sequences):
+            folder = out / f"s{number}"
+            if rig is None:
+                device = open_genicam(camera.cti, pixel_format="Mono16")
+                rig = Rig(Board(virtual.port), device, config)
+            first = camera.counts().exposures
+            for at in range(len(plan.shots())):
+                if dice.random() < options.lose:
+                    camera.set_fault(first + at, "lost")
+            try:
+                record(rig, plan, folder, operator="", object_name="", on_event=tally.heard)
+            except RigError as error:
+                tally.ended += 1
+                tally.problems.append(f"recording {number} ended: {error}")
+                rig.close()
+                rig = None
+            else:
+                tally.session(folder)
+            tally.left_on += not dark_in_time(state)
+            shutil.rmtree(folder, ignore_errors=True)
+            if number % 20 == 19:
+                print(f"{number + 1} recordings ...", flush=True)
+        if rig is not None:
+            rig.close()
+    return tally
+
+
+def main():
+    parser = command_line(__doc__)
+    parser.add_argument("--sequences", type=int, default=200, help="recordings, each a sequence")
+    parser.add_argument("--lights", type=int, default=36, help="of a sequence, and a dark frame")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
+    parser.add_argument("--size", default="640x512", help="pixels of the camera")
+    parser.add_argument("--exposure-us", type=float, default=2000.0, help="of each frame")
+    parser.add_argument("--buffers", type=int, help="most that the GenTL producer takes")
+    parser.add_argument("--lose", type=float, default=0.0, help="share of frames that are lost")
+    parser.add_argument("--seed", type=int, default=1, help="of the frames that are lost")
+    parser.add_argument("--out", type=Path, help="where the sessions go; default: a temporary one")
+    busy_option(parser)
+    options = parser.parse_args()
+    # Its first call compiles.
+    measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
+    out = Path(tempfile.mkdtemp(prefix="sgp-stress-", dir=options.out))
+    began = time.monotonic()
+    try:
+        with busy(options.busy):
+            tally = stress(options, out)
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+    seconds = time.monotonic() - began
+    own_s = options.sequences * (options.lights + 1) / options.rate
+    print(
+        f"{options.sequences} sequences of {options.lights} and a dark frame, {options.size}, at "
+        f"{options.rate:g} frames/s, {options.busy} busy processes beside it: {seconds:.0f} s, "
+        f"{seconds / own_s:.2f} of the camera's own\n"
+        f"  recordings ended                {tally.ended}\n"
+        f"  frames kept                     {tally.frames}\n"
+        f"  frames under a wrong LED        {tally.wrong}\n"
+        f"  sessions not whole              {tally.unwhole}\n"
+        f"  LEDs left on                    {tally.left_on}\n"
+        f"  frames lost, then taken again   {tally.lost}, {tally.retaken}\n"
+        f"  pauses for the disk             {tally.pauses}"
+    )
+    for problem in tally.problems[:20]:
+        print(f"  ! {problem}")
+    bad = tally.ended or tally.wrong or tally.unwhole or tally.left_on
+    print("FAILED" if bad else "passed")
+    sys.exit(bool(bad))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""What a filled buffer holds: as it came, copied out, and as a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from genicam import gentl
+from harvesters.util.pfnc import symbolics
+
+from rig._errors import CameraError
+from rig._genicam.pixels import PixelFormat, decode
+
+_BIG_ENDIAN = gentl.PIXELENDIANNESS_IDS.PIXELENDIANNESS_BIG
+_IMAGES = (
+    gentl.PAYLOADTYPE_INFO_IDS.PAYLOAD_TYPE_IMAGE,
+    gentl.PAYLOADTYPE_INFO_IDS.PAYLOAD_TYPE_CHUNK_DATA,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedFrame:
+    """A whole frame out of a buffer.
+
+    Parameters
+    ----------
+    block
+        The device's own count.
+    timestamp_ns
+        The device's own clock, 0 where it does not tell.
+    pixels
+        ``(H, W)`` uint16.
+    """
+
+    block: int
+    timestamp_ns: int
+    pixels: npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """What a buffer holds, not looked at yet.
+
+    Parameters
+    ----------
+    block, timestamp_ns
+        As of a `ReceivedFrame`.
+    payload_type
+        GenTL's number for it.
+    format
+        Name of the pixel format.
+    size
+        (H, W).
+    padding
+        Bytes after each row.
+    big_endian
+        Of samples of two bytes.
+    raw
+        From the image's first byte on.
+    """
+
+    block: int
+    timestamp_ns: int
+    payload_type: int
+    format: str
+    size: tuple[int, int]
+    padding: int
+    big_endian: bool
+    raw: memoryview
+
+    @classmethod
+    def of(cls, buffer: Any) -> Content:
+        """Return a view of genicam's ``Buffer``: good until that is queued again."""
+        filled = int(_stated_or(buffer, "size_filled", len(buffer.raw_buffer)))
+        start = int(_stated_or(buffer, "image_offset", 0))
+        pixel_format = int(buffer.pixel_format)
+        return cls(
+            block=int(buffer.frame_id),
+            timestamp_ns=_timestamp_ns(buffer),
+            payload_type=buffer.payload_type,
+            format=symbolics.get(pixel_format, hex(pixel_format)),
+            size=(int(buffer.height), int(buffer.width)),
+            padding=int(_stated_or(buffer, "padding_x", 0)),
+            big_endian=_stated_or(buffer, "pixel_endianness", None) == _BIG_ENDIAN,
+            raw=memoryview(buffer.raw_buffer)[start:filled],
+        )
+
+    def copied(self) -> Content:
+        """Return it with memory of its own."""
+        # Not bytes(): copying an array lets other threads run.
+        return replace(self, raw=np.frombuffer(self.raw, np.uint8).copy().data)
+
+    def frame(self, form: PixelFormat | None, size: tuple[int, int], camera: str) -> ReceivedFrame:
+        """Return the frame.
+
+        Parameters
+        ----------
+        form, size
+            What it must be.
+        camera
+            Named in messages.
+
+        Raises
+        ------
+        CameraError
+            If it is anything else.
+        """
+        if self.payload_type not in _IMAGES:
+            raise CameraError(
+                f"camera {camera}: its buffers hold payload of type {self.payload_type}, "
+                "not images; turn multi-part, compressed and 3D payloads off"
+            )
+        if form is None or self.format != form.name or self.size != size:
+            raise CameraError(
+                f"camera {camera}: a frame of {self.size[1]} x {self.size[0]} pixels in "
+                f"{self.format} came, set is {size[1]} x {size[0]} in "
+                f"{form.name if form else 'nothing'}; open the camera again"
+            )
+        pixels = decode(
+            self.raw,
+            form,
+            size=size,
+            padding=self.padding,
+            big_endian=self.big_endian,
+            camera=camera,
+        )
+        return ReceivedFrame(self.block, self.timestamp_ns, pixels)
+
+
+def _stated_or(buffer: Any, name: str, default: Any) -> Any:
+    """Return what the producer states of a buffer, the default where it need not and does not."""
+    try:
+        return getattr(buffer, name)
+    except gentl.GenericException:
+        return default
+
+
+def _timestamp_ns(buffer: Any) -> int:
+    stated = _stated_or(buffer, "timestamp_ns", None)
+    if stated is not None:
+        return int(stated)
+    ticks = int(_stated_or(buffer, "timestamp", 0))
+    frequency_hz = int(_stated_or(buffer.parent.parent, "timestamp_frequency", 0))
+    return ticks * 1_000_000_000 // frequency_hz if frequency_hz else 0
