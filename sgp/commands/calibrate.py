@@ -10,8 +10,8 @@ import numpy as np
 
 from acquisition import DataError, Lights, Source, read_lights, read_mask_shares, write_lights
 from calibration import (
-    SphereCalibration,
     EstimateError,
+    SphereCalibration,
     Stack,
     calibrate_intensities,
     calibrate_spheres,

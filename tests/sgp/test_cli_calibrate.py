@@ -28,7 +28,7 @@ def disc(centre=CENTRE, radius=RADIUS):
 def highlights():
     """Where an orthographic view sees the lights: the normal is half way to the view (0, 0, 1)."""
     lights = directions() / np.linalg.norm(directions(), axis=1, keepdims=True)
-    half = lights + [0, 0, 1]
+    half = lights + np.array([0, 0, 1])
     normals = half / np.linalg.norm(half, axis=1, keepdims=True)
     return np.asarray(CENTRE) + RADIUS * normals[:, :2] * [1, -1]
 
