@@ -1,7 +1,7 @@
 """Plant faults in the core modules and count those that no test notices.
 
     python -m tests.mutation --sample 15 --seed 1
-    python -m tests.mutation calibration/_spheres/cone.py --sample 1000 --diff
+    python -m tests.mutation calibration/_spheres/cone.py --sample 1000
     python -m tests.mutation --planted
 
 Faults go into a temporary copy of the tree. Exit code 1: fewer than 90 % were noticed, or one that
@@ -14,7 +14,6 @@ import argparse
 import random
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from tests.mutation.operators import Mutant, mutants_of
@@ -64,7 +63,6 @@ def _drawn(trial: Trial, modules: list[str], args: argparse.Namespace) -> int:
     killed = total = explained = 0
     print(f"{'module':48}{'faults':>7}{'drawn':>7}{'killed':>7}{'known':>7}{'cpu s':>7}")
     for module in modules:
-        begin = time.perf_counter()
         text, tests = trial.original(module), TARGETS[module]
         plain = trial.run(module, text, tests, args.limit_s)
         if plain.verdict != "survived":

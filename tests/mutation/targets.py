@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 _SPHERES = "calibration/_spheres"
-_SHOOTING = ("rig/test_rig_sequence.py", "rig/test_rig_shoot.py", "rig/test_rig_errors.py")
+_SHOOTING = ("rig/test_shooting_values.py", "rig/test_rig_sequence.py", "rig/test_rig_shoot.py")
 _SESSION = (
     "acquisition/test_journal.py",
     "acquisition/test_session_golden.py",
@@ -30,13 +30,16 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "acquisition/_session/recorded.py": _SESSION,
     "acquisition/_session/open_shots.py": _SESSION,
     "acquisition/_session/verify.py": _SESSION,
-    **{
-        f"rig/_shooting/{name}.py": _SHOOTING
-        for name in (
-            "alive", "dark", "exposure", "flash_chain", "frame_time", "sequence", "shooting",
-            "shot", "spacing", "wires",
-        )
-    },
+    "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
+    "rig/_shooting/exposure.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/flash_chain.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/frame_time.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/sequence.py": _SHOOTING,
+    "rig/_shooting/shooting.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/shot.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/spacing.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/wires.py": ("rig/test_shooting_values.py",),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py", "rig/test_board_client.py"),
     "rig/_board/replies.py": ("rig/test_protocol_lines.py", "rig/test_board_client.py"),
     "calibration/_radiance/linear_stack.py": ("calibration/test_radiance.py",),

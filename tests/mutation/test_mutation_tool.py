@@ -121,7 +121,7 @@ def test_the_verdict_is_that_of_the_tests(trial: Trial, old: str, new: str, verd
 
 @pytest.mark.slow
 def test_tests_that_do_not_import_the_module_judge_nothing(trial: Trial) -> None:
-    with pytest.raises(RuntimeError, match="is not what rig/test_protocol_lines.py import"):
+    with pytest.raises(RuntimeError, match=r"is not what rig/test_protocol_lines\.py import"):
         trial.run(ROBUST, text_of(ROBUST), ("rig/test_protocol_lines.py",), 60)
 
 

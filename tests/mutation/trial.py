@@ -141,7 +141,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     # An import that fails is a fault that was noticed.
     if code == 0 and Path(getattr(loaded, "__file__", None) or "") != folder / module:
         code = _STRANGE
-    print("processor time", sum(os.times()[:4]), flush=True)  # noqa: T201
+    print("processor time", sum(os.times()[:4]), flush=True)
     os._exit(code)
 
 
