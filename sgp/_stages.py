@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +15,16 @@ from sgp._options import SourceOptions
 
 
 def open_source(
-    path: Path, *, lights: Path | None = None, camera: Path | None = None, mask: Path | None = None
+    path: Path,
+    *,
+    lights: Path | None = None,
+    camera: Path | None = None,
+    mask: Path | None = None,
+    others: Sequence[Path] = (),
 ) -> tuple[Source, list[Path]]:
     """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
+
+    ``others`` are files that the command reads itself: they may lie in the folder of the source.
 
     Raises
     ------
@@ -29,10 +36,12 @@ def open_source(
     )
     if camera is not None:
         source = replace(source, camera=read_camera(camera, source.size))
-    if source.ignored:
-        unused = f"{path}: not used: {', '.join(source.ignored)}"
-        source = replace(source, warnings=(*source.warnings, unused))
-    options = [option for option in (lights, camera, mask) if option is not None]
+    options = [option for option in (lights, camera, mask, *others) if option is not None]
+    used = {option.resolve() for option in options}
+    unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
+    if unused:
+        text = f"{path}: not used: {', '.join(unused)}"
+        source = replace(source, warnings=(*source.warnings, text))
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 

@@ -23,33 +23,31 @@ class References:
 
     def __init__(self, camera: CameraRecord) -> None:
         self.range_dn = camera.white_dn - camera.black_level_dn
-        self._dark: dict[float, FrameQuality] = {}
+        self._dark: dict[tuple[Role, float], FrameQuality] = {}
         # A white card under an LED is another thing than the object under it.
         self._light: dict[tuple[Role, int], SeenLight] = {}
 
     @classmethod
     def of(cls, session: Session) -> References:
-        """Return what the frames of a session tell that is gone on with."""
+        """Return what the frames of an interrupted session tell."""
         references = cls(session.manifest.camera)
         plan = session.manifest.plan
         planned = {} if plan is None else {shot.key: shot for shot in plan.shots()}
         lines = [frame.line for frame in session.frames if frame.line.key in planned]
-        # As they are taken: ambient frames count before dark ones, and lit ones need them.
-        roles = ("dark", "ambient")
-        for line in sorted(lines, key=lambda line: (line.role in roles, line.role), reverse=True):
+        # Lit frames are compared with those of all LEDs off, which may have been taken again later.
+        for line in sorted(lines, key=lambda line: planned[line.key].lit_led is not None):
             references.note(planned[line.key], quality_of(line))
         return references
 
     def note(self, shot: PlannedShot, quality: FrameQuality) -> bool:
         """Take a frame that counts into account, and tell whether it shows its light.
 
-        Ambient light is part of what lit frames have without their LED, so an ambient frame
-        replaces a dark one of its exposure. Where there is neither, light cannot be missed.
+        Where there is neither an ambient nor a dark frame of its exposure, light cannot be missed.
         """
         if shot.exposure_us is None:
             return True
         if shot.lit_led is None:
-            self._dark[shot.exposure_us] = quality
+            self._dark[shot.role, shot.exposure_us] = quality
             return True
         if (dark := self.dark(shot)) is None:
             return True
@@ -62,8 +60,15 @@ class References:
         return light is not None
 
     def dark(self, shot: PlannedShot) -> FrameQuality | None:
-        """Return the figures of the frame of its exposure with all LEDs off."""
-        return None if shot.exposure_us is None else self._dark.get(shot.exposure_us)
+        """Return the figures of the frame of its exposure with all LEDs off.
+
+        An ambient frame comes before a dark one, whichever was taken last: lit frames have the
+        ambient light too.
+        """
+        if shot.exposure_us is None:
+            return None
+        ambient = self._dark.get(("ambient", shot.exposure_us))
+        return ambient or self._dark.get(("dark", shot.exposure_us))
 
     def light(self, shot: PlannedShot) -> SeenLight | None:
         """Return what its LED gave at the longest exposure that showed it."""

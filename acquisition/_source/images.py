@@ -103,6 +103,7 @@ def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()
         kind="images",
         frames=frames,
         mask=read_mask(masks[0], (shape[0], shape[1])) if masks else None,
+        mask_path=masks[0] if masks else None,
         cfa=cfa,
         black_level=black,
         white_level=white,

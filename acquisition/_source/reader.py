@@ -10,8 +10,9 @@ from acquisition._session.layout import is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exported import with_export_notes
 from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
+from acquisition._source.recording_json import RECORD_FILE
 from acquisition._source.session import read_session
-from acquisition._source.source import Source
+from acquisition._source.source import MaskOrigin, Source
 from acquisition._staging import check_whole
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
@@ -31,7 +32,7 @@ def read_source(
     path
         A session, a DiLiGenT object folder, a folder of images with an .lp (or the .lp itself), a
         plain folder of images, or one image file. In a plain folder the frames are the images
-        that differ in one number only, in natural order; ``mask.*`` and ``*.mask.*`` is the mask.
+        that differ in one number only, in natural order; ``mask.*`` or ``*.mask.*`` is the mask.
         Of an export of ours, ``recording.json`` tells levels, filter pattern and exposures, and
         which files beside it hold all that is known of lights and camera.
     lights
@@ -59,6 +60,7 @@ def read_source(
         raise MissingPathError(f"{path}: no such file or folder")
     check_whole(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path))
+    source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
     if source.camera is not None and source.camera.size != source.size:
@@ -85,6 +87,16 @@ def _dispatch(path: Path, mask_path: Path | None) -> Source:
     if lps:
         return read_lp_folder(path, lps[0], mask_path)
     return read_images(path, mask_path)
+
+
+def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
+    if source.mask is None:
+        return None
+    if given:
+        return "given"
+    # An export is laid out as a plain folder too, but its mask is that of a session.
+    plain = source.kind == "images" and not (source.path / RECORD_FILE).exists()
+    return "folder" if plain else "recording"
 
 
 def _with_matched_lights(source: Source, lights: Lights | None) -> Source:

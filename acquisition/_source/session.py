@@ -74,6 +74,7 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
         frames=frames,
         lights=session.lights,
         mask=read_mask(mask_path, size) if mask_path else None,
+        mask_path=mask_path,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
         cfa=_upright_cfa(session, folder),

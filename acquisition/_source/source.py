@@ -17,6 +17,7 @@ from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
+MaskOrigin = Literal["given", "folder", "recording"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,13 @@ class Source:
         One light for each of `light_ids`, in that order and with those ids; None where not known.
     mask
         ``(H, W)`` bool, True on the object; None where none came with the images.
+    mask_path
+        The image file that `mask` was read from; None without a mask.
+    mask_origin
+        What is known about the mask. ``given``: the caller named the file. ``recording``: it
+        belongs to a session, an export, a DiLiGenT folder or an .lp, and shows the object.
+        ``folder``: it lies in a plain folder of images, and may show a chrome sphere as well as an
+        object. None without a mask.
     camera
         The camera as geometry, where known; it has the size of the images.
     normals_truth
@@ -105,6 +113,8 @@ class Source:
     frames: tuple[Frame, ...]
     lights: Lights | None = None
     mask: npt.NDArray[np.bool_] | None = None
+    mask_path: Path | None = None
+    mask_origin: MaskOrigin | None = None
     camera: CameraModel | None = None
     normals_truth: npt.NDArray[np.float32] | None = None
     cfa: str | None = None

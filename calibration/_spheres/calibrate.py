@@ -59,7 +59,9 @@ def calibrate_spheres(
         lights ``L00``..., 1 at the white level of the longest exposure, NaN where saturated.
         Brackets merged into the stack carry unsaturated highlights as values far above 1.
     masks
-        ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere.
+        ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere. The mask of a
+        `Source` shows its object: it marks spheres only where `Source.mask_origin` is ``given`` or
+        ``folder``.
     circles
         Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
         the spheres are found; with camera and radius only those of the right size, if they lay

@@ -10,6 +10,7 @@ import numpy as np
 
 from acquisition import DataError, Lights, Source, read_lights, read_mask_shares, write_lights
 from calibration import (
+    EstimateError,
     SphereCalibration,
     Stack,
     calibrate_intensities,
@@ -56,8 +57,9 @@ def spheres(
     camera
         Camera of the images; default: that of the session.
     mask
-        Image of a sphere's disc; may be given more than once; default: the source's own mask, else
-        the spheres are found.
+        Image of a sphere's disc; may be given more than once; default: the mask file of a plain
+        folder of images (mask.* or *.mask.*), else the spheres are found. The mask of any other
+        source shows the object and is not used.
     sphere
         Rough outline x,y,radius in pixels; may be given more than once.
     force
@@ -69,26 +71,32 @@ def spheres(
     if mask and sphere:
         raise UsageError("--mask and --sphere both say where the spheres are: give one of them")
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
-    opened, files = open_source(source, camera=camera)
+    # A folder may hold one mask for each sphere; with one given, the reader need not choose.
+    first, others = (mask[0], mask[1:]) if mask else (None, ())
+    opened, files = open_source(source, camera=camera, mask=first, others=others)
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
     if any(radius > largest for _, _, radius in given):
         raise UsageError(f"--sphere: a radius beyond the image's {largest} pixels is no outline")
-    masks = [read_mask_shares(path, stack.values.shape[1:]) for path in mask]
-    if not masks and not given and opened.mask is not None:
-        masks = [opened.mask.astype(np.float64)]
+    marked = list(mask)
+    if opened.mask_path is not None and opened.mask_origin == "folder" and not given:
+        marked = [opened.mask_path]
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
-    found = calibrate_spheres(
-        stack,
-        masks=masks,
-        circles=given,
-        camera=opened.camera,
-        radius_mm=radii,
-    )
+    try:
+        found = calibrate_spheres(
+            stack,
+            masks=[read_mask_shares(path, stack.values.shape[1:]) for path in marked],
+            circles=given,
+            camera=opened.camera,
+            radius_mm=radii,
+        )
+    except EstimateError as error:
+        _explain_masks(error, opened, marked)
+        raise
     result = _describe(found)
     result.outputs = outputs
     result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
-    result.inputs = [*files, *mask]
+    result.inputs = files
     parameters = {
         "source": source,
         "radius_mm": radius_mm,
@@ -138,7 +146,8 @@ def intensities(
     camera
         Camera of the images; default: that of the session.
     mask
-        Image of the card; default: the whole frame, where what is no card is left out as outliers.
+        Image of the card; default: the whole frame, where what is not the card is left out as
+        outliers. The source's own mask, which shows an object or a sphere, is not used.
     force
         Replace a file that exists.
     """
@@ -150,7 +159,9 @@ def intensities(
     positions = read_lights(lights)
     order, by_name = positions.match(stack.ids)
     by_order = () if by_name else (f"{lights}: matched to the images by order, not by name",)
-    card = np.ones(stack.values.shape[1:], np.bool_) if opened.mask is None else opened.mask
+    card = np.ones(stack.values.shape[1:], np.bool_)
+    if mask is not None and opened.mask is not None:
+        card = opened.mask
     found = calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
@@ -173,6 +184,20 @@ def intensities(
     parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
     _write_lights(out, found.lights, "sgp calibrate intensities", parameters, result)
     return result
+
+
+def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> None:
+    """Add to an error which mask was used without being given, or was left aside."""
+    if marked and source.mask_origin == "folder":
+        error.add_note(
+            f"{marked[0]} was taken as the mask of a sphere: if it shows an object, move it out of "
+            "the folder"
+        )
+    elif not marked and source.mask_origin == "recording":
+        error.add_note(
+            f"{source.mask_path} was not used, as it shows the object: if it marks a sphere, give "
+            "it with --mask"
+        )
 
 
 def _undivided(source: Source) -> Stack:

@@ -29,9 +29,14 @@ PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gai
 TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
 
 
-def seen(led: int | None, exposure_us: float, albedo: float = 1.0) -> npt.NDArray[np.uint16]:
-    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095."""
-    level = 0 if led is None else (led + 1) * exposure_us * albedo
+def seen(
+    led: int | None, exposure_us: float, albedo: float = 1.0, room: float = 0.0
+) -> npt.NDArray[np.uint16]:
+    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095.
+
+    ``room`` is the light of the room, in units of the first LED's.
+    """
+    level = (room + (0 if led is None else led + 1)) * exposure_us * albedo
     ramp = 64 + level * np.linspace(1, 4, 10)[None, :] * np.ones((7, 1))
     return np.minimum(ramp, 4095).astype(np.uint16)
 
@@ -52,6 +57,7 @@ class Bench:
         self.off_fails = False
         self.dead: set[int] = set()
         self.albedo = 1.0
+        self.room = 0.0
         self.exposure_us = 0.0
         self.gain_db = 0.0
         self.log: list[str] = []
@@ -85,7 +91,7 @@ class Bench:
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
         led = None if self.burning in self.dead else self.burning
-        pixels = seen(led, self.exposure_us - 0.25, self.albedo)
+        pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 
     def expect(self) -> int:

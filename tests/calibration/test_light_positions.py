@@ -5,8 +5,8 @@ import pytest
 
 from calibration import EstimateError
 from calibration._spheres.cone import fit_cone
-from calibration._spheres.light_positions import locate_lights
-from calibration._spheres.placed import place
+from calibration._spheres.light_positions import KnownSpheres, locate_lights
+from calibration._spheres.placed import off_the_plane, place
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
@@ -87,6 +87,25 @@ def test_light_seen_on_two_of_four_is_located(bench, dome_mm):
     highlights[7, :2] = np.nan
     positions, _, _ = locate(bench, known, highlights)
     assert np.linalg.norm(positions[7] - dome_mm[7]) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("foot_mm", "says"),
+    [
+        pytest.param(0.0, None, id="on the plane"),
+        pytest.param(29.0, None, id="a little above"),
+        pytest.param(-29.0, None, id="a little below"),
+        pytest.param(31.0, "31 mm above the working plane", id="above"),
+        pytest.param(-31.0, "31 mm below the working plane", id="below"),
+    ],
+)
+def test_spheres_off_the_working_plane_are_told(bench, foot_mm, says):
+    """5 % of a working distance of 600 mm is 30 mm, on either side; the middle sphere counts."""
+    radii = np.array([20.0, 10.0, 15.0])
+    feet = foot_mm + np.array([-8.0, 0.0, 8.0])
+    centres = np.column_stack([[-50, 0, 50], [10, 0, -10], feet + radii])
+    told = off_the_plane(KnownSpheres(centres, radii, np.eye(9)), bench.camera)
+    assert (told == []) if says is None else (says in told[0] and len(told) == 1)
 
 
 def test_distant_light_has_no_distance(bench):

@@ -62,6 +62,39 @@ def test_cone_from_exact_outline(bench, centre):
     assert np.linalg.norm(found - centre) < 1e-6
 
 
+@pytest.mark.parametrize(
+    ("centre", "noise_px"),
+    [
+        pytest.param((0, 0, 18), 0.5, id="on the axis"),
+        pytest.param((110, -80, 18), 0.5, id="in a corner"),
+        pytest.param((110, -80, 18), 1.5, id="three times the noise"),
+    ],
+)
+def test_cone_says_how_sure_it_is(bench, centre, noise_px):
+    """Against the scatter of 300 noisy outlines: sideways and in depth, which differ 30-fold."""
+    radius, rng = 18.0, np.random.default_rng(4)
+    outline = bench.outline(centre, radius, count=120)
+    fits = [
+        fit_cone(
+            bench.camera.rays(outline + rng.normal(0, noise_px, outline.shape)), 1 / bench.focal_px
+        )[0]
+        for _ in range(300)
+    ]
+    places = np.array([cone.axis / cone.sine for cone in fits])
+    scatter = np.cov(places.T)
+    stated = np.mean([cone.covariance for cone in fits], axis=0)
+    toward = (np.asarray(centre, float) - bench.eye) / np.linalg.norm(centre - bench.eye)
+    for direction in (toward, *np.linalg.svd(toward[None])[2][1:]):
+        assert direction @ stated @ direction == pytest.approx(
+            direction @ scatter @ direction, rel=0.3
+        )
+    # Mahalanobis distances of three coordinates: 3 on average.
+    off = places - (np.asarray(centre, float) - bench.eye) / radius
+    assert np.einsum("na,ab,nb->n", off, np.linalg.inv(stated), off).mean() == pytest.approx(
+        3, rel=0.25
+    )
+
+
 def test_points_on_a_line_are_no_ellipse():
     points = np.column_stack([np.arange(40.0), np.arange(40.0)])
     with pytest.raises(EstimateError):

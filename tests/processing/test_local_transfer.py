@@ -61,6 +61,27 @@ def test_a_mirror_exchanges_left_and_right_of_pixels_and_normals() -> None:
     assert angle_deg(placed.normals, expected)[placed.mask].max() < 1e-4
 
 
+@pytest.mark.parametrize("shrink", [1, 2, 3, 5])
+@pytest.mark.parametrize("wavelength_px", [9.0, 14.0, 40.0])
+def test_shrinking_blurs_as_wider_pixels_do(shrink: int, wavelength_px: float) -> None:
+    """A Gaussian pixel of sigma 0.5 stays one: a wave loses exp(-k^2 (s^2 - 1) / 8).
+
+    Every place on the small map is a whole pixel of the large one, where interpolation is exact.
+    """
+    size, slope, k = 240, 1e-3, 2 * np.pi / wavelength_px
+    columns = np.arange(size, dtype=float)
+    wave = np.broadcast_to(slope * np.cos(k * (columns - 120)), (size, size))
+    vectors = np.stack([wave, np.zeros_like(wave), np.ones_like(wave)], axis=2)
+    place = Similarity((120, 120), (120, 120), 1 / shrink)
+    placed = place.place(NormalMap.from_vectors(vectors), (size, size))
+    assert placed is not None
+    assert placed.mask[120, 120]
+    found = placed.normals[120, 120, 0] / placed.normals[120, 120, 2]
+    expected = slope * np.exp(-(k**2) * (shrink**2 - 1) / 8)
+    # cv2 cuts its kernel at some four sigma, in steps of a pixel.
+    assert found == pytest.approx(expected, abs=0.01 * slope)
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     st.floats(-360, 360),

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig import BoardError, CameraError, RigError
+from rig import BoardError, CameraError, CameraInfo, RigConfig, RigError
 from rig._camera import CameraFrame
 from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import runs
@@ -207,6 +207,38 @@ def test_the_first_gap_stands_out_on_any_clock(settle_ms, exposure_us, period_us
     for other in spacing[1:]:
         # Twice what the clocks may differ by, so that one is not taken for the other.
         assert spacing[0] - other >= 2 * (300 + 0.01 * spacing[0]) or spacing[0] - other >= 4990
+
+
+@given(
+    st.floats(10, 5e6),
+    st.floats(0, 1e6),
+    st.floats(0, 1e5),
+    st.floats(0, 1000),
+    st.sampled_from([-0.01, -0.005, 0.0, 0.005, 0.01]),
+)
+def test_the_light_outlasts_the_exposure_on_any_clock(
+    exposure_us, frame_period_us, delay_us, settle_ms, rate
+):
+    """The board's clock may be 1 % off; an exposure is accepted up to the margin from its trigger.
+
+    Times are the camera's: a board whose clock is fast ends its light early.
+    """
+    info = CameraInfo(
+        "m", "e", "1", 8, 8, "Mono8", 8, None, 1.0, 1e7,
+        trigger_delay_us=delay_us, readout_us=30_000.0, frame_period_us=frame_period_us,
+    )  # fmt: skip
+    config = RigConfig(name="r", driver="fake", leds=1, settle_ms=settle_ms)
+    exposure = Exposure.of(info, config, exposure_us)
+    last_row_us = delay_us + exposure_us + 30_000.0
+    lit_us = exposure.hold_us / (1 + rate)
+    # Clocks that differ by 1 % change the margin itself by 1 %.
+    assert lit_us >= last_row_us + 0.99 * exposure.margin_us
+    # Two periods, and what is done between two flashes, by 1 %, and what the clocks state.
+    period_us = max(frame_period_us, last_row_us)
+    assert exposure.margin_us == pytest.approx(300 + 0.01 * (2 * period_us + 20_000))
+    assert exposure.ahead_us >= min(max(settle_ms * 1000, exposure.margin_us), 1e6)
+    # Triggers of a sequence come no faster than the camera takes frames, if the clock is fast.
+    assert exposure.run_us / (1 + rate) >= period_us
 
 
 def frame(number, time_us):

@@ -166,11 +166,31 @@ def test_a_rising_step_shows_its_wall():
     ],
 )
 @pytest.mark.parametrize(
-    "surface", [Plane(60.0, 2.0), StepGauge(60.0, (4.0, 2.0)), Ripples(64.0, 2.0)]
+    "surface",
+    [Plane(60.0, 2.0), StepGauge(60.0, (4.0, 2.0)), Ripples(64.0, 2.0), SphericalCap(60.0, 0.9)],
 )
 def test_misses(surface, origin, direction):
     hits = surface.trace(np.array([origin], float), np.array([direction], float))
     assert hits.hit.tolist() == [False]
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction"),
+    [
+        pytest.param((100, 0, 30), (1, 0, 0), id="level"),
+        pytest.param((0, 80, 20), (0, 1, 0.01), id="level the other way"),
+        pytest.param((90, 0, 60), (1, 0, 0.3), id="upward"),
+    ],
+)
+@pytest.mark.parametrize("height", [50.0, 40.0], ids=["half sphere", "cap"])
+def test_a_dome_behind_the_origin_of_a_ray_is_not_met(origin, direction, height):
+    """Turned round, the same ray meets it: the line crosses the dome above the board."""
+    cap = SphericalCap(50.0, height)
+    origin, direction = np.array([origin], float), np.array([direction], float)
+    assert cap.trace(origin, -direction).hit.tolist() == [True]
+    hits = cap.trace(origin, direction)
+    assert hits.hit.tolist() == [False]
+    assert not hits.points_mm.any()
 
 
 def test_level_ray_meets_the_flank_of_a_dome():

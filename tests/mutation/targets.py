@@ -1,0 +1,92 @@
+"""The core modules, and the test files that have to notice a fault in each, quickest first."""
+
+from __future__ import annotations
+
+_SPHERES = "calibration/_spheres"
+_SHOOTING = ("rig/test_shooting_values.py", "rig/test_rig_sequence.py", "rig/test_rig_shoot.py")
+_SESSION = (
+    "acquisition/test_journal.py",
+    "acquisition/test_session_golden.py",
+    "acquisition/test_session_reader.py",
+    "acquisition/test_session_writer.py",
+    "acquisition/test_session_faults.py",
+    "acquisition/test_resume.py",
+)
+_WHOLE_CALIBRATION = ("calibration/test_spheres_simulated.py",)
+_DETAIL = "processing/_detail"
+
+TARGETS: dict[str, tuple[str, ...]] = {
+    "acquisition/_engine/references.py": (
+        "acquisition/test_references.py",
+        "acquisition/test_short_brackets.py",
+    ),
+    "acquisition/_engine/rejection.py": ("acquisition/test_rejection.py",),
+    "acquisition/_engine/agenda.py": ("acquisition/test_judging_order.py",),
+    "acquisition/_engine/carry_out.py": (
+        "acquisition/test_engine.py",
+        "acquisition/test_engine_disk.py",
+    ),
+    "acquisition/_session/journal.py": _SESSION,
+    "acquisition/_session/recorded.py": _SESSION,
+    "acquisition/_session/open_shots.py": _SESSION,
+    "acquisition/_session/verify.py": _SESSION,
+    "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
+    "rig/_shooting/exposure.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/flash_chain.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/frame_time.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/sequence.py": _SHOOTING,
+    "rig/_shooting/shooting.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
+    "rig/_shooting/shot.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/spacing.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/wires.py": ("rig/test_shooting_values.py",),
+    "rig/_board/protocol.py": ("rig/test_protocol_lines.py", "rig/test_board_client.py"),
+    "rig/_board/replies.py": ("rig/test_protocol_lines.py", "rig/test_board_client.py"),
+    "calibration/_radiance/linear_stack.py": ("calibration/test_radiance.py",),
+    f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
+    f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
+    f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
+    f"{_SPHERES}/find.py": _WHOLE_CALIBRATION,
+    f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/light_positions.py": (
+        "calibration/test_light_positions.py",
+        *_WHOLE_CALIBRATION,
+    ),
+    f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
+    f"{_SPHERES}/marked.py": ("calibration/test_outline.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/outline.py": ("calibration/test_outline.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/placed.py": ("calibration/test_light_positions.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/reflection.py": (
+        "calibration/test_reflection.py",
+        "calibration/test_light_positions.py",
+    ),
+    f"{_SPHERES}/robust.py": ("calibration/test_robust_fits.py",),
+    f"{_SPHERES}/search.py": _WHOLE_CALIBRATION,
+    f"{_SPHERES}/sphere_calibration.py": _WHOLE_CALIBRATION,
+    f"{_SPHERES}/sphere_image.py": ("calibration/test_highlights.py", *_WHOLE_CALIBRATION),
+    "processing/_stereo/kernels.py": (
+        "processing/test_photometric_stereo.py",
+        "processing/test_photometric_near.py",
+    ),
+    "processing/_stereo/photometric_stereo.py": (
+        "processing/test_photometric_stereo.py",
+        "processing/test_photometric_near.py",
+    ),
+    "processing/_surface/chord_rule.py": ("processing/test_chord_rule.py",),
+    "processing/_surface/integration.py": ("processing/test_integration.py",),
+    "processing/_surface/multigrid.py": ("processing/test_multigrid.py",),
+    f"{_DETAIL}/separation.py": ("processing/test_separation.py",),
+    f"{_DETAIL}/transfer.py": ("processing/test_transfer.py",),
+    f"{_DETAIL}/rotation.py": ("processing/test_rotation.py",),
+    f"{_DETAIL}/similarity.py": ("processing/test_local_transfer.py",),
+    f"{_DETAIL}/properties.py": ("processing/test_properties.py",),
+    "simulator/_shapes/surface.py": (
+        "simulator/test_surface_trace.py",
+        "simulator/test_surface_shapes.py",
+    ),
+    "simulator/_render/shade.py": (
+        "simulator/test_render_closed_forms.py",
+        "simulator/test_render_light_and_colour.py",
+        "simulator/test_shadow_edges.py",
+    ),
+}  # fmt: skip

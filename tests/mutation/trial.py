@@ -1,0 +1,155 @@
+"""A copy of the tree in which one module at a time has a fault, and the tests that run on it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+ROOT = Path(__file__).resolve().parents[2]
+Verdict = Literal["killed", "timeout", "survived"]
+
+# Whoever imports these once need not do so for every fault: it is most of a short test's time.
+_PRELOADED = (
+    "cv2", "hypothesis", "numba", "numpy", "OpenImageIO", "pydantic", "pytest", "scipy.linalg",
+    "scipy.ndimage", "scipy.optimize", "scipy.sparse.linalg", "serial",
+)  # fmt: skip
+# Wall clock against processor time: a busy host is no endless loop.
+_WAITING = 6
+_STRANGE = 97
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the tests said, and the seconds they took."""
+
+    verdict: Verdict
+    seconds: float
+    said: str
+
+
+class Trial:
+    """A copy of the working tree for faults; the tree itself is never changed.
+
+    Parameters
+    ----------
+    folder
+        Where the copy goes; it must not exist.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        words = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z"]
+        names = subprocess.run(words, cwd=ROOT, capture_output=True, check=True).stdout
+        for name in filter(None, names.decode().split("\0")):
+            source, copy = ROOT / name, folder / name
+            if source.is_file():
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(source, copy)
+        self._context = multiprocessing.get_context("forkserver")
+        self._context.set_forkserver_preload(list(_PRELOADED))
+
+    def original(self, module: str) -> str:
+        """Return the text of a module without a fault."""
+        return (ROOT / module).read_text(encoding="utf-8")
+
+    def run(self, module: str, text: str, tests: tuple[str, ...], limit_s: float) -> Outcome:
+        """Run tests on a module of this text until one fails.
+
+        Parameters
+        ----------
+        module
+            Path in the tree.
+        text
+            Put in its place for as long as the tests run.
+        tests
+            Paths below ``tests``.
+        limit_s
+            Processor time.
+
+        Raises
+        ------
+        RuntimeError
+            If the tests never import the module, so that they cannot judge it.
+        """
+        path, log = self._folder / module, self._folder / "tests.log"
+        before = path.stat()
+        log.write_text("", encoding="utf-8")
+        for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
+            stale.unlink()  # known by the second and the size alone
+        path.write_text(text, encoding="utf-8")
+        words = (self._folder, log, module, tests, limit_s)
+        process = self._context.Process(target=_tests, args=words)
+        try:
+            process.start()
+            process.join(_WAITING * limit_s)
+            ended = process.exitcode is not None
+        finally:
+            _end_group(process.pid)
+            process.join()
+            shutil.copyfile(ROOT / module, path)
+            os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+        said = log.read_text(encoding="utf-8", errors="replace").rstrip()
+        if process.exitcode == _STRANGE:
+            raise RuntimeError(f"{module} is not what {', '.join(tests)} import")
+        if not ended or process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL):
+            return Outcome("timeout", limit_s, said)
+        # A crash, which is noticed too, leaves no time behind.
+        used = float(found[1]) if (found := re.search(r"processor time (\S+)$", said)) else 0.0
+        return Outcome("survived" if process.exitcode == 0 else "killed", used, said)
+
+
+def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s: float) -> None:
+    """Run pytest in a process that is forked for it, and leave with its exit code."""
+    import numba
+    import pytest
+
+    os.setsid()
+    os.chdir(folder)
+    # For what the tests start too.
+    os.environ["PYTHONPATH"] = str(folder)
+    # Compiled code is known by the time and the size of its source: a fault is compiled anew.
+    os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = str(folder / ".numba")
+    # In place of the working tree, which an editable install puts on the path.
+    sys.path[:] = [str(folder), *(entry for entry in sys.path if Path(entry or ".") != ROOT)]
+    stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    os.dup2(stream, 1)
+    os.dup2(stream, 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 5))
+    words = [
+        "-x",
+        "-q",
+        "--assert=plain",
+        "-m",
+        "not slow",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+    ]
+    words += ["--hypothesis-seed=0", "--tb=line", "--timeout=0"]
+    code = int(pytest.main([*words, *(f"tests/{name}" for name in tests)]))
+    loaded = sys.modules.get(module.removesuffix(".py").replace("/", "."))
+    # An import that fails is a fault that was noticed.
+    if code == 0 and Path(getattr(loaded, "__file__", None) or "") != folder / module:
+        code = _STRANGE
+    print("processor time", sum(os.times()[:4]), flush=True)
+    os._exit(code)
+
+
+def _end_group(pid: int | None) -> None:
+    """End what a test left running; the tests are the first of their process group."""
+    if pid is None:
+        return
+    try:
+        os.killpg(pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return

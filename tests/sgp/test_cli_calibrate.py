@@ -1,0 +1,202 @@
+"""Which mask may mark a sphere: one that was given, or that of a plain folder of images."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import Lights, read_lights, write_lights, write_png
+from processing import angle_deg
+from sgp.app import build, run
+
+SIZE = (150, 190)
+CENTRE, RADIUS = (81.3, 70.6), 48.0
+
+
+def directions(count=9):
+    around = 2 * np.pi * np.arange(count) / count
+    return np.stack([0.5 * np.cos(around), 0.5 * np.sin(around), np.full(count, 0.8)], axis=1)
+
+
+def disc(centre=CENTRE, radius=RADIUS):
+    """An anti-aliased mask: the share of each pixel is exact to about a hundredth."""
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    distance = np.hypot(columns - centre[0], rows - centre[1])
+    return np.rint(255 * np.clip(radius + 0.5 - distance, 0, 1)).astype(np.uint8)
+
+
+def highlights():
+    """Where an orthographic view sees the lights: the normal is half way to the view (0, 0, 1)."""
+    lights = directions() / np.linalg.norm(directions(), axis=1, keepdims=True)
+    half = lights + np.array([0, 0, 1])
+    normals = half / np.linalg.norm(half, axis=1, keepdims=True)
+    return np.asarray(CENTRE) + RADIUS * normals[:, :2] * [1, -1]
+
+
+@pytest.fixture
+def chrome(tmp_path):
+    """A plain folder: a mirror ball, grey on black, under nine lights; no mask yet."""
+    folder = tmp_path / "chrome"
+    folder.mkdir()
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    for i, (x, y) in enumerate(highlights()):
+        spot = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 1.5**2))
+        image = 0.02 + 0.1 * disc() / 255.0 + 0.8 * spot
+        write_png(folder / f"chrome.{i}.png", np.rint(image * 65535).astype(np.uint16))
+    return folder
+
+
+def error_deg(path):
+    return angle_deg(read_lights(path).unit_directions, directions()).max()
+
+
+@pytest.mark.parametrize("name", ["mask.png", "chrome.mask.png"])
+def test_the_mask_file_of_a_plain_folder_marks_the_sphere(sgp, chrome, tmp_path, name):
+    write_png(chrome / name, disc())
+    answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json", "--json")
+    assert answer.code == 0, answer.err
+    (sphere,) = json.loads(answer.out)["metrics"]["spheres"]
+    # The anti-aliased edge is used: cut at one half it would scatter by a third of a pixel.
+    assert sphere["rms_px"] < 0.05
+    assert error_deg(tmp_path / "l.json") < 0.3
+
+
+def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
+    left, right = chrome / "left.mask.png", chrome / "right.mask.png"
+    write_png(left, disc())
+    write_png(right, disc())
+    found = tmp_path / "l.json"
+    answer = sgp("calibrate", "spheres", chrome, "--mask", left, "--mask", right, "--out", found)
+    assert answer.code == 0, answer.err
+    assert "not used" not in answer.err
+    assert "from 2 spheres" in answer.out
+    assert error_deg(found) < 0.3
+    assert sgp("calibrate", "spheres", chrome, "--out", tmp_path / "m.json").code == 4
+
+
+def test_an_object_in_the_mask_file_of_a_plain_folder_is_named(sgp, chrome, tmp_path):
+    write_png(chrome / "mask.png", disc((150, 120), 20))
+    answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json")
+    said = answer.error_line(5)
+    assert f"{chrome / 'mask.png'} was taken as the mask of a sphere" in said
+
+
+def test_a_given_outline_comes_before_the_mask_file(sgp, chrome, tmp_path):
+    write_png(chrome / "mask.png", disc((150, 120), 20))
+    words = ("calibrate", "spheres", chrome, "--sphere", "82,70,47", "--out", tmp_path / "l.json")
+    answer = sgp(*words)
+    assert answer.code == 0, answer.err
+    assert error_deg(tmp_path / "l.json") < 1
+
+
+def as_diligent(sgp, chrome):
+    names = sorted(path.name for path in chrome.glob("*.png"))
+    (chrome / "filenames.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+    write_png(chrome / "mask.png", disc((150, 120), 20))
+    return chrome, chrome / "mask.png"
+
+
+def as_lp(sgp, chrome):
+    names = tuple(sorted(path.stem for path in chrome.glob("*.png")))
+    write_lights(chrome / "lights.lp", Lights(directions=directions(), ids=names))
+    write_png(chrome / "mask.png", disc((150, 120), 20))
+    return chrome, chrome / "mask.png"
+
+
+def as_session(sgp, chrome):
+    session = chrome.parent / "session"
+    write_png(chrome / "mask.png", disc((150, 120), 20))
+    assert sgp("capture", "import", chrome, "--out", session).code == 0
+    return session, session / "derived" / "mask.png"
+
+
+def as_truth(sgp, chrome):
+    session, mask = as_session(sgp, chrome)
+    truth = session / "derived" / "truth" / "mask.png"
+    truth.parent.mkdir()
+    return session, mask.rename(truth)
+
+
+def as_export(sgp, chrome):
+    """AliceVision's layout has no table of its own: to a reader it is a plain folder."""
+    session, _ = as_session(sgp, chrome)
+    out, lights = chrome.parent / "export", chrome.parent / "true.json"
+    write_lights(lights, Lights(directions=directions()))
+    words = ("capture", "export", session, "--format", "alicevision", "--lights", lights)
+    assert sgp(*words, "--out", out).code == 0
+    (out / "lights.json").unlink()
+    return out, out / "mask.png"
+
+
+LAYOUTS = [
+    pytest.param(made, id=made.__name__)
+    for made in (as_diligent, as_lp, as_session, as_truth, as_export)
+]
+
+
+@pytest.mark.parametrize("made", LAYOUTS)
+def test_the_mask_of_an_object_marks_no_sphere(sgp, chrome, tmp_path, made):
+    source, mask = made(sgp, chrome)
+    assert mask.exists()
+    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
+    assert answer.code == 0, answer.err
+    assert error_deg(tmp_path / "found.json") < 1
+    # Given by name, the same file marks a sphere, here one without any highlight.
+    answer = sgp("calibrate", "spheres", source, "--mask", mask, "--out", tmp_path / "m.json")
+    assert "no highlight under light" in answer.error_line(5)
+
+
+@pytest.mark.parametrize("made", LAYOUTS)
+def test_where_no_sphere_is_found_the_mask_left_aside_is_named(sgp, chrome, tmp_path, made):
+    for path in chrome.glob("*.png"):
+        write_png(path, np.full(SIZE, 9000, np.uint16))
+    source, mask = made(sgp, chrome)
+    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
+    assert f"{mask} was not used, as it shows the object" in answer.error_line(5)
+
+
+@pytest.fixture(scope="module")
+def coin(tmp_path_factory):
+    """The coin between four chrome spheres, recorded once."""
+    out = tmp_path_factory.mktemp("scene") / "cs"
+    assert run(build(), ["simulate", "coin-with-spheres", "--out", str(out)]) == 0
+    return out
+
+
+def test_spheres_beside_an_object_give_the_positions(sgp, coin, tmp_path):
+    truth = read_lights(coin / "derived" / "truth" / "lights.json")
+    found = tmp_path / "l.json"
+    answer = sgp("calibrate", "spheres", coin, "--radius-mm", 12, "--out", found, "--json")
+    assert answer.code == 0, answer.err
+    assert len(json.loads(answer.out)["metrics"]["spheres"]) >= 3
+    lights = read_lights(found)
+    assert np.linalg.norm(lights.positions_mm - truth.positions_mm, axis=1).mean() < 4
+    assert angle_deg(lights.unit_directions, truth.unit_directions).mean() < 0.4
+
+
+def test_intensities_come_from_the_card_and_not_from_the_object(sgp, coin, tmp_path):
+    truth = coin / "derived" / "truth" / "lights.json"
+    found = tmp_path / "i.json"
+    answer = sgp("calibrate", "intensities", coin, "--lights", truth, "--out", found, "--json")
+    assert answer.code == 0, answer.err
+    strength, true = (np.asarray(read_lights(p).intensities).mean(axis=1) for p in (found, truth))
+    # With the coin as the card: mu 0, errors of 1.2 % on average.
+    assert np.abs(strength / strength.mean() / (true / true.mean()) - 1).mean() < 0.006
+    assert abs(json.loads(answer.out)["metrics"]["mu"] - 1) < 0.3
+
+
+def test_a_card_that_is_given_is_the_card(sgp, coin, tmp_path):
+    truth = coin / "derived" / "truth" / "lights.json"
+    write_png(tmp_path / "card.png", np.full((512, 640), 255, np.uint8))
+    metrics = []
+    for name, mask in (("a", ()), ("b", ("--mask", tmp_path / "card.png"))):
+        out = tmp_path / f"{name}.json"
+        words = ("calibrate", "intensities", coin, "--lights", truth, *mask, "--out", out)
+        metrics.append(json.loads(sgp(*words, "--json").out)["metrics"])
+    assert metrics[0] == metrics[1]
+    part = np.zeros((512, 640), np.uint8)
+    part[:60] = 255
+    write_png(tmp_path / "part.png", part)
+    words = ("calibrate", "intensities", coin, "--lights", truth, "--mask", tmp_path / "part.png")
+    answer = sgp(*words, "--out", tmp_path / "p.json", "--json")
+    assert json.loads(answer.out)["metrics"]["pixels"] < metrics[0]["pixels"]
