@@ -1,20 +1,37 @@
 """Detail transfer in the normal domain beside two mesh-based peers, in one run.
 
-A woven cloth's detail goes onto a bowl of so many points. Each number of points is measured in
-a process of its own with warm caches: CPU seconds of all threads (the best run), peak of the
-resident memory above the inputs, both also as multiples of those of "normals" (separation and
-transfer by the paper's filter), the time also as multiples of a copy of a normal map.
-Angles are errors by the paper's filter. DSPL: displacement along normals. LAPL: Laplacian editing.
+A woven cloth's detail goes onto a bowl of so many points. DSPL is displacement along normals, LAPL
+Laplacian editing. Each number of points is measured in a process of its own with warm caches: CPU
+seconds of all threads, peak of the resident memory above the inputs. Times are medians, with the
+least and the most of the runs. A repeated call has kept what depends on the target alone: shape or
+smooth base, factors of a matrix. "x" are multiples of what "normals" (separation of both maps by
+the paper's filter, and transfer) takes, median over median; of the first call also least over most
+and most over least.
+
+LAPL is solved by multigrid; "direct solver" is SuperLU; CHOLMOD, which is under the GPL, runs in a
+process of its own where cvxopt is installed.
+
+Then errors in degrees by the paper's filter, three times a shape and a detail error: against the
+two maps; with every method starting from the same surfaces; with every result as a surface. See
+docs/paper-tables.md. "round trip" is the way from normals to a surface and back, no transfer.
 """
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+
+import laplacian_by_cholmod
 import numpy as np
 from harness import command_line, copy_s
 
-from processing import NormalMap, angle_deg, separate
-from sgp._paper.measure import METHODS, Method, measure
+from processing import NormalMap
+from sgp._paper.judge import AS_SURFACES, PLAIN, SAME_SURFACES, judge
+from sgp._paper.measure import IN_NORMALS, METHODS, Measured, measure
 from simulator import Textile
+
+ERRORS = (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES)
 
 
 def pair(points: int) -> tuple[NormalMap, NormalMap]:
@@ -27,19 +44,46 @@ def pair(points: int) -> tuple[NormalMap, NormalMap]:
     return cloth, NormalMap.from_vectors(np.stack([-x, -y, side * one], axis=2))
 
 
-def rows(source: NormalMap, target: NormalMap, runs: int) -> dict[Method, tuple[float, ...]]:
-    meant = separate(target, order=1).shape
-    put = separate(source, order=1).detail
-    found = {}
-    for method, measured in measure(METHODS, source, target, runs=runs).items():
-        parts = separate(measured.normal_map, order=1)
-        found[method] = (
-            min(measured.cpu_s),
-            (measured.peak_bytes or float("nan")) / 1e6,
-            float(angle_deg(parts.shape.normals, meant.normals).mean()),
-            float(angle_deg(parts.detail.normals, put.normals).mean()),
-        )
+def all_measured(source: NormalMap, target: NormalMap, runs: int) -> dict[str, Measured]:
+    found = measure((*METHODS, "LAPL, direct solver"), source, target, runs=runs)
+    if find_spec("cvxopt") is not None:
+        script = Path(laplacian_by_cholmod.__file__)
+        method = laplacian_by_cholmod.METHOD
+        found |= measure((method,), source, target, runs=runs, program=(str(script),))
     return found
+
+
+def spread(values: tuple[float, ...]) -> str:
+    return f"{median(values):.4f} ({min(values):.4f}..{max(values):.4f})"
+
+
+def print_costs(points: int, found: dict[str, Measured], one_copy: float) -> None:
+    ours = found["normals"]
+    for method, taken in sorted(found.items()):
+        first, again = taken.cpu_s, taken.again_cpu_s
+        times = [f"{median(first) / median(ours.cpu_s):.1f}"]
+        times.append(f"{min(first) / max(ours.cpu_s):.1f}..{max(first) / min(ours.cpu_s):.1f}")
+        times.append(f"{median(again) / median(ours.again_cpu_s):.1f}")
+        memory = [size / 1e6 for size in taken.peak_bytes] or [float("nan")]
+        yardstick = median(ours.peak_bytes) / 1e6 if ours.peak_bytes else float("nan")
+        print(
+            f"{points:7d} {method:20}{spread(first):>26}{times[0]:>8}{times[1]:>14}"
+            f"{spread(again):>26}{times[2]:>8}{median(memory):8.1f}"
+            f"{median(memory) / yardstick:8.1f}{median(first) / one_copy:8.0f}",
+            flush=True,
+        )
+
+
+def print_errors(
+    points: int, found: dict[str, Measured], source: NormalMap, target: NormalMap
+) -> None:
+    judged = judge(
+        {name: one.normal_map for name, one in found.items()}, source, target, IN_NORMALS
+    )
+    for method in judged[ERRORS[0]]:
+        figures = [judged[quantity].get(method) for quantity in ERRORS]
+        cells = ["" if figure is None else f"{figure:.2f}" for figure in figures]
+        print(f"{points:7d} {method:28}" + "".join(f"{cell:>10}" for cell in cells), flush=True)
 
 
 def main() -> None:
@@ -47,23 +91,24 @@ def main() -> None:
     parser.add_argument(
         "--points", type=int, nargs="+", default=[5010, 49532, 306491], help="of each map"
     )
-    parser.add_argument("--runs", type=int, default=3, help="of each method")
+    parser.add_argument("--runs", type=int, default=5, help="of each method")
     options = parser.parse_args()
+    if find_spec("cvxopt") is None:
+        print("cvxopt is not installed (it is under the GPL): LAPL by CHOLMOD is left out")
     print(
-        f"{'points':>8} {'method':18}{'CPU s':>9}{'MB':>9}{'x time':>9}{'x memory':>9}"
-        f"{'copies':>9}{'shape deg':>10}{'detail deg':>11}"
+        f"{'points':>7} {'method':20}{'CPU s':>26}{'x':>8}{'least..most':>14}"
+        f"{'repeated':>26}{'x':>8}{'MB':>8}{'x':>8}{'copies':>8}"
     )
+    done = []
     for points in options.points:
         source, target = pair(points)
-        found = rows(source, target, options.runs)
-        one_copy = copy_s(source.normals)
-        for method, (cpu, size, shape, detail) in found.items():
-            print(
-                f"{source.mask.sum():8d} {method:18}{cpu:9.4f}{size:9.1f}"
-                f"{cpu / found['normals'][0]:9.1f}{size / found['normals'][1]:9.1f}"
-                f"{cpu / one_copy:9.0f}{shape:10.2f}{detail:11.2f}",
-                flush=True,
-            )
+        found = all_measured(source, target, options.runs)
+        print_costs(int(source.mask.sum()), found, copy_s(source.normals))
+        done.append((int(source.mask.sum()), found, source, target))
+    print(f"\n{'errors in degrees':37}{'plain':>19}{'same surfaces':>20}{'as surfaces':>20}")
+    print(f"{'points':>7} {'method':28}" + f"{'shape':>10}{'detail':>10}" * 3)
+    for each in done:
+        print_errors(*each)
 
 
 if __name__ == "__main__":

@@ -12,24 +12,54 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from processing import NormalMap, ShapeFilter, combine, height_mesh, integrate, separate
-from sgp._paper.displacement import transfer_by_displacement
-from sgp._paper.laplacian import transfer_by_laplacian
-from sgp._paper.mesh import Vectors, vertex_normals
+from processing import NormalMap, ShapeFilter, combine, separate
+from sgp._paper.displacement import Displacement
+from sgp._paper.laplacian import LaplacianEditing, superlu
+from sgp._paper.mesh import Float, GridMesh
+from sgp._paper.surfaces import Surfaces
 
-Method = Literal["DSPL", "LAPL", "normals", "normals, order 8"]
+Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
+# Those that the tables compare. The direct solver gives what LAPL gives.
 METHODS: tuple[Method, ...] = ("DSPL", "LAPL", "normals", "normals, order 8")
+_ORDERS = {"normals": 1, "normals, order 8": 8}
 Mask = npt.NDArray[np.bool_]
 
-_PEERS = {"DSPL": transfer_by_displacement, "LAPL": transfer_by_laplacian}
+# How often memory is measured at most: it hardly varies.
+_MEMORY_RUNS = 3
+
+
+class Peer(Protocol):
+    """A mesh method that has done what depends on its target alone."""
+
+    def put(self, source: Float) -> Float:
+        """Put a source's detail onto the target; ``(V, 3)`` vertices."""
+
+
+MakePeer = Callable[[Float, GridMesh, Mask | None, int], Peer]
+PEERS: Mapping[str, MakePeer] = {
+    "DSPL": Displacement,
+    "LAPL": LaplacianEditing,
+    "LAPL, direct solver": partial(LaplacianEditing, factorise=superlu),
+}
+
+
+def in_normals(source: NormalMap, target: NormalMap, order: int = 1) -> NormalMap:
+    """Transfer in the normal domain, as "normals" does it."""
+    return combine(separate(target, order=order).shape, separate(source, order=order).detail)
+
+
+IN_NORMALS: Mapping[str, Callable[[NormalMap, NormalMap], NormalMap]] = {
+    name: partial(in_normals, order=order) for name, order in _ORDERS.items()
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,28 +70,33 @@ class Measured:
     ----------
     normal_map
         The result.
-    cpu_s, wall_s
-        Of each run; CPU seconds are of all threads.
+    cpu_s
+        Of each run, from the two maps or the two surfaces to the result: CPU seconds of all
+        threads.
+    again_cpu_s
+        Of each run where what depends on the target alone was kept from an earlier transfer: its
+        shape or its smooth base, factors of a matrix.
     peak_bytes
-        Resident memory at its peak above what was there with the inputs loaded; None where the
-        system does not tell.
+        Resident memory at its peak above what was there with the inputs loaded, of some runs as
+        for `cpu_s`; empty where the system does not tell.
     """
 
     normal_map: NormalMap
     cpu_s: tuple[float, ...]
-    wall_s: tuple[float, ...]
-    peak_bytes: int | None
+    again_cpu_s: tuple[float, ...]
+    peak_bytes: tuple[int, ...]
 
 
 def measure(
-    methods: Sequence[Method],
+    methods: Sequence[str],
     source: NormalMap,
     target: NormalMap,
     *,
     region: Mask | None = None,
     w: int = 5,
     runs: int = 1,
-) -> dict[Method, Measured]:
+    program: Sequence[str] = ("-m", __name__),
+) -> dict[str, Measured]:
     """Transfer detail by some methods in a new process, one after the other, with warm caches.
 
     The mesh methods are given the surfaces that the normal maps integrate to, pixel on pixel; how
@@ -71,7 +106,7 @@ def measure(
     Parameters
     ----------
     methods
-        Of `METHODS`.
+        Of `Method`, or what `program` knows besides.
     source, target
         Maps of one size, the source laid over the target.
     region
@@ -80,6 +115,8 @@ def measure(
         Half width of the paper's filter.
     runs
         How often.
+    program
+        What Python runs: this module, or a script that calls `run_methods`.
     """
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder) / "given.npz", Path(folder) / "made.npy"
@@ -92,56 +129,51 @@ def measure(
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        call = [sys.executable, "-m", __name__, str(given), str(made), str(w), str(runs), *methods]
-        # Idle threads sleep, as in `sgp`, else their spinning would count as work.
-        environment = os.environ | {"OMP_WAIT_POLICY": "passive"}
+        call = [sys.executable, "-P", *program, str(given), str(made), str(w), str(runs), *methods]
+        # Idle threads sleep, as in `sgp`, and BLAS has one: else their spinning counts as work.
+        environment = os.environ | {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(call, check=True, env=environment, stdout=subprocess.PIPE, text=True)
         figures = json.loads(done.stdout)
         results = np.load(made)
     return {
         method: Measured(
             NormalMap(normals, mask),
-            tuple(figures[method]["cpu_s"]),
-            tuple(figures[method]["wall_s"]),
-            figures[method]["peak_bytes"],
+            **{name: tuple(values) for name, values in figures[method].items()},
         )
         for method, normals in zip(methods, results, strict=True)
     }
 
 
 class _Bench:
-    """The inputs of every method, made ready; what is left to `run` is what is measured."""
+    """The inputs of every method; what `prepare` and what it returns do is what is measured."""
 
-    def __init__(self, source: NormalMap, target: NormalMap, region: Mask | None, w: int) -> None:
-        self._source, self._target, self._w = source, target, w
-        from_surface, to_surface = integrate(source), integrate(target)
-        mesh = height_mesh(to_surface)
-        inside = to_surface.mask
-        self._to = mesh.vertices.astype(np.float64)
-        self._from = from_surface.points()[inside].astype(np.float64)
-        # A pixel that stands alone in one of the surfaces has no height: no triangle touches it.
-        known = from_surface.mask[inside]
-        self._from[~known] = self._to[~known]
-        self._faces = mesh.faces[known[mesh.faces].all(axis=1)]
-        self._region = None if region is None else region[inside]
-        self._meshed = np.zeros(len(self._to), np.bool_)
-        self._meshed[self._faces] = True
-        self._pixels = np.flatnonzero(inside)[self._meshed]
+    def __init__(
+        self,
+        source: NormalMap,
+        target: NormalMap,
+        region: Mask | None,
+        w: int,
+        peers: Mapping[str, MakePeer],
+    ) -> None:
+        self._source, self._target, self._w, self._peers = source, target, w, peers
+        self._surfaces = Surfaces.of(source, target)
+        self._region = None if region is None else region[self._surfaces.mesh.mask]
 
-    def run(self, method: str) -> NormalMap | Vectors:
-        if method in _PEERS:
-            return _PEERS[method](self._from, self._to, self._faces, self._region, self._w)
-        order = 8 if method.endswith("order 8") else 1
+    def prepare(self, method: str) -> Callable[[], NormalMap | Float]:
+        """Do what depends on the target alone; the rest is left to the call."""
+        if method in self._peers:
+            given = self._surfaces
+            mesh = GridMesh(given.mesh.mask, given.mesh.faces)  # has nothing in store
+            peer = self._peers[method](given.target, mesh, self._region, self._w)
+            return partial(peer.put, given.source)
+        order = _ORDERS[method]
         shape = ShapeFilter("gaussian", order, self._w).shape(self._target)
-        return combine(shape, separate(self._source, order=order, w=self._w).detail)
+        return lambda: combine(shape, separate(self._source, order=order, w=self._w).detail)
 
-    def normals(self, result: NormalMap | Vectors) -> npt.NDArray[np.float32]:
+    def normals(self, result: NormalMap | Float) -> Float:
         if isinstance(result, NormalMap):
             return result.normals
-        normals = self._target.normals.copy()
-        found = vertex_normals(result, self._faces)[self._meshed]
-        normals.reshape(-1, 3)[self._pixels] = found
-        return normals
+        return self._surfaces.read(result, self._target).normals
 
 
 def _resident_bytes(entry: str) -> int:
@@ -162,22 +194,37 @@ def _peak_begins() -> int | None:
     return resident
 
 
-def _measured(bench: _Bench, method: str, runs: int) -> tuple[dict[str, Any], NormalMap | Vectors]:
-    cpu_s: list[float] = []
-    wall_s: list[float] = []
+def _timed(work: Callable[[], Any], runs: int) -> list[float]:
+    cpu_s = []
     for _ in range(runs):
-        cpu, wall = time.process_time(), time.perf_counter()
-        result = bench.run(method)
-        cpu_s.append(time.process_time() - cpu)
-        wall_s.append(time.perf_counter() - wall)
-    # Memory in a run of its own: taking pages from the system anew costs time.
-    before = _peak_begins()
-    result = bench.run(method)
-    peak = None if before is None else _resident_bytes("VmHWM") - before
-    return {"cpu_s": cpu_s, "wall_s": wall_s, "peak_bytes": peak}, result
+        begun = time.process_time()
+        work()
+        cpu_s.append(time.process_time() - begun)
+    return cpu_s
 
 
-def _main(given: str, made: str, w: str, runs: str, *methods: str) -> None:
+def _peaks(work: Callable[[], Any], runs: int) -> list[int]:
+    """Measure memory in runs of their own: taking pages from the system anew costs time."""
+    peaks = []
+    for _ in range(runs):
+        before = _peak_begins()
+        work()
+        if before is not None:
+            peaks.append(_resident_bytes("VmHWM") - before)
+    return peaks
+
+
+def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS) -> None:
+    """Be the process that `measure` starts.
+
+    Parameters
+    ----------
+    arguments
+        As `measure` writes them.
+    peers
+        Every mesh method by name.
+    """
+    given, made, w, runs = Path(arguments[0]), arguments[1], int(arguments[2]), int(arguments[3])
     with np.load(given) as arrays:
         mask = arrays["mask"]
         source, target = (
@@ -185,16 +232,31 @@ def _main(given: str, made: str, w: str, runs: str, *methods: str) -> None:
             for name in ("source", "target")
         )
         region = None if arrays["whole"] else arrays["region"]
-    flat = NormalMap(np.tile(np.array([0, 0, 1], np.float32), (40, 40, 1)), np.ones((40, 40), bool))
-    warm, bench = _Bench(flat, flat, None, int(w)), _Bench(source, target, region, int(w))
+    # So large that every kernel runs on many threads too, as far as it has them.
+    flat = NormalMap(
+        np.tile(np.array([0, 0, 1], np.float32), (140, 140, 1)), np.ones((140, 140), bool)
+    )
+    warm = _Bench(flat, flat, None, w, peers)
+    bench = _Bench(source, target, region, w, peers)
     figures, results = {}, []
-    for method in methods:
-        warm.run(method)
-        figures[method], result = _measured(bench, method, int(runs))
-        results.append(bench.normals(result))
+    for method in arguments[4:]:
+        warm.prepare(method)()
+
+        def first(method: str = method) -> NormalMap | Float:
+            return bench.prepare(method)()
+
+        prepared = bench.prepare(method)
+        cpu_s, again_cpu_s = _timed(first, runs), _timed(prepared, runs)
+        results.append(bench.normals(prepared()))
+        del prepared
+        figures[method] = {
+            "cpu_s": cpu_s,
+            "again_cpu_s": again_cpu_s,
+            "peak_bytes": _peaks(first, min(runs, _MEMORY_RUNS)),
+        }
     np.save(made, np.stack(results))
     print(json.dumps(figures))
 
 
 if __name__ == "__main__":
-    _main(*sys.argv[1:])
+    run_methods(sys.argv[1:])

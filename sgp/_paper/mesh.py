@@ -1,64 +1,146 @@
-"""What both mesh-based peers of the detail transfer stand on: umbrella weights, normals, bases."""
+"""What both mesh-based peers of the detail transfer stand on: smooth bases and vertex normals.
+
+The peers get more than a mesh method usually has: a vertex per pixel. So the smooth base is the
+paper's own Gaussian, applied to positions instead of normals, and needs no sparse matrix.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numba
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
 
-Vectors = npt.NDArray[np.float64]
+from processing._surface.grid_graph import apply_laplacian
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int32]
-
-# Variance per axis, in pixels, of one mean over the neighbours on a grid of triangles.
-_STEP_VARIANCE = 2 / 3
+Mask = npt.NDArray[np.bool_]
 
 
-def umbrella(faces: Faces, count: int) -> sparse.csr_array:
-    """Return the ``(V, V)`` matrix that takes the mean over each vertex's neighbours.
+@dataclass(frozen=True, eq=False)
+class GridMesh:
+    """The triangles between vertices that lie one on each pixel of a mask.
 
     Parameters
     ----------
+    mask
+        ``(H, W)`` bool. Vertices are numbered in reading order, V of them.
     faces
-        ``(F, 3)``, all turning the same way: an edge inside then has one half-edge each way.
-    count
-        Number of vertices; one without a face is its own neighbour.
+        ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the front.
     """
-    begin = faces.ravel()
-    end = np.roll(faces, -1, axis=1).ravel()
-    ones = np.ones(len(begin), np.float32)
-    half = sparse.coo_array((ones, (begin, end)), shape=(count, count)).tocsr()
-    both = sparse.csr_array(half + half.T)
-    both.data[:] = 1
-    degree = np.diff(both.indptr)
-    alone = sparse.diags_array((degree == 0).astype(np.float64))
-    return sparse.csr_array(sparse.diags_array(1.0 / np.maximum(degree, 1)) @ both + alone)
+
+    mask: Mask
+    faces: Faces
+
+    @cached_property
+    def window(self) -> tuple[slice, slice]:
+        """The bounding box of the mask: no peer works on the empty frame around it."""
+        rows, columns = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (1, 0))
+        return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+
+    @cached_property
+    def inside(self) -> Mask:
+        """``(h, w)`` bool: the mask in its window."""
+        return np.ascontiguousarray(self.mask[self.window])
+
+    @cached_property
+    def edges(self) -> tuple[Float, Float]:
+        """``right`` and ``down``, ``(h+2, w+2)``: 1/4 for each edge along a row or a column.
+
+        With an empty border, as in `processing._surface.grid_graph`. They are proportional to the
+        cotangent weights of a flat grid, which are 0 on the diagonals of its squares.
+        """
+        right = np.zeros(np.add(self.inside.shape, 2), np.float32)
+        down = np.zeros_like(right)
+        padded = np.pad(self.inside, 1)
+        _mark_edges(
+            self.faces,
+            np.flatnonzero(padded),
+            padded.shape[1],
+            right.reshape(-1),
+            down.reshape(-1),
+        )
+        return right, down
+
+    def base(self, vertices: Float, w: int) -> Float:
+        """Return the smooth base of some vertices, or of any other values.
+
+        Parameters
+        ----------
+        vertices
+            ``(V, k)`` float32, k up to 4.
+        w
+            Half width of the paper's window: sigma is w / 2, cut at w. Only vertices count.
+        """
+        kernel = cv2.getGaussianKernel(2 * w + 1, w / 2, cv2.CV_32F)
+        image = np.zeros((*self.inside.shape, vertices.shape[1] + 1), np.float32)
+        image[self.inside, :-1] = vertices
+        image[..., -1] = self.inside
+        smooth = cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+        found = smooth[self.inside]
+        return np.asarray(found[:, :-1] / found[:, -1:], np.float32)
+
+    def laplacian(self, values: Float | Double) -> Double:
+        """Return the differences ``(V, k)`` of some values from those of their neighbours.
+
+        Each is a quarter of the sum over the up to four neighbours along rows and columns.
+        """
+        right, down = self.edges
+        inside = np.pad(self.inside, 1)
+        out = np.zeros(values.shape, np.float64)
+        padded, applied = np.zeros((2, *inside.shape))
+        for axis in range(values.shape[1]):
+            padded[inside] = values[:, axis]
+            apply_laplacian(right, down, padded, applied)
+            out[:, axis] = applied[inside]
+        return out
+
+    def normals(self, vertices: Float) -> Float:
+        """Return ``(V, 3)`` unit normals, area-weighted; a vertex without a face has z."""
+        return _vertex_normals(vertices, self.faces)
 
 
-def base(mean: sparse.csr_array, vertices: Vectors, w: int) -> Vectors:
-    """Return the smooth base: means over the neighbours until it is as smooth as the paper's shape.
-
-    Parameters
-    ----------
-    mean
-        See `umbrella`.
-    vertices
-        ``(V, k)``.
-    w
-        Of the paper's Gaussian, whose sigma is w / 2.
-    """
-    for _ in range(round((w / 2) ** 2 / _STEP_VARIANCE)):
-        vertices = mean @ vertices
-    return vertices
+@numba.njit(cache=True)
+def _mark_edges(
+    faces: Faces, pixels: npt.NDArray[np.int64], width: int, right: Float, down: Float
+) -> None:
+    for f in range(len(faces)):
+        for k in range(3):
+            a, b = pixels[faces[f, k]], pixels[faces[f, (k + 1) % 3]]
+            if abs(a - b) == 1:
+                right[min(a, b)] = 0.25
+            elif abs(a - b) == width:
+                down[min(a, b)] = 0.25
 
 
-def vertex_normals(vertices: Vectors, faces: Faces) -> Vectors:
-    """Return ``(V, 3)`` unit normals, area-weighted; a vertex without a face has z."""
-    corners = vertices[faces]
-    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    ends = np.arange(0, faces.size + 1, 3, dtype=np.int32)
-    touch = sparse.csc_array(
-        (np.ones(faces.size, np.float64), faces.ravel(), ends), shape=(len(vertices), len(faces))
-    )
-    total = np.asarray(touch @ crosses)
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.where(length > 0, length, 1), (0.0, 0.0, 1.0))
+@numba.njit(cache=True)
+def _vertex_normals(vertices: Float, faces: Faces) -> Float:
+    total = np.zeros(vertices.shape, np.float64)
+    for f in range(len(faces)):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax = np.float64(vertices[j, 0]) - vertices[i, 0]
+        ay = np.float64(vertices[j, 1]) - vertices[i, 1]
+        az = np.float64(vertices[j, 2]) - vertices[i, 2]
+        bx = np.float64(vertices[k, 0]) - vertices[i, 0]
+        by = np.float64(vertices[k, 1]) - vertices[i, 1]
+        bz = np.float64(vertices[k, 2]) - vertices[i, 2]
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        for v in (i, j, k):
+            total[v, 0] += x
+            total[v, 1] += y
+            total[v, 2] += z
+    out = np.zeros(vertices.shape, np.float32)
+    for v in range(len(out)):
+        length = math.sqrt(total[v, 0] ** 2 + total[v, 1] ** 2 + total[v, 2] ** 2)
+        if length > 0:
+            for c in range(3):
+                out[v, c] = total[v, c] / length
+        else:
+            out[v, 2] = 1
+    return out

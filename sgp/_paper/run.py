@@ -85,8 +85,8 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     made.tables.append(exchanged)
     made.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
-    table, headline, panels = by_resolution(sources, points, runs, advance)
-    made.tables += [table, headline]
+    tables, panels = by_resolution(sources, points, runs, advance)
+    made.tables += tables
     made.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
     table, made.profiles, panels = height_profiles(sources, textures, advance)
     made.tables.append(table)
@@ -97,8 +97,8 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
             "are left out; what is here is simulated"
         )
     else:
-        table, variants, panels = onto_diligent(sources, runs, advance)
-        made.tables += [table, variants]
+        tables, panels = onto_diligent(sources, runs, advance)
+        made.tables += tables
         made.pictures["diligent"] = Picture("Cracks on the DiLiGenT targets (order 1)", panels, 5)
         table, panels = local_transfers(sources, advance)
         made.tables.append(table)

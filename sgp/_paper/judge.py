@@ -1,0 +1,116 @@
+"""How far results are from what was to be transferred, by three measures.
+
+The plain errors compare a result's normals with the two maps. A mesh method cannot reach 0 there:
+the maps became surfaces first, and normals are read off its result. The row `FLOOR` says what that
+alone costs. By the two other measures every method goes through one integration and one reading,
+and is compared with normals that went the same way, so that a perfect transfer has an error of 0:
+
+- from the same surfaces: the normal domain starts from the normals that are read off the surfaces
+  which the mesh methods get;
+- as surfaces: the normal domain's result is integrated, and normals are read off its surface.
+
+For a mesh method the two are one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+
+from processing import NormalMap, angular_error, separate, ssim
+from sgp._paper.mesh import Mask
+from sgp._paper.surfaces import Surfaces
+
+FLOOR = "round trip without transfer"
+PLAIN = ("shape error, deg", "shape SSIM", "detail error, deg", "detail SSIM")
+SAME_SURFACES = (
+    "shape error from the same surfaces, deg",
+    "detail error from the same surfaces, deg",
+)
+AS_SURFACES = ("shape error as surfaces, deg", "detail error as surfaces, deg")
+
+# Figures by quantity and method.
+Judged = dict[str, dict[str, float]]
+# A transfer in the normal domain, from source and target to the result.
+InNormals = Callable[[NormalMap, NormalMap], NormalMap]
+
+
+def judge(
+    results: Mapping[str, NormalMap],
+    source: NormalMap,
+    target: NormalMap,
+    in_normals: Mapping[str, InNormals],
+    *,
+    region: Mask | None = None,
+    w: int = 5,
+) -> Judged:
+    """Measure the errors of some results by the paper's filter.
+
+    Parameters
+    ----------
+    results
+        By method.
+    source, target
+        The maps, of one size, that all of them were made of. Where the source is not known, the
+        target stands in for it.
+    in_normals
+        Those methods that work on normals, to be run on other maps.
+    region
+        ``(H, W)`` bool, where errors count. Default: everywhere, with SSIM in the paper's protocol.
+    w
+        Half width of the filter.
+
+    Returns
+    -------
+    Judged
+        `PLAIN`, with `FLOOR` among the methods, `SAME_SURFACES` and `AS_SURFACES`.
+    """
+    # The mesh methods need a surface wherever the target has one.
+    around = np.where(source.mask[..., None], source.normals, target.normals)
+    laid = NormalMap(np.where(target.mask[..., None], around, 0), target.mask)
+    surfaces = Surfaces.of(laid, target)
+    read_source, read_target = surfaces.round_trip(laid), surfaces.round_trip(target)
+    maps, read = _Meant(source, target, region, w), _Meant(read_source, read_target, region, w)
+    judged: Judged = {name: {} for name in (*PLAIN, *SAME_SURFACES, *AS_SURFACES)}
+
+    def add(names: tuple[str, ...], method: str, figures: tuple[float, ...]) -> None:
+        for name, figure in zip(names, figures, strict=True):
+            judged[name][method] = figure
+
+    for method, result in results.items():
+        add(PLAIN, method, maps.likeness(result, result))
+        again, surface = result, result
+        if method in in_normals:
+            again = in_normals[method](read_source, read_target)
+            surface = surfaces.round_trip(result)
+        add(SAME_SURFACES, method, read.errors_deg(again))
+        add(AS_SURFACES, method, read.errors_deg(surface))
+    add(PLAIN, FLOOR, maps.likeness(read_target, read_source))
+    return judged
+
+
+class _Meant:
+    """What a perfect transfer of one map's detail onto another's shape would hold."""
+
+    def __init__(self, source: NormalMap, target: NormalMap, region: Mask | None, w: int) -> None:
+        self._region, self._w = region, w
+        self._shape = separate(target, order=1, w=w).shape
+        self._detail = separate(source, order=1, w=w).detail
+
+    def likeness(self, shape_of: NormalMap, detail_of: NormalMap) -> tuple[float, ...]:
+        """Return the `PLAIN` figures of one map's shape and another's detail."""
+        figures: list[float] = []
+        for found, meant in (
+            (separate(shape_of, order=1, w=self._w).shape, self._shape),
+            (separate(detail_of, order=1, w=self._w).detail, self._detail),
+        ):
+            protocol: Literal["masked", "paper"] = "paper" if self._region is None else "masked"
+            figures.append(angular_error(found, meant, self._region).mae_deg)
+            figures.append(ssim(found, meant, self._region, protocol=protocol))
+        return tuple(figures)
+
+    def errors_deg(self, result: NormalMap) -> tuple[float, ...]:
+        """Return the mean errors of a map's shape and detail."""
+        return self.likeness(result, result)[::2]

@@ -1,0 +1,70 @@
+"""The surfaces that a mesh method gets instead of two normal maps, and normals read off them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing import NormalMap, height_mesh, integrate
+from sgp._paper.mesh import Float, GridMesh, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """A source and a target as meshes with a vertex per pixel and the same faces.
+
+    Parameters
+    ----------
+    source, target
+        ``(V, 3)`` float32 vertices in pixels, of the same pixels in the same order.
+    mesh
+        The faces, by the target's shorter diagonals. None crosses from one part of either surface
+        to another, whose relative heights are not known.
+    """
+
+    source: Float
+    target: Float
+    mesh: GridMesh
+
+    @classmethod
+    def of(cls, source: NormalMap, target: NormalMap) -> Surfaces:
+        """Integrate two maps of one size and one mask."""
+        to_surface = integrate(target)
+        made = height_mesh(to_surface)
+        pixels = GridMesh(to_surface.mask, made.faces)
+        ends = made.vertices
+        starts, whole = _laid(source, pixels, ends)
+        return cls(starts, ends, GridMesh(pixels.mask, made.faces[whole]))
+
+    def read(self, vertices: Float, elsewhere: NormalMap) -> NormalMap:
+        """Return the area-weighted normals of the vertices, each at its pixel.
+
+        Pixels that no face touches keep the normals of the map `elsewhere`.
+        """
+        return _read(vertices, self.mesh, elsewhere)
+
+    def round_trip(self, normal_map: NormalMap) -> NormalMap:
+        """Return what integrating a map and reading normals off its surface make of it."""
+        vertices, whole = _laid(normal_map, self.mesh, self.target)
+        return _read(vertices, GridMesh(self.mesh.mask, self.mesh.faces[whole]), normal_map)
+
+
+def _laid(normal_map: NormalMap, mesh: GridMesh, instead: Float) -> tuple[Float, Mask]:
+    """Return a map's surface on a mesh's vertices, and which faces lie on one part of it.
+
+    Where the surface is not known the vertices are those given instead.
+    """
+    surface = integrate(normal_map)
+    known = surface.mask[mesh.mask]
+    vertices = np.where(known[:, None], surface.points()[mesh.mask], instead)
+    parts = surface.parts[mesh.mask][mesh.faces]
+    return vertices, (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(axis=1)
+
+
+def _read(vertices: Float, mesh: GridMesh, elsewhere: NormalMap) -> NormalMap:
+    touched = np.zeros(len(vertices), np.bool_)
+    touched[mesh.faces] = True
+    normals = elsewhere.normals.copy()
+    normals.reshape(-1, 3)[np.flatnonzero(mesh.mask)[touched]] = mesh.normals(vertices)[touched]
+    return NormalMap(normals, elsewhere.mask)

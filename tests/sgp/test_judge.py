@@ -1,0 +1,118 @@
+"""The measures that put mesh methods and the normal domain on one footing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from processing import NormalMap, angle_deg
+from sgp._paper.judge import AS_SURFACES, FLOOR, PLAIN, SAME_SURFACES, judge
+from sgp._paper.measure import IN_NORMALS
+from sgp._paper.surfaces import Surfaces
+
+SIDE = 48
+
+
+def from_slopes(x_slope: np.ndarray, y_slope: np.ndarray) -> NormalMap:
+    return NormalMap.from_vectors(np.stack([-x_slope, -y_slope, np.ones_like(x_slope)], axis=2))
+
+
+ROWS, COLUMNS = np.mgrid[:SIDE, :SIDE].astype(np.float64)
+FLAT = from_slopes(0 * COLUMNS, 0 * COLUMNS)
+RELIEF = from_slopes(0.3 * np.cos(COLUMNS * 2 * np.pi / 6), 0.3 * np.sin(ROWS * 2 * np.pi / 7))
+DOME = from_slopes(-(COLUMNS - 24) / 60, (ROWS - 24) / 60)
+
+
+@pytest.mark.parametrize("period", [4, 6, 12, 40])
+def test_a_round_trip_loses_what_the_two_means_over_pixels_take(period):
+    """The chord rule averages two slopes, the faces around a vertex two steps: cos^2(k / 2)."""
+    slope = 0.01 * np.sin(COLUMNS * 2 * np.pi / period)
+    given = from_slopes(slope, 0 * slope)
+    read = Surfaces.of(given, FLAT).round_trip(given)
+    found = -read.normals[..., 0] / read.normals[..., 2]
+    inner = (slice(2, -2), slice(2, -2))
+    expected = slope * np.cos(np.pi / period) ** 2
+    np.testing.assert_allclose(found[inner], expected[inner], atol=2e-6)
+
+
+def test_a_round_trip_of_a_plane_changes_nothing():
+    plane = from_slopes(0.4 + 0 * ROWS, -0.7 + 0 * ROWS)
+    read = Surfaces.of(plane, plane).round_trip(plane)
+    assert angle_deg(read.normals, plane.normals).max() < 0.01
+
+
+def test_no_face_joins_two_parts_of_the_source():
+    """Two planes on either side of normals that face away: how high each lies is not known."""
+    slope = np.where(COLUMNS < 24, 0.5, -0.2)
+    normals = from_slopes(slope, 0 * slope).normals
+    normals[:, 24] = (0, 0, -1)
+    source = NormalMap(normals, np.ones((SIDE, SIDE), np.bool_))
+    surfaces = Surfaces.of(source, FLAT)
+    columns = surfaces.mesh.faces % SIDE
+    assert not ((columns < 24).any(axis=1) & (columns > 24).any(axis=1)).any()
+    assert not (columns == 24).any()
+    # On either side the planes are read as they are, between them the map's own normals stay.
+    read = surfaces.round_trip(source)
+    assert angle_deg(read.normals, normals).max() < 0.01
+    as_read = surfaces.read(surfaces.source, FLAT)
+    np.testing.assert_array_equal(as_read.normals[:, 24], FLAT.normals[:, 24])
+
+
+def test_a_perfect_mesh_transfer_has_only_the_floor_against_it():
+    """Detail of a surface put onto itself, by a method that returns the surface."""
+    surfaces = Surfaces.of(RELIEF, RELIEF)
+    perfect = surfaces.read(surfaces.source, RELIEF)
+    judged = judge({"mesh": perfect}, RELIEF, RELIEF, {})
+    for name in PLAIN:
+        assert judged[name]["mesh"] == pytest.approx(judged[name][FLOOR])
+    assert judged["detail error, deg"][FLOOR] > 2
+    for name in (*SAME_SURFACES, *AS_SURFACES):
+        assert judged[name]["mesh"] == pytest.approx(0, abs=1e-3)
+
+
+def test_a_perfect_transfer_of_normals_has_nothing_against_it():
+    judged = judge({"normals": RELIEF}, RELIEF, RELIEF, IN_NORMALS)
+    for name in (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES):
+        assert judged[name]["normals"] == pytest.approx(0, abs=1e-3), name
+    for name in PLAIN[1::2]:
+        assert judged[name]["normals"] == pytest.approx(1, abs=1e-5)
+
+
+def test_no_transfer_at_all_is_seen_by_every_measure():
+    """The target as it was has none of the detail: each measure finds about what is missing."""
+    missing = float(angle_deg(RELIEF.normals, (0, 0, 1)).mean())
+    for in_normals in ({}, {"nothing": lambda _, target: target}):
+        judged = judge({"nothing": DOME}, RELIEF, DOME, in_normals)
+        for name in ("detail error, deg", SAME_SURFACES[1], AS_SURFACES[1]):
+            # Read off a surface, slopes of this relief are a fifth to a quarter lower.
+            assert 0.7 * missing < judged[name]["nothing"] < 1.05 * missing, name
+
+
+def test_a_result_that_is_no_surface_is_judged_as_the_surface_it_integrates_to():
+    """Slopes that run round in circles belong to no surface: the nearest one to them is flat."""
+    disc = np.hypot(ROWS - 23.5, COLUMNS - 23.5) < 20
+    curl, flat = (
+        NormalMap(np.where(disc[..., None], one.normals, 0), disc)
+        for one in (from_slopes(0.02 * (23.5 - ROWS), 0.02 * (23.5 - COLUMNS)), FLAT)
+    )
+    judged = judge({"normals": curl}, flat, flat, {"normals": lambda _, target: target})
+    assert judged["shape error, deg"]["normals"] > 10
+    assert judged[AS_SURFACES[0]]["normals"] < 2
+    # From the same surfaces this method would have returned the target.
+    assert judged[SAME_SURFACES[0]]["normals"] < 1e-3
+
+
+def test_a_region_is_all_that_counts():
+    region = (np.hypot(ROWS - 24, COLUMNS - 24) < 9).astype(np.bool_)
+    wrong = NormalMap(np.where(region[..., None], RELIEF.normals, DOME.normals), RELIEF.mask)
+    everywhere = judge({"half": wrong}, RELIEF, RELIEF, {})
+    inside = judge({"half": wrong}, RELIEF, RELIEF, {}, region=region)
+    assert inside["detail error, deg"]["half"] < 0.3 * everywhere["detail error, deg"]["half"]
+
+
+def test_where_the_source_is_not_known_the_target_stands_in():
+    cut = RELIEF.mask & (COLUMNS < 30)
+    source = NormalMap(np.where(cut[..., None], RELIEF.normals, 0), cut)
+    region = cut & (COLUMNS > 12) & (COLUMNS < 20)
+    judged = judge({"target": DOME}, source, DOME, {}, region=region)
+    assert all(np.isfinite(figure) for by in judged.values() for figure in by.values())
