@@ -23,6 +23,7 @@ INVALID_VALUE = -1019
 
 _FRAME_INFOS = {"filled": 9, "width": 10, "height": 11, "block": 16, "format": 20, "start_ns": 28}
 _INCOMPLETE = 7
+DELIVERED, UNDERRUN = 1, 2
 _REGISTER = re.compile(r'<(Int|Float|String)Reg Name="(\w+)"><Address>(0x[0-9a-f]+)</Address>')
 _ENTRY = re.compile(r'<EnumEntry Name="(\w+)"><Value>(\d+)</Value>')
 
@@ -200,6 +201,14 @@ class Device:
     def shoot(self) -> Frame:
         self.execute("TriggerSoftware")
         return self.fetch()
+
+    def counter(self, what: int) -> int:
+        """Return a number of 64 bits that the stream tells."""
+        value, size = ctypes.c_uint64(), ctypes.c_size_t(8)
+        self.library.call(
+            "DSGetInfo", self.stream, what, None, ctypes.byref(value), ctypes.byref(size)
+        )
+        return value.value
 
     def _info(self, buffer: int, what: int) -> int:
         value, size = ctypes.c_uint64(), ctypes.c_size_t(8)

@@ -88,6 +88,54 @@ def test_a_doubled_frame_comes_twice_under_one_id(open_camera):
     assert [device.shoot().block, device.fetch().block, device.shoot().block] == [0, 0, 1]
 
 
+def test_an_underrun_is_counted_as_one_and_its_buffer_stays_free(open_camera):
+    made, device = open_camera()
+    made.set_fault(1, "underrun")
+    assert device.shoot().block == 0
+    device.execute("TriggerSoftware")
+    assert device.nothing_comes()
+    # As many as there are buffers.
+    for _ in range(4):
+        device.execute("TriggerSoftware")
+        time.sleep(0.005)
+    assert [device.fetch().block for _ in range(4)] == [2, 3, 4, 5]
+    assert (device.counter(gentl.DELIVERED), device.counter(gentl.UNDERRUN)) == (5, 1)
+    assert (made.counts().exposures, made.counts().delivered, made.counts().dropped) == (6, 5, 1)
+
+
+def test_frames_that_find_no_buffer_are_counted(open_camera):
+    made, device = open_camera(buffers=2)
+    for _ in range(5):
+        device.execute("TriggerSoftware")
+        time.sleep(0.005)
+    gentl.wait_for(lambda: made.counts().dropped == 3)
+    assert (device.counter(gentl.DELIVERED), device.counter(gentl.UNDERRUN)) == (2, 3)
+    assert [device.fetch().block for _ in range(2)] == [0, 1]
+
+
+def test_a_second_delivery_without_a_buffer_is_an_underrun_too(open_camera):
+    made, device = open_camera(buffers=1)
+    made.set_fault("next", "doubled")
+    device.execute("TriggerSoftware")
+    gentl.wait_for(lambda: device.counter(gentl.UNDERRUN) == 1)
+    assert device.fetch().block == 0
+
+
+def test_no_more_buffers_than_the_stream_takes(open_camera):
+    _, device = open_camera(buffers=3, most_buffers=3)
+    assert [device.shoot().block for _ in range(7)] == list(range(7))
+    device.stop()
+    device._count = 4
+    with pytest.raises(gentl.GentlError, match="more than 3 buffers"):
+        device.start()
+
+
+@pytest.mark.parametrize("most_buffers", [0, 257])
+def test_a_stream_takes_1_to_256_buffers(most_buffers):
+    with pytest.raises(CameraError, match="buffers cannot be: 1 to 256"):
+        GentlCamera(lambda led: None, size=SIZE, leds=0, noise=NOISE, most_buffers=most_buffers)
+
+
 def test_a_missed_trigger_takes_no_id(open_camera):
     made, device = open_camera()
     made.set_fault(0, "missed")

@@ -24,8 +24,9 @@ class Bench(gentl.Bench):
         super().__init__(path)
         self.state = BenchState(path)
 
-    def camera(self, *, trigger="Line0", exposure_us=1000.0, armed=True, **options):
-        device = self.open(plane, buffers=8, size=SIZE, leds=3, noise=NOISE, noisy=False, **options)
+    def camera(self, *, trigger="Line0", exposure_us=1000.0, armed=True, buffers=8, **options):
+        options = {"size": SIZE, "leds": 3, "noise": NOISE, "noisy": False, **options}
+        device = self.open(plane, buffers=buffers, **options)
         if trigger:
             device.set("TriggerMode", "On")
             device.set("TriggerSource", trigger)
@@ -146,6 +147,18 @@ def test_a_pulse_in_the_exposure_is_missed_and_counted(bench):
     first, _, third = (bench.pulse(ms) for ms in (5, 20, 36))
     assert [device.fetch().start_ns for _ in range(2)] == [first, third]
     assert (bench.counts().exposures, bench.counts().missed) == (2, 1)
+
+
+def test_no_pulse_of_a_run_is_missed_while_frames_are_held_up(bench):
+    """The exposures are those of the pulses, however late threads or frames are."""
+    device = bench.camera(buffers=48)
+    bench.opened[0][1].set_fault(0, "late", late_ms=250.0)
+    first_ns = time.monotonic_ns() + 20 * MS
+    pulses = [first_ns + 3 * MS * number for number in range(48)]
+    for at_ns in pulses:
+        bench.writer.pulse(at_ns)
+    assert [device.fetch().start_ns for _ in pulses] == pulses
+    assert (bench.counts().exposures, bench.counts().missed) == (48, 0)
 
 
 def test_a_pulse_within_the_frame_period_is_missed(bench):
