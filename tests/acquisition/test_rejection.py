@@ -164,3 +164,72 @@ def test_light_that_must_be_seen_is_missed(
 
 def test_a_frame_without_light_is_no_reference() -> None:
     assert gave(0.0, 20_000.0) is None
+
+
+def levels(low: int, high: int, brightest: int | None = None) -> dict[str, int]:
+    """Percentiles of a frame between two levels."""
+    top = high if brightest is None else brightest
+    return {"0": low, "1": low, "50": low, "99": high, "99.9": high, "100": top}
+
+
+@pytest.mark.parametrize(
+    ("dark", "light", "lit"),
+    [
+        # Half of the dark frame's spread of 10, and one grey value where it has none.
+        pytest.param(levels(64, 74), levels(68, 78), False, id="less than half of the spread"),
+        pytest.param(levels(64, 74), levels(69, 74), True, id="half of the spread"),
+        pytest.param(levels(64, 64), levels(64, 64), False, id="nothing above an even frame"),
+        pytest.param(levels(64, 64), levels(65, 65), True, id="one above an even frame"),
+        # A highlight: 5 % of a range of 1000.
+        pytest.param(levels(64, 64, 90), levels(64, 64, 140), False, id="a spark"),
+        pytest.param(levels(64, 64, 90), levels(64, 64, 141), True, id="a highlight"),
+    ],
+)
+def test_the_margin_of_light(dark: dict[str, int], light: dict[str, int], lit: bool) -> None:
+    assert is_lit(light, dark, 1000) == lit
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "must"),
+    [
+        # 60 grey values at 1000 us; three times the margin of 5 are 15 at 250 us.
+        pytest.param(249.0, False, id="too short for the rise"),
+        pytest.param(251.0, True, id="long enough"),
+    ],
+)
+def test_how_long_an_exposure_must_show_its_light(exposure_us: float, must: bool) -> None:
+    dark = levels(64, 74)
+    seen = SeenLight.of(1000.0, levels(124, 134), dark, 1000)
+    assert seen is not None
+    assert seen.rise_dn == {"50": 60, "99": 60, "99.9": 60, "100": 60}
+    assert seen.must_show(exposure_us, dark, 1000) == must
+
+
+@pytest.mark.parametrize(("exposure_us", "must"), [(374.0, False), (376.0, True)])
+def test_how_long_an_exposure_must_show_its_highlight(exposure_us: float, must: bool) -> None:
+    """400 of 1000 at 1000 us: three times 5 % are 150 at 375 us."""
+    dark = levels(64, 64)
+    seen = SeenLight.of(1000.0, levels(64, 64, 464), dark, 1000)
+    assert seen is not None
+    assert seen.must_show(exposure_us, dark, 1000) == must
+
+
+@pytest.mark.parametrize(("level_dn", "darker"), [(64, False), (63, False), (62, True), (40, True)])
+def test_a_frame_darker_than_the_dark_one_is_told_from_one_grey_value(
+    level_dn: int, darker: bool
+) -> None:
+    def quality(level: int) -> FrameQuality:
+        return FrameQuality(0.0, levels(level, level), 0.0, float(level))
+
+    error = rejection(
+        LIGHT, quality(level_dn), dark=quality(64), range_dn=1000, max_clipped_fraction=1.0
+    )
+    assert error is not None
+    assert ("darker" in str(error)) == darker
+
+
+@pytest.mark.parametrize(("fraction", "counts"), [(0.25, True), (0.2501, False)])
+def test_as_much_may_be_clipped_as_the_plan_says(fraction: float, counts: bool) -> None:
+    quality = FrameQuality(fraction, levels(100, 200), 0.0, 150.0)
+    found = rejection(LIGHT, quality, dark=None, range_dn=1000, max_clipped_fraction=0.25)
+    assert (found is None) == counts

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import random
+import signal
 import sys
 import tempfile
 from pathlib import Path
@@ -41,6 +42,8 @@ def main() -> int:
     if unknown:
         parser.error(f"no core module: {', '.join(sorted(unknown))}")
     modules = args.modules or list(TARGETS)
+    # So that what runs is ended, and the copy removed.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     with tempfile.TemporaryDirectory(prefix="sgp-mutants-", ignore_cleanup_errors=True) as folder:
         trial = Trial(Path(folder) / "tree")
         if args.planted:

@@ -22,6 +22,10 @@ _PRELOADED = (
     "cv2", "hypothesis", "numba", "numpy", "OpenImageIO", "pydantic", "pytest", "scipy.linalg",
     "scipy.ndimage", "scipy.optimize", "scipy.sparse.linalg", "serial",
 )  # fmt: skip
+_OPTIONS = (
+    "-x", "-q", "--assert=plain", "--tb=line", "--timeout=0", "--hypothesis-seed=0",
+    "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow",
+)  # fmt: skip
 # Wall clock against processor time: a busy host is no endless loop.
 _WAITING = 6
 _STRANGE = 97
@@ -59,7 +63,7 @@ class Trial:
 
     def original(self, module: str) -> str:
         """Return the text of a module without a fault."""
-        return (ROOT / module).read_text(encoding="utf-8")
+        return (self._folder / module).read_text(encoding="utf-8")
 
     def run(self, module: str, text: str, tests: tuple[str, ...], limit_s: float) -> Outcome:
         """Run tests on a module of this text until one fails.
@@ -81,7 +85,7 @@ class Trial:
             If the tests never import the module, so that they cannot judge it.
         """
         path, log = self._folder / module, self._folder / "tests.log"
-        before = path.stat()
+        original, before = path.read_bytes(), path.stat()
         log.write_text("", encoding="utf-8")
         for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
             stale.unlink()  # known by the second and the size alone
@@ -95,7 +99,7 @@ class Trial:
         finally:
             _end_group(process.pid)
             process.join()
-            shutil.copyfile(ROOT / module, path)
+            path.write_bytes(original)
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
         said = log.read_text(encoding="utf-8", errors="replace").rstrip()
         if process.exitcode == _STRANGE:
@@ -124,19 +128,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     os.dup2(stream, 1)
     os.dup2(stream, 2)
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 5))
-    words = [
-        "-x",
-        "-q",
-        "--assert=plain",
-        "-m",
-        "not slow",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-    ]
-    words += ["--hypothesis-seed=0", "--tb=line", "--timeout=0"]
-    code = int(pytest.main([*words, *(f"tests/{name}" for name in tests)]))
+    code = int(pytest.main([*_OPTIONS, *(f"tests/{name}" for name in tests)]))
     loaded = sys.modules.get(module.removesuffix(".py").replace("/", "."))
     # An import that fails is a fault that was noticed.
     if code == 0 and Path(getattr(loaded, "__file__", None) or "") != folder / module:

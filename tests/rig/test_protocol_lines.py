@@ -183,3 +183,41 @@ def test_noise_without_a_line_end_is_dropped_and_does_not_pile_up():
         assert buffer.feed(b"x" * 1000) == []
     assert len(buffer._rest) < 200
     assert buffer.feed(b"y\n<line>\n") == [b"<line>"]
+
+
+def longest(mark: str, words: str, limit: int) -> bytes:
+    """Return a whole line of exactly so many characters."""
+    body = f"{mark}0001 {words} ".encode()
+    body += b"x" * (limit - len(body) - 5)
+    return body + f"*{crc16(body):04X}".encode()
+
+
+@pytest.mark.parametrize(
+    ("decode", "mark", "words", "limit"),
+    [
+        pytest.param(decode_command, ">", "ON", 64, id="command"),
+        pytest.param(decode_reply, "<", "OK ON", 80, id="reply"),
+    ],
+)
+def test_a_line_may_be_as_long_as_the_document_says(decode, mark, words, limit):
+    line = longest(mark, words, limit)
+    assert len(line) == limit
+    value = decode(line)
+    encode = encode_command if isinstance(value, Command) else encode_reply
+    assert encode(value) == line + b"\n"
+    with pytest.raises(LineError, match="not a line"):
+        decode(longest(mark, words, limit + 1))
+    with pytest.raises(LineError, match=f"one line of {limit} characters"):
+        encode(type(value)(1, "ON", (value.args[0] + "x",)))
+
+
+def test_a_buffer_keeps_lines_up_to_its_limit():
+    assert LineBuffer(4).feed(b"\n\r\n1\n12\r\n1234\n1234\r\n12345\n\n") == [
+        *(b"1", b"12", b"1234", b"1234"),
+    ]
+    assert LineBuffer().feed(b"x" * 80 + b"\n" + b"x" * 81 + b"\n") == [b"x" * 80]
+    # The line end may come in two pieces, after a line as long as can be.
+    buffer = LineBuffer(4)
+    assert [buffer.feed(piece) for piece in (b"1234\r", b"\n12345", b"\n", b"1\n")] == [
+        *([], [b"1234"], [], [b"1"]),
+    ]

@@ -79,7 +79,7 @@ def test_a_sign_that_the_board_does_not_answer_ends_the_wait(clock: Clock) -> No
 
 # 300 us, and 1 % of the 50 ms between the triggers.
 @pytest.mark.parametrize(
-    ("off_us", "proven"), [(0, True), (799, True), (801, False), (-799, True), (-801, False)]
+    ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
 def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
     off_us: float, proven: bool
@@ -117,11 +117,18 @@ def test_a_frame_is_compared_with_the_one_before_and_with_the_first(
         spacing.check(frame(third_us, 2), 2, 100_000)
 
 
+def test_the_frame_before_the_one_before_does_not_count() -> None:
+    """It lies 1350 us off, of 1300 us that two steps allow; the first and the last are near."""
+    spacing = Spacing("cam")
+    for number, off_us in enumerate((0, -700, 0, 650)):
+        spacing.check(frame(50_000 * number + off_us, number), number, 50_000 * number)
+
+
 EXPOSURE = Exposure(2000, 5000.0, 45_000.0, 50_000.0)  # a margin of 1400 us
 
 
 @pytest.mark.parametrize(
-    ("off_us", "proven"), [(0, True), (799, True), (801, False), (-799, True), (-801, False)]
+    ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
 def test_the_second_flash_may_be_off_by_what_the_clocks_leave_open(
     off_us: float, proven: bool
@@ -254,6 +261,8 @@ def test_the_times_of_an_exposure(
     assert exposure.settle_us == 3200
     assert exposure.ahead_us == max(3200, math.ceil(exposure.margin_us))
     assert Exposure(2_000_000, 1.0, 1.0, 1.0).ahead_us == 1_000_000
+    # A margin of 1400.67 us, in whole microseconds.
+    assert Exposure(0, 1.0, 45_033.3, 1.0).ahead_us == 1401
 
 
 def test_a_flash_that_the_board_cannot_give_is_refused() -> None:

@@ -1,0 +1,109 @@
+"""What replies of the board say: words, numbers and LEDs, and the messages about them."""
+
+import pytest
+import serial
+
+from rig import BoardError, Command, Reply
+from rig._board.replies import Outcome, lost, overtaken, silent, spoken, where
+
+ON = Command(7, "ON", ("3", "2500"))
+
+
+def outcome(*words, error=None, command=ON, again=False):
+    return Outcome("p", command, Reply(7, command.verb, words, error), again=again)
+
+
+def test_an_outcome_holds_its_reply():
+    found = outcome("3", "2500", again=True)
+    assert (found.seq, found.error, found.words, found.again) == (7, None, ("3", "2500"), True)
+    assert not outcome("3").again
+    assert found.done() is found
+    assert found.repeats(2) is found
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (1, "error 1: unknown command"),
+        (5, "error 5: busy"),
+        (99, "error 99: for a reason this software does not know"),
+    ],
+)
+def test_a_refusal_is_told(error, says):
+    with pytest.raises(BoardError, match=f"on p, ON LED 3 2500: the board refused, {says}"):
+        outcome("3", "2500", error=error).done()
+
+
+@pytest.mark.parametrize(
+    ("words", "count", "right"),
+    [
+        (("3", "2500", "9"), 2, True),
+        (("3", "9"), 1, True),
+        (("4", "2500"), 2, False),
+        (("3", "2501"), 2, False),
+        (("3",), 2, False),
+    ],
+)
+def test_what_the_board_repeats_must_be_what_was_asked(words, count, right):
+    if right:
+        outcome(*words).repeats(count)
+        return
+    with pytest.raises(BoardError, match="where ON LED 3 2500 was asked"):
+        outcome(*words).repeats(count)
+
+
+def test_words_are_read_as_what_they_have_to_be():
+    found = outcome("0", "35", "-", "999999999", "12+", "12")
+    assert [found.number(index) for index in (0, 1, 3)] == [0, 35, 999_999_999]
+    assert [found.led(index) for index in (0, 1, 2)] == [0, 35, None]
+    assert [found.exposure(index) for index in (2, 4, 5)] == [
+        (None, False),
+        (12, True),
+        (12, False),
+    ]
+    assert found.word(5) == "12"
+
+
+@pytest.mark.parametrize("word", ["", "x", "-1", "1.5", "1000000000", "+3", "2+"])
+def test_what_is_not_a_number_makes_no_sense(word):
+    with pytest.raises(BoardError, match="makes no sense"):
+        outcome(word).number(0)
+    with pytest.raises(BoardError, match="makes no sense"):
+        outcome(word).led(0)
+
+
+@pytest.mark.parametrize("read", ["word", "number", "led", "exposure"])
+def test_a_word_that_is_missing_makes_no_sense(read):
+    with pytest.raises(BoardError, match=r"makes no sense \(1 2\); check the firmware"):
+        getattr(outcome("1", "2"), read)(2)
+
+
+@pytest.mark.parametrize(
+    ("verb", "args", "said"),
+    [
+        ("ON", ("3", "2500"), "ON LED 3 2500"),
+        ("FLASH", ("-", "1", "2"), "FLASH no LED 1 2"),
+        ("LEVEL", ("0", "9"), "LEVEL LED 0 9"),
+        ("STEP", ("4", "3", "1", "2"), "STEP 4 LED 3 1 2"),
+        ("DID", ("4", "-"), "DID 4 no LED"),
+        ("OFF", (), "OFF"),
+        ("ON", (), "ON"),
+        ("STATUS", ("3",), "STATUS 3"),
+    ],
+)
+def test_commands_are_spoken_with_their_led(verb, args, said):
+    assert spoken(verb, args) == said
+    assert where("p", Command(1, verb, args)) == f"LED board on p, {said}"
+
+
+def test_failures_of_the_line_say_what_to_look_at():
+    head = "LED board on p, ON LED 3 2500: "
+    full = str(lost("p", ON, serial.SerialTimeoutException("full")))
+    assert full.startswith(f"{head}nothing takes what is sent (full)")
+    gone = str(lost("p", ON, OSError("gone")))
+    assert gone == f"{head}the line is lost (gone); was the board unplugged?"
+    quiet = str(silent("p", ON, 0.75, b""))
+    assert quiet.startswith(f"{head}no answer within 0.75 s; check power")
+    talking = str(silent("p", ON, 2.0, b"x" * 50))
+    assert f"no answer within 2 s; it does send {b'x' * 40!r}; check" in talking
+    assert str(overtaken("p", ON)).startswith(f"{head}all LEDs were turned off meanwhile")
