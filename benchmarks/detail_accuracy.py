@@ -1,0 +1,97 @@
+"""The accuracy figures of docs/detail.md, on the maps of the folder named by SGP_DATA.
+
+First the mean errors in degrees of a transfer onto the five DiLiGenT targets (w=5, the source laid
+side by side): shape and detail by the separation's own filter, both by the paper's, both by its own
+after one refinement. Then each filter near depth jumps, over the same targets: the angle to z of
+the shape left in the detail, by its own filter and by the paper's, within 5 pixels of a step of
+more than 5 mm between neighbours; and the mean angle of the detail farther away, in degrees and
+as a share of that of the Gaussians. All are means of the targets' means.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from statistics import fmean
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from harness import command_line
+
+from processing import FilterKind, NormalMap, ShapeFilter, angle_deg, read_normals, transfer
+from sgp._paper.sources import DILIGENT
+
+Mask = npt.NDArray[np.bool_]
+FILTERS: tuple[tuple[FilterKind, int], ...] = (
+    ("gaussian", 1), ("gaussian", 8), ("guided", 1), ("bilateral", 1),
+)  # fmt: skip
+NEAR_PX, STEP_MM = 5, 5.0
+PAPER = ShapeFilter("gaussian", 1)
+
+
+def near_jumps(folder: Path, mask: Mask) -> Mask:
+    """The pixels of a mask that are near a step of the true depth inside it."""
+    with np.load(folder / "depth_gt.npz") as arrays:
+        depth = arrays[arrays.files[0]].astype(np.float64)
+    jumps = np.zeros(mask.shape, np.uint8)
+    for axis in (0, 1):
+        a, b = ([slice(None)] * 2 for _ in range(2))
+        a[axis], b[axis] = slice(None, -1), slice(1, None)
+        first, second = tuple(a), tuple(b)
+        step = np.abs(depth[second] - depth[first]) > STEP_MM
+        step &= mask[first] & mask[second]
+        jumps[first] |= step
+        jumps[second] |= step
+    away = cv2.distanceTransform(1 - jumps, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(mask & (away <= NEAR_PX))
+
+
+def to_z(normal_map: NormalMap, where: Mask) -> npt.NDArray[np.float64]:
+    return angle_deg(normal_map.normals[where], (0.0, 0.0, 1.0))
+
+
+def main() -> None:
+    command_line(__doc__).parse_args()
+    if "SGP_DATA" not in os.environ:
+        print("SGP_DATA is not set: nothing to measure")
+        return
+    folder = Path(os.environ["SGP_DATA"]) / "normals"
+    targets = {name: read_normals(folder / "diligent" / name).normal_map for name in DILIGENT}
+    print(f"{'source':10}{'own filter':>14}{'paper filter':>16}{'refined once':>16}")
+    for name in ("owl", "plant"):
+        source = read_normals(folder / name).normal_map
+        once = [transfer(source, target) for target in targets.values()]
+        refined = [transfer(source, target, refine=1) for target in targets.values()]
+        print(f"{name:10}", end="")
+        for done in (
+            [one.fidelity for one in once],
+            [one.fidelity_paper for one in once],
+            [one.fidelity for one in refined],
+        ):
+            shape = fmean(one.shape_mae_deg for one in done)
+            detail = fmean(one.detail_mae_deg for one in done)
+            print(f"{shape:8.2f} /{detail:5.2f}", end="")
+        print()
+    near = {name: near_jumps(folder / "diligent" / name, targets[name].mask) for name in DILIGENT}
+    print(f"\n{'filter':14}{'own filter':>12}{'paper filter':>14}{'detail away':>13}")
+    gaussians: list[float] = []
+    for kind, order in FILTERS:
+        by = ShapeFilter(kind, order)
+        own, paper, away = [], [], []
+        for name, target in targets.items():
+            detail = by.split(target)[1]
+            own.append(to_z(by.shape(detail), near[name]))
+            paper.append(to_z(PAPER.shape(detail), near[name]))
+            away.append(to_z(detail, target.mask & ~near[name]))
+        figures = [fmean(float(one.mean()) for one in each) for each in (own, paper, away)]
+        if kind == "gaussian":
+            gaussians.append(figures[2])
+        shares = ", ".join(f"{figures[2] / one:.0%}" for one in gaussians)
+        print(
+            f"{f'{kind}, {order}':14}" + "{:12.2f}{:14.2f}{:13.2f}".format(*figures), f" {shares}"
+        )
+
+
+if __name__ == "__main__":
+    main()
