@@ -32,8 +32,10 @@ from rig._board.values import (
     StepReport,
 )
 from rig._camera import Camera, CameraFrame, CameraInfo, Trigger
+from rig._child import module_command
 from rig._complaint import complaints
 from rig._config import RigConfig, read_rig_config
+from rig._ending import end_later, end_program
 from rig._errors import (
     BoardError,
     CameraError,
@@ -98,9 +100,12 @@ __all__ = [
     "decode_reply",
     "encode_command",
     "encode_reply",
+    "end_later",
+    "end_program",
     "find_board",
     "find_boards",
     "find_cameras",
+    "module_command",
     "open_bench",
     "open_genicam",
     "open_lights",

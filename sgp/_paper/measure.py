@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing import NormalMap, ShapeFilter, combine, height_mesh, integrate, separate
+from rig import module_command
 from sgp._paper.displacement import transfer_by_displacement
 from sgp._paper.laplacian import transfer_by_laplacian
 from sgp._paper.mesh import Vectors, vertex_normals
@@ -92,7 +93,7 @@ def measure(
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        call = [sys.executable, "-m", __name__, str(given), str(made), str(w), str(runs), *methods]
+        call = module_command(__name__, given, made, w, runs, *methods)
         # Idle threads sleep, as in `sgp`, else their spinning would count as work.
         environment = os.environ | {"OMP_WAIT_POLICY": "passive"}
         done = subprocess.run(call, check=True, env=environment, stdout=subprocess.PIPE, text=True)
