@@ -49,7 +49,7 @@ def all_measured(source: NormalMap, target: NormalMap, runs: int) -> dict[str, M
     if find_spec("cvxopt") is not None:
         script = Path(laplacian_by_cholmod.__file__)
         method = laplacian_by_cholmod.METHOD
-        found |= measure((method,), source, target, runs=runs, program=(str(script),))
+        found |= measure((method,), source, target, runs=runs, script=script)
     return found
 
 

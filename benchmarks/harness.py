@@ -122,7 +122,12 @@ def alone(work: Callable[P, Made], *args: P.args, **kwargs: P.kwargs) -> Made:
     """
     # Freed blocks go back to the system at once. Threads of BLAS would spin, as those of OpenMP: on
     # vectors that costs scipy's solvers many times their work.
-    os.environ |= {"MALLOC_MMAP_THRESHOLD_": "65536", "OPENBLAS_NUM_THREADS": "1"}
+    # And the new process starts without the working directory on its search path.
+    os.environ |= {
+        "MALLOC_MMAP_THRESHOLD_": "65536",
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONSAFEPATH": "1",
+    }
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         return pool.submit(work, *args, **kwargs).result()
 

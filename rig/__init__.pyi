@@ -26,9 +26,12 @@ from ._camera import Camera as Camera
 from ._camera import CameraFrame as CameraFrame
 from ._camera import CameraInfo as CameraInfo
 from ._camera import Trigger as Trigger
+from ._child import module_command as module_command
 from ._complaint import complaints as complaints
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
+from ._ending import end_later as end_later
+from ._ending import end_program as end_program
 from ._errors import BoardError as BoardError
 from ._errors import CameraError as CameraError
 from ._errors import FrameLostError as FrameLostError

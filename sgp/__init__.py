@@ -14,10 +14,11 @@ def capture() -> None:
 
 
 def _enter(name: str) -> None:
-    # Ctrl-C may come while the program is still being loaded.
-    try:
+    from sgp._entry import enter
+
+    def run() -> None:
         from sgp import app
 
         getattr(app, name)()
-    except KeyboardInterrupt:
-        raise SystemExit(130) from None
+
+    enter(run)

@@ -83,7 +83,7 @@ class _Process:
                 if cut.back_ns is None:
                     return
                 time.sleep(max(0.0, (cut.back_ns - time.monotonic_ns()) / 1e9))
-            self._board.firmware.boot(time.monotonic_ns())
+            self._board.reset(time.monotonic_ns())
             port = _Port(self._link)
 
     def _serve(self, fd: int) -> None:
@@ -119,7 +119,7 @@ class _Process:
         for line in lines:
             now_ns = time.monotonic_ns()
             if line == b"reset":
-                self._board.firmware.boot(now_ns)
+                self._board.reset(now_ns)
             elif line in (b"active 0", b"active 1"):
                 self._active.set(line == b"active 1", now_ns)
             else:

@@ -15,6 +15,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from rig._ending import end_program
+
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _ENDING = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
 
@@ -28,6 +30,7 @@ def watch(darken: Callable[[], None]) -> Callable[[], None]:
 
     SIGINT goes on to whoever had it, so Ctrl-C is a KeyboardInterrupt as ever. SIGTERM and SIGHUP
     end the program through SystemExit, with code 128 + number, unless it had handlers for them.
+    The lights go out at once; the exceptions wait until they can do no harm (`rig._ending`).
     Signals that are ignored stay so. On other threads than the main one no handler is installed.
 
     Parameters
@@ -67,13 +70,15 @@ def _put_out_and_pass_on(number: int, frame: FrameType | None) -> None:
     for darken in tuple(_watched.values()):
         darken()
     before = _before.get(number, signal.SIG_DFL)
-    if callable(before):
+    if before is signal.default_int_handler:
+        end_program(number, frame)
+    elif callable(before):
         before(number, frame)
     elif before is signal.SIG_DFL and (number == signal.SIGINT or not _watched):
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
     elif before is signal.SIG_DFL:
-        raise SystemExit(128 + number)
+        end_program(number, frame)
 
 
 def _on_main_thread() -> bool:

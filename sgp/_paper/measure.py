@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing import NormalMap, ShapeFilter, combine, separate
+from rig import module_command
 from sgp._paper.displacement import Displacement
 from sgp._paper.laplacian import LaplacianEditing, superlu
 from sgp._paper.mesh import Float, GridMesh
@@ -95,7 +96,7 @@ def measure(
     region: Mask | None = None,
     w: int = 5,
     runs: int = 1,
-    program: Sequence[str] = ("-m", __name__),
+    script: Path | None = None,
 ) -> dict[str, Measured]:
     """Transfer detail by some methods in a new process, one after the other, with warm caches.
 
@@ -115,8 +116,8 @@ def measure(
         Half width of the paper's filter.
     runs
         How often.
-    program
-        What Python runs: this module, or a script that calls `run_methods`.
+    script
+        A script that calls `run_methods`. Default: this module.
     """
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder) / "given.npz", Path(folder) / "made.npy"
@@ -129,7 +130,11 @@ def measure(
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        call = [sys.executable, "-P", *program, str(given), str(made), str(w), str(runs), *methods]
+        arguments = (given, made, w, runs, *methods)
+        if script is None:
+            call = module_command(__name__, *arguments)
+        else:
+            call = [sys.executable, "-P", str(script), *map(str, arguments)]
         # Idle threads sleep, as in `sgp`, and BLAS has one: else their spinning counts as work.
         environment = os.environ | {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(call, check=True, env=environment, stdout=subprocess.PIPE, text=True)

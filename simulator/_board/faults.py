@@ -10,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter
 from rig import (
     MAX_COMMAND,
     Command,
-    LineBuffer,
     LineError,
     decode_command,
     decode_reply,
@@ -119,8 +118,8 @@ class FaultyBoard:
         self._outputs = outputs
         outputs.wire = self._pulses
         self._seen: dict[BoardFault, int] = {}
-        self._wire = LineBuffer(MAX_COMMAND)
-        self._input = LineBuffer(MAX_COMMAND)
+        # The piece of a line that has arrived so far.
+        self._piece = b""
         # Faults of replies that are to come, and replies on their way with the time they arrive.
         self._reply_faults: list[tuple[Command, BoardFault]] = []
         self._due: list[tuple[int, bytes]] = []
@@ -143,9 +142,21 @@ class FaultyBoard:
         self._start(now_ns)
         if self._starts_ns is not None:
             return
-        for line in self._wire.feed(data):
-            command = _command(line)
-            self._take(line, command, self._strike(command), now_ns)
+        *lines, piece = (self._piece + data).split(b"\n")
+        # A longer piece is too long for a command whatever follows, so noise does not pile up.
+        self._piece = piece[: MAX_COMMAND + 2]
+        for line in lines:
+            text = line.removesuffix(b"\r")
+            command = _command(text)
+            # Faults strike what the firmware would look at.
+            fault = self._strike(command) if 0 < len(text) <= MAX_COMMAND else None
+            self._take(line, command, fault, now_ns)
+
+    def reset(self, now_ns: int) -> None:
+        """Start the firmware anew; what was on its way in either direction is lost."""
+        self.firmware.boot(now_ns)
+        self._piece = b""
+        self._due.clear()
 
     def advance(self, now_ns: int) -> bytes:
         """Do what is due by now, and return what arrives at the host."""
@@ -176,8 +187,7 @@ class FaultyBoard:
             self._due.clear()
             raise PowerCutError(None if kind == "die" else now_ns + value * _MS)
         if kind == "boot-loader":
-            self.firmware.boot(now_ns)
-            self._due.clear()
+            self.reset(now_ns)
             self._starts_ns = now_ns + value * _MS
             return
         if kind == "reset":
@@ -192,8 +202,8 @@ class FaultyBoard:
             self._reply_faults.append((command, fault))
         if kind == "double-led":
             self._outputs.double_led = value
-        for whole in self._input.feed(_damaged(line + b"\n", kind, value, "command")):
-            self._reply(self.firmware.handle(whole, now_ns), now_ns)
+        received = _damaged(line + b"\n", kind, value, "command")
+        self._reply(self.firmware.receive(received, now_ns), now_ns)
         self._outputs.double_led = None
         if kind == "goes-dark":
             self.firmware.light.fail(now_ns + value * _MS)

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig import (
+    MAX_COMMAND,
     NO_LED,
     PROTOCOL_VERSION,
     Command,
     ErrorCode,
+    LineBuffer,
     LineError,
     Reply,
     Step,
@@ -92,13 +94,18 @@ class BoardFirmware:
     def boot(self, now_ns: int) -> None:
         """Start anew: everything off, nothing remembered."""
         self.light = BoardLight(self.leds, self._outputs, self._active, now_ns)
+        self._lines = LineBuffer(MAX_COMMAND)
         self._now_ns = self._boot_ns = now_ns
         self._faults = 0
         # The last command acted on or refused, and its reply, None while that is to come.
         self._last: tuple[Command, bytes | None] | None = None
         self._flashing: Command | None = None
 
-    def handle(self, line: bytes, now_ns: int) -> bytes:
+    def receive(self, data: bytes, now_ns: int) -> bytes:
+        """Take bytes from the line, act on the commands that they complete, return the replies."""
+        return b"".join(self._handle(line, now_ns) for line in self._lines.feed(data))
+
+    def _handle(self, line: bytes, now_ns: int) -> bytes:
         """Act on a line and return what is to be sent; a damaged line is counted, not answered."""
         due = self.advance(now_ns)
         try:

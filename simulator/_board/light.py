@@ -11,7 +11,7 @@ from typing import Literal
 
 from rig import Step
 from simulator._bench_state import FULL_LEVEL, NEVER_NS, Exposure
-from simulator._board.outputs import ActiveInput, BoardOutputs
+from simulator._board.outputs import ActiveInput, BoardOutputs, Light
 
 WATCHDOG_NS = 900_000_000
 _SINCE_MOST_US = 999_000_000
@@ -33,7 +33,7 @@ class Burn:
     start_ns: int
     trigger_ns: int
     end_ns: int
-    light: tuple[int, ...] = ()
+    lights: tuple[Light, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ class BoardLight:
     def _light(self, led: int | None, start_ns: int, trigger_ns: int, end_ns: int) -> None:
         burn = Burn(led, start_ns, trigger_ns, end_ns)
         if led is not None:
-            burn.light = self._outputs.light(led, start_ns, end_ns, self.levels[led])
+            burn.lights = self._outputs.light(led, start_ns, end_ns, self.levels[led])
         self._burns.append(burn)
 
     def _flash(self, led: int | None, settle_us: int, hold_us: int, start_ns: int) -> None:
@@ -201,7 +201,7 @@ class BoardLight:
 
     def _end(self, burn: Burn, end_ns: int) -> None:
         burn.end_ns = end_ns
-        self._outputs.end(burn.light, burn.start_ns, end_ns)
+        self._outputs.end(burn.lights, end_ns)
 
     def _exposures(self, burn: Burn) -> list[Exposure]:
         """Return when the camera exposed while the LED burned."""

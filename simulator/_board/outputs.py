@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from simulator._bench_state import FULL_LEVEL, NEVER_NS, BenchState, BenchWriter, Exposure
+from simulator._bench_state import NEVER_NS, BenchState, BenchWriter, Exposure
 
 TRIGGER_NS = 200_000
 Event = dict[str, int | list[int]]
-# Spans of light and trigger that are kept for `BoardOutputs.events`.
+# Lights, and pulses, that are kept for `BoardOutputs.events`.
 _KEPT = 256
 
 
 @dataclass
 class _Span:
-    """An LED burning, or (None) the trigger line being high."""
+    """The trigger line being high."""
 
-    led: int | None
     start_ns: int
     end_ns: int
-    level: int = FULL_LEVEL
+
+
+@dataclass
+class Light(_Span):
+    """An LED that is on, and the number of its period in the bench state."""
+
+    led: int
+    level: int
+    period: int
 
 
 class BoardOutputs:
@@ -46,52 +53,55 @@ class BoardOutputs:
         self._bench = bench
         self.double_led: int | None = None
         self.wire: Callable[[int], tuple[int, ...]] = lambda time_ns: (time_ns,)
-        self._spans: deque[_Span] = deque(maxlen=_KEPT)
+        self._lights: deque[Light] = deque(maxlen=_KEPT)
+        self._pulses: deque[_Span] = deque(maxlen=_KEPT)
         self._told_ns = -1
         self._told: tuple[dict[int, int], bool] | None = None
 
-    def light(self, led: int, start_ns: int, end_ns: int, level: int) -> tuple[int, ...]:
-        """Let an LED burn; return what `end` takes."""
+    def light(self, led: int, start_ns: int, end_ns: int, level: int) -> tuple[Light, ...]:
+        """Turn an LED on; return what `end` takes."""
         leds = {led} if self.double_led is None else {led, self.double_led}
-        for lit in leds:
-            self._spans.append(_Span(lit, start_ns, end_ns, level))
-        return tuple(self._bench.light(lit, start_ns, end_ns, level) for lit in leds)
+        lights = tuple(
+            Light(start_ns, end_ns, lit, level, self._bench.light(lit, start_ns, end_ns, level))
+            for lit in leds
+        )
+        self._lights.extend(lights)
+        return lights
 
-    def end(self, light: tuple[int, ...], start_ns: int, end_ns: int) -> None:
-        """Move the end of a light that began at ``start_ns``, and lower the trigger line then."""
-        for period in light:
-            self._bench.end(period, end_ns)
-        for span in self._spans:
-            if span.led is not None and span.start_ns == start_ns:
-                span.end_ns = end_ns
-            elif span.led is None and span.start_ns <= end_ns:
-                span.end_ns = min(span.end_ns, end_ns)
+    def end(self, lights: tuple[Light, ...], end_ns: int) -> None:
+        """Move the end of the lights that `light` returned, and lower the trigger line then."""
+        for light in lights:
+            self._bench.end(light.period, end_ns)
+            light.end_ns = end_ns
+        for pulse in self._pulses:
+            if pulse.start_ns <= end_ns:
+                pulse.end_ns = min(pulse.end_ns, end_ns)
 
     def pulse(self, time_ns: int, hold_ns: int) -> None:
         """Raise the trigger line, and lower it after 200 us or ``hold_ns`` if that is sooner."""
         for seen_ns in self.wire(time_ns):
             self._bench.pulse(seen_ns)
-        self._spans.append(_Span(None, time_ns, time_ns + min(TRIGGER_NS, hold_ns)))
+        self._pulses.append(_Span(time_ns, time_ns + min(TRIGGER_NS, hold_ns)))
 
     def pulse_before_ns(self, time_ns: int) -> int | None:
         """Return when the trigger line rose last before a time; None if it never did."""
-        rises = (s.start_ns for s in self._spans if s.led is None and s.end_ns > s.start_ns)
+        rises = (pulse.start_ns for pulse in self._pulses if pulse.end_ns > pulse.start_ns)
         return max((rise for rise in rises if rise < time_ns), default=None)
 
     def put_out(self, now_ns: int) -> None:
         """End all light and lower the trigger line, and take back what was to come."""
         self._bench.put_out(now_ns)
-        for span in self._spans:
+        for span in (*self._lights, *self._pulses):
             span.end_ns = min(span.end_ns, max(now_ns, span.start_ns))
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the edges since the last call, with their times in us."""
-        times = {t for span in self._spans for t in (span.start_ns, span.end_ns)}
+        times = {time_ns for time_ns in self._edges_ns() if self._told_ns <= time_ns < now_ns}
         events: list[Event] = []
-        for time_ns in sorted({t for t in times if self._told_ns <= t < now_ns} | {now_ns}):
-            on = [span for span in self._spans if span.start_ns <= time_ns < span.end_ns]
-            lit = {span.led: span.level for span in on if span.led is not None and span.level}
-            state = lit, any(span.led is None for span in on)
+        for time_ns in sorted(times | {now_ns}):
+            lights = [one for one in self._lights if one.start_ns <= time_ns < one.end_ns]
+            lit = {light.led: light.level for light in lights if light.level}
+            state = lit, any(one.start_ns <= time_ns < one.end_ns for one in self._pulses)
             before = self._told or (None, False)
             if state[0] != before[0]:
                 leds = sorted(lit)
@@ -105,8 +115,12 @@ class BoardOutputs:
 
     def next_event_ns(self, now_ns: int) -> int:
         """Return when the next edge is due."""
-        times = (t for span in self._spans for t in (span.start_ns, span.end_ns) if t > now_ns)
-        return min(times, default=NEVER_NS)
+        return min((time_ns for time_ns in self._edges_ns() if time_ns > now_ns), default=NEVER_NS)
+
+    def _edges_ns(self) -> Iterator[int]:
+        for span in (*self._lights, *self._pulses):
+            yield span.start_ns
+            yield span.end_ns
 
 
 class ActiveInput:
@@ -123,10 +137,11 @@ class ActiveInput:
         self._wired: list[Exposure] = []
 
     def set(self, up: bool, now_ns: int) -> None:
-        """Raise or lower the input by hand."""
-        if self._wired and self._wired[-1].end_ns == NEVER_NS:
+        """Set the level of the input by hand; the level that it has already is no edge."""
+        was_up = bool(self._wired) and self._wired[-1].end_ns == NEVER_NS
+        if was_up and not up:
             self._wired[-1] = Exposure(self._wired[-1].start_ns, now_ns)
-        if up:
+        if up and not was_up:
             self._wired = [*self._wired[-_KEPT:], Exposure(now_ns, NEVER_NS)]
 
     def stated(self) -> bool:

@@ -7,11 +7,10 @@ import json
 import select
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import Self
 
-from rig import RigError
+from rig import RigError, module_command
 from simulator._board.faults import BoardFault, BoardFaults
 
 _START_TIMEOUT_S = 30.0
@@ -44,7 +43,7 @@ class VirtualBoard:
     def __init__(self, leds: int = 36) -> None:
         # A session of its own: Ctrl-C is the host's to handle, with the board still there.
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "simulator.board", str(leds)],
+            module_command("simulator.board", leds),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -302,7 +302,7 @@ def test_a_start_turns_off_and_forgets(desk):
     desk.ask("ON", "7", "1000", seq=50)
     desk.board.receive(b"damaged\n", desk.now_ns)
     desk.at_ms(5)
-    desk.firmware.boot(desk.now_ns)
+    desk.board.reset(desk.now_ns)
     desk.at_ms(8)
     assert desk.ask("STATUS") == "3 - 0 0 2982 IDLE 0"
     assert desk.ask("RUN", "1", "T") == "E7"

@@ -3,6 +3,11 @@
 // It prints {"port": PATH} and then a line whenever the set of LEDs that give light, or the trigger line, changes:
 // {"us": T, "lit": [LED, ...], "levels": [BRIGHTNESS, ...]} and {"us": T, "trigger": 0 or 1}. On its standard input it
 // takes the lines `active 0`, `active 1` (the exposure-active input) and `reset`, and it ends when that closes.
+//
+// `board-host stepped` has a clock of its own, which stands still between orders. The order `step BYTES US` waits until
+// so many bytes have arrived at the port, hands them to the board at the speed of the serial line, goes on until the
+// clock shows US, and prints {"us": T, "stepped": BYTES} with the number of bytes that the board has sent. The order
+// `burst BYTES US` hands them over all at once, as a pty does.
 
 #include "board.h"
 
@@ -34,8 +39,15 @@ uint16_t shifted[BOARD_CHANNELS];
 bool trigger;
 bool exposing;
 uint64_t started_us;
+bool stepped;
+// Within the run the clock of 32 bits wraps.
+uint64_t stepped_us = (uint64_t{1} << 32) - 60 * 1000000;
+const uint64_t BYTE_US = 94;
 
 uint64_t clock_us() {
+    // The core waits for edges by reading the clock: every reading takes a microsecond.
+    if (stepped)
+        return stepped_us++;
     timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return static_cast<uint64_t>(now.tv_sec) * 1000000 + static_cast<uint64_t>(now.tv_nsec) / 1000;
@@ -85,11 +97,57 @@ void reset() {
     firmware_start();
 }
 
+void take_bytes() {
+    char chunk[256];
+    const ssize_t n = read(wire, chunk, sizeof chunk);
+    if (n > 0)
+        received.append(chunk, static_cast<size_t>(n));
+}
+
+// Let the stepped clock go on, with the board awake whenever it has something to do.
+void pass(uint64_t until_us) {
+    firmware_loop();
+    while (stepped_us < until_us) {
+        // Not far at once: the core then catches up with its milliseconds, and reads the clock for each.
+        const uint64_t left_us = until_us - stepped_us < 20000 ? until_us - stepped_us : 20000;
+        const uint64_t spare_us = received.empty() ? light::spare_us() : 0;
+        stepped_us += spare_us < left_us ? spare_us : left_us;
+        firmware_loop();
+    }
+}
+
+void step(size_t bytes, uint64_t until_us, uint64_t byte_us) {
+    pollfd end = {wire, POLLIN, 0};
+    while (received.size() < bytes && ::poll(&end, 1, -1) >= 0)
+        take_bytes();
+    const std::string line = received;
+    received.clear();
+    uint64_t arrives_us = stepped_us;
+    for (const char byte : line) {
+        arrives_us += byte_us;
+        pass(arrives_us);
+        received += byte;
+    }
+    pass(started_us + until_us);
+    events += "{\"us\": " + std::to_string(stepped_us - started_us) + ", \"stepped\": " + std::to_string(replies.size()) +
+              "}\n";
+    while (!replies.empty() || !events.empty()) {
+        flush(wire, &replies);
+        flush(STDOUT_FILENO, &events);
+    }
+}
+
 void obey(const std::string &order) {
+    size_t bytes;
+    unsigned long long until_us;
     if (order == "active 1" || order == "active 0")
         exposing = order.back() == '1';
     else if (order == "reset")
         reset();
+    else if (stepped && std::sscanf(order.c_str(), "step %zu %llu", &bytes, &until_us) == 2)
+        step(bytes, until_us, BYTE_US);
+    else if (stepped && std::sscanf(order.c_str(), "burst %zu %llu", &bytes, &until_us) == 2)
+        step(bytes, until_us, 0);
     else
         std::fprintf(stderr, "the host board: unknown order: %s\n", order.c_str());
 }
@@ -107,13 +165,6 @@ bool take_orders() {
         firmware_loop();
     }
     return true;
-}
-
-void take_bytes() {
-    char chunk[256];
-    const ssize_t n = read(wire, chunk, sizeof chunk);
-    if (n > 0)
-        received.append(chunk, static_cast<size_t>(n));
 }
 
 int open_pty() {
@@ -168,12 +219,17 @@ uint16_t board_temperature_dk() { return 0; }
 
 void board_alive() {}
 
-int main() {
+int main(int argc, char **argv) {
+    stepped = argc > 1 && std::strcmp(argv[1], "stepped") == 0;
     started_us = clock_us();
     wire = open_pty();
     fcntl(STDIN_FILENO, F_SETFL, O_NONBLOCK);
     fcntl(STDOUT_FILENO, F_SETFL, O_NONBLOCK);
     firmware_start();
+    pollfd input = {STDIN_FILENO, POLLIN, 0};
+    while (stepped && ::poll(&input, 1, -1) >= 0)
+        if (!take_orders())
+            return 0;
     for (;;) {
         firmware_loop();
         const uint32_t spare_us = received.empty() ? light::spare_us() : 0;

@@ -89,14 +89,14 @@ class BoardUnderTest:
 
     def reset(self) -> None:
         """Press its reset button and wait until it is back."""
-        self._order("reset")
+        self.order("reset")
         # What it was sending is cut; what it says while it starts is none of ours.
         self.greet()
         list(self.lines(QUIET_S))
 
     def active(self, up: bool) -> None:
         """Drive its exposure-active input."""
-        self._order(f"active {int(up)}")
+        self.order(f"active {int(up)}")
 
     def next_seq(self) -> int:
         """Return a sequence number that has not been used for long."""
@@ -261,7 +261,8 @@ class BoardUnderTest:
     ) -> None:
         self.close()
 
-    def _order(self, text: str) -> None:
+    def order(self, text: str) -> None:
+        """Give the program an order and do not wait for it."""
         assert self._process.stdin is not None
         self._process.stdin.write(text.encode() + b"\n")
         self._process.stdin.flush()

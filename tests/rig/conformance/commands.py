@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from tests.rig.conformance._check import check
-from tests.rig.conformance.board import BoardUnderTest
+from tests.rig.conformance.board import BoardUnderTest, line
 
 
 @check("the identity says what the board is")
@@ -60,6 +60,22 @@ def _(board: BoardUnderTest) -> None:
     seen = [event["lit"] for event in board.drain() if "lit" in event]
     assert [leds for leds in seen if leds] in ([[3], [35], [0], [3]], [[3], [35], [0], [3], [3]])
     assert seen[-1] == []
+
+
+@check("commands in one piece never light two LEDs at once")
+def _(board: BoardUnderTest) -> None:
+    for leds in ((3, 5), (5, 4, 3), (0, 35), (7, 7, 8)):
+        numbers = [board.next_seq() for _ in leds]
+        pairs = zip(numbers, leds, strict=True)
+        board.write(b"".join(line(seq, f"ON {led} 5000") for seq, led in pairs))
+        for seq, led in zip(numbers, leds, strict=True):
+            assert board.answer(seq) == f"OK ON {led} 5000"
+        # A sign of life moves the end of the light, and of no other.
+        assert board.status().led == str(leds[-1])
+        seen = [event["lit"] for event in board.drain() if "lit" in event]
+        assert seen[-1] == [leds[-1]], seen
+        assert all(len(lit) <= 1 for lit in seen), seen
+    assert board.ok("OFF") == "8"
 
 
 @check("the answer to ON comes when the LED burns, that to OFF when it is dark")

@@ -95,6 +95,39 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq).startswith("OK STATUS")
 
 
+@check("more than one carriage return before the line end damages a line")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().faults
+    for number, end in enumerate((b"\r\r\n", b"\r\r\r\n"), 1):
+        board.write(line(board.next_seq(), "ON 7 1000")[:-1] + end)
+        board.silent(0.05)
+        assert board.status().faults == before + number, end
+    board.no_edge()
+
+
+@check("a carriage return after the line end belongs to the next line")
+def _(board: BoardUnderTest) -> None:
+    before = board.status().faults
+    seq = board.next_seq()
+    board.write(line(seq, "LEVEL 3 4095") + b"\r" + line(board.next_seq(), "ON 7 1000"))
+    assert board.answer(seq) == "OK LEVEL 3 4095"
+    assert board.status().faults == before + 1
+    board.no_edge()
+
+
+@check("half a line from before a reset is forgotten")
+def _(board: BoardUnderTest) -> None:
+    whole = line(board.next_seq(), "ON 7 1000")
+    board.write(whole[:9])
+    # It has arrived before the reset, else it would be lost on the way.
+    time.sleep(0.1)
+    board.order("reset")
+    board.write(whole[9:])
+    board.greet()
+    board.drain()
+    assert board.ok("OFF") == "-"
+
+
 @check("a line may come byte by byte")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()

@@ -190,6 +190,23 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().state == "HALT"
 
 
+@check("an exposure-active input that stays up has no edge")
+def _(board: BoardUnderTest) -> None:
+    load(board, "1 0 300000 0", "2 0 1000 0")
+    board.active(True)
+    board.ok("RUN 2 A")
+    board.lit(1)
+    board.edge("trigger", 1)
+    board.edge("trigger", 0)
+    board.active(True)
+    board.wait(20)
+    board.active(False)
+    # It was up before the trigger, so its fall paces nothing.
+    board.lit()
+    board.no_edge()
+    assert board.status().state == "HALT"
+
+
 @check("a sequence whose camera does not expose halts in the dark")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 100000 1000", "2 0 100000 0")

@@ -8,6 +8,12 @@
  * `stack` lets it tell how much RAM nothing has ever written: {"us": T, "untouched": BYTES}. It never runs faster than
  * the clock on the wall.
  *
+ * bridge IMAGE.elf MCU stepped
+ *
+ * Simulated time stands still between orders. The order `step BYTES US` waits until so many bytes have arrived at the
+ * port, sends them to the board at the speed of the serial line, goes on until US, and prints {"us": T, "stepped": BYTES}
+ * with the number of bytes that the board has sent.
+ *
  * A test tool: it is linked with libsimavr (GPL-3) where the tests run, and is part of no package. */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -52,7 +58,7 @@ static uint8_t port_of[128], direction_of[128];
 static int level_of[WIRES];
 static uint8_t chain[CHANNELS * BITS]; /* shift registers; [0] is the bit shifted in last */
 static uint16_t latches[CHANNELS];
-static int exposing;
+static int exposing, stepped;
 static char lit_before[1100];
 
 static void tell(const char *what) {
@@ -177,8 +183,40 @@ static void tell_stack(void) {
     tell(text);
 }
 
+static int run_until(avr_cycle_count_t end) {
+    while (avr->cycle < end) {
+        send_byte();
+        const int state = avr_run(avr);
+        if (state == cpu_Crashed || state == cpu_Done) {
+            fprintf(stderr, "the bridge: the processor stopped\n");
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static void step(size_t bytes, unsigned long long until_us) {
+    struct pollfd end = {wire_fd, POLLIN, 0};
+    while (to_board_n < bytes && poll(&end, 1, -1) >= 0) {
+        const ssize_t n = read(wire_fd, to_board + to_board_n, sizeof to_board - to_board_n);
+        if (n > 0)
+            to_board_n += (size_t)n;
+    }
+    next_byte = avr->cycle + BYTE_CYCLES;
+    if (!run_until(until_us * MHZ))
+        exit(1);
+    char text[64];
+    snprintf(text, sizeof text, "\"stepped\": %zu", to_host_n);
+    tell(text);
+    exchange();
+}
+
 static void obey(const char *order) {
-    if (strncmp(order, "active ", 7) == 0) {
+    size_t bytes;
+    unsigned long long until_us;
+    if (stepped && sscanf(order, "step %zu %llu", &bytes, &until_us) == 2) {
+        step(bytes, until_us);
+    } else if (strncmp(order, "active ", 7) == 0) {
         exposing = order[7] == '1';
         drive_active();
     } else if (strcmp(order, "stack") == 0) {
@@ -287,23 +325,23 @@ static void start(const char *image, const char *mcu) {
 }
 
 int main(int argc, char **argv) {
-    if (argc != 3) {
-        fprintf(stderr, "bridge IMAGE.elf atmega328p|atmega2560\n");
+    stepped = argc == 4 && strcmp(argv[3], "stepped") == 0;
+    if (argc != 3 + stepped) {
+        fprintf(stderr, "bridge IMAGE.elf atmega328p|atmega2560 [stepped]\n");
         return 2;
     }
     open_pty();
     start(argv[1], argv[2]);
     int64_t began_us = wall_us();
     for (;;) {
-        const avr_cycle_count_t end = avr->cycle + SLICE_US * MHZ;
-        while (avr->cycle < end) {
-            send_byte();
-            const int state = avr_run(avr);
-            if (state == cpu_Crashed || state == cpu_Done) {
-                fprintf(stderr, "the bridge: the processor stopped\n");
-                return 1;
-            }
+        struct pollfd input = {STDIN_FILENO, POLLIN, 0};
+        if (stepped) {
+            if (poll(&input, 1, -1) > 0 && !take_orders())
+                return 0;
+            continue;
         }
+        if (!run_until(avr->cycle + SLICE_US * MHZ))
+            return 1;
         exchange();
         int64_t ahead_us = began_us + (int64_t)(avr->cycle / MHZ) - wall_us();
         /* Time that this machine lost is not made up for: the host must never seem slower than it is. */
@@ -311,7 +349,6 @@ int main(int argc, char **argv) {
             began_us -= ahead_us;
             ahead_us = 0;
         }
-        struct pollfd input = {STDIN_FILENO, POLLIN, 0};
         const struct timespec wait = {0, ahead_us > 0 ? (long)ahead_us * 1000 : 0};
         if (ppoll(&input, 1, &wait, NULL) > 0 && !take_orders())
             return 0;

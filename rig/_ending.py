@@ -1,0 +1,109 @@
+"""Ends the program on a signal by an exception, where an exception does no harm.
+
+Python runs signal handlers between any two steps of the program. An exception that a handler
+raises inside a compiler or an import can do damage that `finally` does not repair: raised just
+after LLVM has linked one module into another, it leaves llvmlite owning memory that LLVM has freed,
+and the process dies of a segmentation fault when that is released. Raised in a finalizer, it is
+reported and ignored. So the exception waits until the main thread has left such code.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from types import FrameType
+
+# The exit code of a program that a signal has ended is so much more than the signal's number.
+SIGNALLED = 128
+
+_COMPILERS = ("numba", "llvmlite")
+# Imports that fail half-way and callbacks of the garbage collector, which swallow exceptions.
+_BRIEF = ("importlib", "_frozen_importlib", "_frozen_importlib_external", "weakref")
+_FINALIZER = "__del__"
+# A whole program may be running inside an import; a compiler always ends.
+_BRIEF_PATIENCE_S = 3.0
+_AGAIN_EVERY_S = 0.1
+
+
+class _Waiting:
+    """A signal whose exception waits, and the thread that sends it again."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.since_s = time.monotonic()
+        self.sent_again = False
+        self.over = False
+        # A daemon: the end of the program does not wait for it.
+        threading.Thread(target=self._send_again, daemon=True).start()
+
+    def _send_again(self) -> None:
+        time.sleep(_AGAIN_EVERY_S)
+        while not self.over:
+            self.sent_again = True
+            if hasattr(signal, "pthread_kill"):
+                ident = threading.main_thread().ident
+                if ident is not None:
+                    signal.pthread_kill(ident, self.number)
+            else:  # Windows
+                signal.raise_signal(self.number)
+            time.sleep(_AGAIN_EVERY_S)
+
+
+_waiting: _Waiting | None = None
+
+
+def end_program(number: int, frame: FrameType | None) -> None:
+    """Handle a signal that ends the program; for `signal.signal`.
+
+    Raises KeyboardInterrupt for SIGINT and SystemExit with 128 + number for others: at once, or as
+    soon as the main thread has left a compiler (numba), an import or a finalizer. A second signal
+    while the first one waits ends the process by the signal's default action.
+
+    Parameters
+    ----------
+    number, frame
+        As Python gives them to a handler.
+    """
+    global _waiting
+    waiting = _waiting
+    if waiting is not None and waiting.number == number:
+        if not waiting.sent_again:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        waiting.sent_again = False
+    if _harmful(frame, 0.0 if waiting is None else time.monotonic() - waiting.since_s):
+        _waiting = waiting or _Waiting(number)
+        return
+    if waiting is not None:
+        waiting.over = True
+        _waiting = None
+        number = waiting.number
+    raise exception_of(number)
+
+
+def end_later(number: int) -> None:
+    """Send a signal to the main thread in a moment, as if it came then; for exceptions lost."""
+    global _waiting
+    _waiting = _waiting or _Waiting(number)
+
+
+def exception_of(number: int) -> BaseException:
+    """Return the exception by which a signal ends the program."""
+    if number == signal.SIGINT:
+        return KeyboardInterrupt()
+    return SystemExit(SIGNALLED + number)
+
+
+def _harmful(frame: FrameType | None, waited_s: float) -> bool:
+    """Return whether an exception raised in this frame could do harm or be lost."""
+    while frame is not None:
+        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if package in _COMPILERS:
+            return True
+        brief = package in _BRIEF or frame.f_code.co_name == _FINALIZER
+        if brief and waited_s < _BRIEF_PATIENCE_S:
+            return True
+        frame = frame.f_back
+    return False

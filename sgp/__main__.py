@@ -1,0 +1,13 @@
+"""``python -m sgp``: the command ``sgp``, without modules that lie in the working directory."""
+
+import os
+import sys
+
+import sgp
+
+# `python -m` puts the working directory first, and a file there may have the name of any module.
+if sys.path[:1] in ([""], [os.getcwd()]) and os.path.dirname(sgp.__path__[0]) != os.getcwd():
+    del sys.path[0]
+
+if __name__ == "__main__":
+    sgp.main()

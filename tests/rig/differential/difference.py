@@ -1,0 +1,154 @@
+"""What two boards did in the same item, and in what they may differ.
+
+They may differ
+
+- in the name and the number of steps that `ID` answers, and in the temperature of `STATUS`,
+- in measured times: `STATUS` uptime, `since`, `lit`, `active` of `FLASH`, `trigger`, `lit`,
+  `active` of `DID`, and the times of edges, by `Tolerance.late_us` and 0.1 % of the time,
+- by a pause of less than `Tolerance.pause_us` between two lights of the same LED, and of less than
+  `Tolerance.low_us` between two pulses,
+- where several commands arrive at the same instant, by 0.3 ms for each of them, and by lights
+  shorter than that: the virtual board obeys all of them at that instant, a processor needs time.
+
+Everything else is the same: which lines are answered, in what order, every other word, which LEDs
+are lit and how bright, how often the trigger line rises. No board ever lights two LEDs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tests.rig.differential.program import Event, Step, whole
+
+# Of a reply to one of these: which words after it are measured, and which are the board's own.
+_MEASURED = {"STATUS": (0,), "FLASH": (1, 2, 3), "DID": (2, 3, 4)}
+_OWN = {"ID": (0, 6), "STATUS": (4,)}
+# What a processor needs at most for a line that is already there.
+_LINE_US = 300
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """How far the times of a board may be from those of the virtual board, us.
+
+    Parameters
+    ----------
+    late_us
+        An edge or a measured time.
+    pause_us, low_us
+        Between two lights of the same LED, and between two pulses, that the virtual board joins.
+    reply_us
+        What the other board takes to send a reply.
+    """
+
+    late_us: int
+    pause_us: int
+    low_us: int
+    reply_us: int = 0
+
+
+@dataclass(frozen=True)
+class _Span:
+    """What was on from when to when, us: ``(leds, levels)``, or the trigger line."""
+
+    what: object
+    start_us: int
+    end_us: int
+
+
+def violations(step: Step) -> list[str]:
+    """Return a line for each thing that no board may do: a damaged reply, two LEDs at once."""
+    damaged = [f"a damaged reply {text!r}" for text in step.replies if not whole(text)]
+    doubled = [event for event in step.events if len(event.get("lit", ())) > 1]
+    return damaged + [f"more than one LED at once: {event}" for event in doubled]
+
+
+def differences(virtual: Step, other: Step, tolerance: Tolerance, *, at_once: int = 0) -> list[str]:
+    """Return a line for each thing in which two boards differ and may not.
+
+    Parameters
+    ----------
+    virtual, other
+        What each did. Lights that began before are listed as beginning at 0.
+    tolerance
+        Of the other board.
+    at_once
+        How many lines arrived at the same instant.
+    """
+    found = []
+    late_us = tolerance.late_us + _LINE_US * at_once
+    pause_us = tolerance.pause_us + _LINE_US * at_once
+    tolerance = replace(tolerance, late_us=late_us)
+    if len(virtual.replies) != len(other.replies):
+        found.append(f"replies {virtual.replies} and {other.replies}")
+    else:
+        pairs = zip(virtual.replies, other.replies, strict=True)
+        found += [f"{a!r} and {b!r}" for a, b in pairs if not _alike(a, b, tolerance)]
+    for kind in ("lit", "trigger"):
+        joined_us = pause_us if kind == "lit" else tolerance.low_us
+        spans = [_spans(step.events, kind, joined_us) for step in (virtual, other)]
+        if at_once and kind == "lit":
+            spans = [[s for s in side if not _short(s, late_us)] for side in spans]
+        if not _same_spans(*spans, tolerance):
+            found.append(f"{kind}: {spans[0]} and {spans[1]}")
+    return found
+
+
+def _alike(one: bytes, two: bytes, tolerance: Tolerance) -> bool:
+    if one == two:
+        return True
+    words = one.partition(b"*")[0].decode().split(), two.partition(b"*")[0].decode().split()
+    verb = words[0][2:3]
+    if len(words[0]) != len(words[1]) or words[0][:3] != words[1][:3] or words[0][1] != "OK":
+        return False
+    measured, own = (table.get(verb[0], ()) for table in (_MEASURED, _OWN))
+    for at, (a, b) in enumerate(zip(words[0][3:], words[1][3:], strict=True)):
+        if a == b or at in own:
+            continue
+        if at not in measured or a[-1] == "-" or b[-1] == "-":
+            return False
+        if (a[-1] == "+") != (b[-1] == "+"):
+            return False
+        unit_us = 1000 if verb[0] == "STATUS" else 1
+        if not _near(
+            int(a.rstrip("+")) * unit_us, int(b.rstrip("+")) * unit_us, tolerance, unit_us
+        ):
+            return False
+    return True
+
+
+def _near(one_us: int, two_us: int, tolerance: Tolerance, unit_us: int = 1) -> bool:
+    return abs(one_us - two_us) <= tolerance.late_us + unit_us + max(one_us, two_us) // 1000
+
+
+def _spans(events: Sequence[Event], kind: str, pause_us: int) -> list[_Span]:
+    """Return what was on, with spans joined that are alike and nearly touch."""
+    spans: list[_Span] = []
+    on: tuple[object, int] | None = None
+    for event in [*events, {"us": -1, kind: None}]:
+        if kind not in event:
+            continue
+        if on is not None:
+            end_us = event["us"]
+            joins = spans and spans[-1].what == on[0] and on[1] - spans[-1].end_us < pause_us
+            spans[-1:] = [
+                *([] if joins or not spans else spans[-1:]),
+                _Span(on[0], spans[-1].start_us if joins else on[1], end_us),
+            ]
+        value = event[kind]
+        on = ((value, event.get("levels")), event["us"]) if value else None
+    return spans
+
+
+def _short(span: _Span, than_us: int) -> bool:
+    return span.end_us >= 0 and span.end_us - span.start_us < than_us
+
+
+def _same_spans(one: list[_Span], two: list[_Span], tolerance: Tolerance) -> bool:
+    return len(one) == len(two) and all(
+        a.what == b.what
+        and abs(a.start_us - b.start_us) <= tolerance.late_us
+        and abs(a.end_us - b.end_us) <= tolerance.late_us
+        for a, b in zip(one, two, strict=True)
+    )
