@@ -25,6 +25,8 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._preflight.check import Check
 from acquisition._preflight.preflight import Preflight, preflight, preflight_resume
 from acquisition._session.compact import Compaction, compact_session
+from acquisition._session.damage import Damage
+from acquisition._session.damaged import damaged_frames
 from acquisition._session.journal import EventLine, FrameLine
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -46,6 +48,7 @@ __all__ = [
     "CapturePlan",
     "Check",
     "Compaction",
+    "Damage",
     "DataError",
     "EventLine",
     "Export",
@@ -73,6 +76,7 @@ __all__ = [
     "WatchResult",
     "check_resume",
     "compact_session",
+    "damaged_frames",
     "estimate_plan",
     "import_frames",
     "led_id",
