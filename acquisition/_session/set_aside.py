@@ -64,7 +64,7 @@ def set_frames_aside(
         }
         lines.append(journal.append(EventLine, {"event": UPGRADED, "details": details}))
     for frame, reason in ((one.frame, one.reason) for one in damaged):
-        kept = _free(shelf, f"{frame.line.seq:04d}_{frame.path.name}")
+        kept = _free(shelf, frame.path.name)
         there = os.path.lexists(frame.path)
         details = {
             "frame_seq": frame.line.seq,

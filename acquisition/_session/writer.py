@@ -293,10 +293,10 @@ class SessionWriter:
         """
         if event in RESERVED:
             raise DataError(f"{self.folder}: events {event!r} are not written by hand")
-        complaint = details_complaint(event, details, self._version)
-        if complaint is not None:
-            raise DataError(f"{self.folder}: the event {event!r} does not fit: {complaint}")
         with self._used():
+            complaint = details_complaint(event, details, self._version)
+            if complaint is not None:
+                raise DataError(f"{self.folder}: the event {event!r} does not fit: {complaint}")
             return self._append(EventLine, {"event": event, "details": details})
 
     def complete(self) -> None:
