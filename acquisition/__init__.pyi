@@ -41,6 +41,8 @@ from ._progress import Progress as Progress
 from ._progress import silent as silent
 from ._session.compact import Compaction as Compaction
 from ._session.compact import compact_session as compact_session
+from ._session.damage import Damage as Damage
+from ._session.damaged import damaged_frames as damaged_frames
 from ._session.journal import EventLine as EventLine
 from ._session.journal import FrameLine as FrameLine
 from ._session.manifest import Manifest as Manifest

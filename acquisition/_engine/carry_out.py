@@ -63,13 +63,18 @@ def carry_out(
     measure_quality(np.zeros((1, 1), np.uint16), white_level_dn=1)
     with StopRequest(hooks.on_stop) as stop:
         queue: WriteQueue[Stored | None] = WriteQueue(
-            writer.folder, room=ROOM, threads=THREADS, stall_s=stall_s
+            writer.folder,
+            room=ROOM,
+            threads=THREADS,
+            stall_s=stall_s,
+            when_idle=writer.check_next,
         )
         try:
             recording = Recording(rig, writer, plan, queue, hooks, references)
             for name, details in events:
                 recording.event(name, **details)
             recording.run(stop)
+            recording.wait_for_checks(stop)
         except BaseException as error:
             # Dark first, then the disk, then words.
             confirmed = _go_dark(rig, error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from acquisition._engine.same_rig import check_same
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.damage import Damage
+from acquisition._session.frame_proofs import OnChecked
 from acquisition._session.journal import LEFT_OUT
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -119,7 +121,7 @@ def record(
     )
     if left_out:
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
-    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
+    hooks = Hooks(on_frame, on_event, on_stop, before_flats=before_flats)
     with SessionWriter.create(folder, manifest) as writer:
         carry_out(rig, writer, plan, hooks, events, References(manifest.camera), stall_s)
     return Session.open(folder)
@@ -131,16 +133,20 @@ def resume(
     *,
     plan: CapturePlan | None = None,
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
+    retake_damaged: bool = False,
     on_frame: OnFrame | None = None,
     on_event: OnEvent | None = None,
     on_stop: Callable[[], None] | None = None,
+    on_checked: OnChecked | None = None,
+    on_damage: Callable[[str], None] | None = None,
     before_flats: Callable[[], None] | None = None,
     stall_s: float = STALL_S,
 ) -> Session:
     """Take the shots that a session is missing, and no others.
 
     Shots of LEDs that the rig file lists as dead by now are left out, which is an event; the
-    session becomes complete without them.
+    session becomes complete without them. Frames that were recorded before are read back while the
+    writers have nothing else to do: a session with a damaged frame does not become complete.
 
     Parameters
     ----------
@@ -150,8 +156,14 @@ def resume(
         An incomplete session.
     plan
         If given, refuse a session of another one.
+    retake_damaged
+        Read all frames back first, set damaged and lost ones aside (their files are kept in
+        ``derived/set_aside/``), and take their shots again; each is an event. The object must lie
+        as it did. A complete session with such a frame is gone on with too.
     events, on_frame, on_event, on_stop, before_flats, stall_s
         As for `record`.
+    on_checked, on_damage
+        See `Hooks`.
 
     Returns
     -------
@@ -164,16 +176,25 @@ def resume(
         If there is no such folder.
     DataError
         If it is no session, is damaged or complete, was imported, or was begun with another rig,
-        camera or plan; the message says what differs. If every LED of its plan is dead.
+        camera or plan; the message says what differs. If every LED of its plan is dead. If a frame
+        is damaged; what was missing has been taken then.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
     """
     folder = Path(folder)
-    _, recorded, _ = check_resume(rig, folder, plan)
-    hooks = Hooks(on_frame, on_event, on_stop, before_flats)
-    with SessionWriter.reopen(folder) as writer:
+    _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
+    hooks = Hooks(on_frame, on_event, on_stop, on_checked, on_damage, before_flats)
+    with SessionWriter.reopen(
+        folder,
+        set_aside_damaged=retake_damaged,
+        on_checked=on_checked or (lambda done, total: None),
+    ) as writer:
         # Now that no other process can add to it.
-        references = References.of(Session.open(folder))
+        session = Session.open(folder)
+        references = References.of(session)
+        if on_event is not None:
+            for line in writer.set_aside_events:
+                on_event(line.event, line.details)
         died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
@@ -185,24 +206,45 @@ def resume(
 
 
 def check_resume(
-    rig: Rig, folder: str | Path, plan: CapturePlan | None = None
+    rig: Rig,
+    folder: str | Path,
+    plan: CapturePlan | None = None,
+    *,
+    damaged: Iterable[Damage] | None = None,
 ) -> tuple[Session, CapturePlan, tuple[PlannedShot, ...]]:
     """Check that a session can be gone on with on this rig, and change nothing.
+
+    Parameters
+    ----------
+    rig, folder, plan
+        As for `resume`.
+    damaged
+        What `damaged_frames` found, where these frames are to be retaken.
 
     Returns
     -------
     Session, CapturePlan, PlannedShots
-        The session, its plan, and the shots to take: those that are missing and whose LED works.
+        The session, its plan, and the shots to take: those that are missing, or would be without
+        the damaged frames, and whose LED works.
 
     Raises
     ------
     MissingPathError, DataError
         As `resume`.
     """
-    folder = Path(folder)
-    begun = Session.open(folder)
+    begun, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
+    missing = begun.missing_without(one.frame for one in damaged or ())
+    dead = rig.config.dead_leds
+    return begun, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
+
+
+def _fitting(
+    rig: Rig, folder: Path, plan: CapturePlan | None, *, retake_damaged: bool
+) -> tuple[Session, CapturePlan]:
+    """Return a session and its plan, once it is known that this rig can go on with it."""
+    begun = Session.open(folder, damaged_frames=retake_damaged)
     manifest, recorded = begun.manifest, begun.manifest.plan
-    if begun.complete:
+    if begun.complete and not retake_damaged:
         raise DataError(f"{folder}: is complete, nothing is missing; record into a new folder")
     if manifest.rig is None or recorded is None:
         raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
@@ -210,9 +252,8 @@ def check_resume(
     if plan is not None:
         plan, _ = plan.without(manifest.rig.dead_leds)
     check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
-    dead = rig.config.dead_leds
-    recorded.without(dead)
-    return begun, recorded, tuple(shot for shot in begun.missing if shot.lit_led not in dead)
+    recorded.without(rig.config.dead_leds)
+    return begun, recorded
 
 
 def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:

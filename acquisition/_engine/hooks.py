@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from acquisition._session.frame_proofs import OnChecked
 from acquisition._session.journal import FrameLine
 
 OnFrame = Callable[[FrameLine, int, int], None]
@@ -24,6 +25,12 @@ class Hooks:
         An event that goes to the journal: its name and details.
     on_stop
         Ctrl-C was pressed once. Called in a signal handler.
+    on_checked
+        Every shot is taken, and frames that were recorded before are still read back: how many
+        were, and how many there are.
+    on_damage
+        One of them is damaged: what is wrong, as one line. The shots that are missing are taken all
+        the same; then the recording ends with this error.
     before_flats
         The white card must lie under the camera when this returns, unless Ctrl-C was pressed
         meanwhile. Called once.
@@ -32,4 +39,6 @@ class Hooks:
     on_frame: OnFrame | None = None
     on_event: OnEvent | None = None
     on_stop: Callable[[], None] | None = None
+    on_checked: OnChecked | None = None
+    on_damage: Callable[[str], None] | None = None
     before_flats: Callable[[], None] | None = None

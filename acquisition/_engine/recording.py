@@ -21,16 +21,20 @@ from acquisition._pixels.quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
 from acquisition._session.journal import Echo, FrameLine
+from acquisition._session.layout import WRITERS
+from acquisition._session.light_proof import BOARD, RIG, wrong_light
 from acquisition._session.writer import SessionWriter
 from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
 
 # Frames that may wait for the disk; with the camera's own buffers they stay under a dozen.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
-THREADS: Final = 2
+THREADS: Final = WRITERS
 # How often a shot is taken again whose frame was lost, whatever the plan says: the object and the
 # light have nothing to do with it.
 LOST_RETAKES: Final = 3
+# How often is looked whether a check is done or Ctrl-C was pressed.
+_LOOK_S: Final = 0.2
 
 
 class StoppedError(KeyboardInterrupt):
@@ -91,6 +95,7 @@ class Recording:
         self._delivered = False
         self._sequenced = plan.sequence and rig.config.trigger == "board"
         self._card_is_there = False
+        self._damaged: set[int] = set()
 
     def run(self, stop: StopRequest) -> None:
         """Take every shot, and wait until each is safe.
@@ -116,8 +121,37 @@ class Recording:
             elif self._todo:
                 self._take(stop)
 
+    def wait_for_checks(self, stop: StopRequest) -> None:
+        """Wait until the frames of earlier processes were read back, which writers do when idle.
+
+        Raises
+        ------
+        StoppedError
+            When ``stop`` was asked for meanwhile.
+        DataError
+            If one is damaged.
+        StorageError
+            If the disk does not answer.
+        """
+        while not self._queue.rests(_LOOK_S):
+            self._tell_of_damage()
+            if self._hooks.on_checked is not None:
+                self._hooks.on_checked(*self._writer.checked)
+            if stop.asked:
+                raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
+        self._tell_of_damage()
+        self._writer.check_undamaged()
+
+    def _tell_of_damage(self) -> None:
+        for damage in self._writer.damage:
+            if damage.frame.line.seq not in self._damaged:
+                self._damaged.add(damage.frame.line.seq)
+                if self._hooks.on_damage is not None:
+                    self._hooks.on_damage(damage.text)
+
     def collect(self) -> None:
         """Tell of what was written since, and let rejected shots be taken again."""
+        self._tell_of_damage()
         for stored in self._queue.results():
             if stored is None:
                 continue
@@ -191,8 +225,9 @@ class Recording:
         except RigError as error:
             self._failed(planned, error)
         else:
-            self._todo.take()
-            self._keep(planned, shot)
+            if self._is_of(planned, shot):
+                self._todo.take()
+                self._keep(planned, shot)
 
     def _take_many(self, stop: StopRequest) -> None:
         """Take all shots that one sequence can hold, or as many as the disk has room for."""
@@ -202,6 +237,8 @@ class Recording:
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
         with closing(cast(Generator[Shot, None, None], shots)) as sequence:
             while (shot := self._next(sequence, group)) is not None:
+                if not self._is_of(group[0], shot):
+                    break
                 counts = self._keep(group.popleft(), shot)
                 self.collect()
                 if group and (stop.asked or self._queue.full or not counts):
@@ -223,6 +260,18 @@ class Recording:
         except RigError as error:
             self._failed(group[0], error)
             return None
+
+    def _is_of(self, planned: PlannedShot, shot: Shot) -> bool:
+        """Tell whether a frame was lit as planned; one that was not is noted, and not kept."""
+        lit = {RIG: shot.led} | ({} if shot.echo is None else {BOARD: shot.echo.led})
+        conflict = wrong_light(planned, lit)
+        if conflict is not None:
+            error = RigError(
+                f"{planned.file}: {conflict}; the frame was not kept: check the LED board and its "
+                "wiring"
+            )
+            self._failed(planned, error)
+        return conflict is None
 
     def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
         """Have a frame written; False where it is known by now that it does not count."""

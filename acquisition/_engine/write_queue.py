@@ -31,6 +31,9 @@ class WriteQueue(Generic[Result]):
     if nothing had happened. Its error comes out wherever the owner asks next. The threads do not
     keep the program alive, so that a disk that never answers cannot either.
 
+    While no job waits or is under way, one thread does other work, a piece at a time; a job that
+    comes meanwhile finds another thread free.
+
     Parameters
     ----------
     folder
@@ -41,9 +44,19 @@ class WriteQueue(Generic[Result]):
         How many work at once.
     stall_s
         Longest time without any job being done before the disk counts as stuck.
+    when_idle
+        Does a piece of the other work; False where none was left. It only reads.
     """
 
-    def __init__(self, folder: Path, *, room: int, threads: int, stall_s: float) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        room: int,
+        threads: int,
+        stall_s: float,
+        when_idle: Callable[[], bool] = lambda: False,
+    ) -> None:
         self._folder = folder
         self._room = room
         self._stall_s = stall_s
@@ -58,6 +71,9 @@ class WriteQueue(Generic[Result]):
         self._failed: float = math.inf
         self._error: BaseException | None = None
         self._moved_s = 0.0
+        self._when_idle = when_idle
+        self._idle_left = True
+        self._idle_since_s: float | None = None
         self._threads = [
             threading.Thread(target=self._work, name=f"writer {number}", daemon=True)
             for number in range(threads)
@@ -117,6 +133,32 @@ class WriteQueue(Generic[Result]):
         ends_s = time.monotonic() + patience_s
         self._wait(lambda: self._waits == 0 or time.monotonic() >= ends_s)
 
+    def rests(self, patience_s: float) -> bool:
+        """Wait for so long at most; tell whether all jobs and all of the other work are done.
+
+        Raises
+        ------
+        StorageError
+            If a piece of it takes too long.
+        BaseException
+            What a job or the other work raised.
+        """
+        ends_s = time.monotonic() + patience_s
+        with self._changed:
+            while (self._idle_left or self._waits) and self._error is None:
+                now_s = time.monotonic()
+                if self._idle_since_s is not None and now_s - self._idle_since_s > self._stall_s:
+                    raise StorageError(
+                        f"{self._folder}: the disk has not given back a frame for "
+                        f"{now_s - self._idle_since_s:.1f} s; find out what blocks it, then resume"
+                    )
+                if now_s >= ends_s:
+                    return False
+                self._changed.wait(ends_s - now_s)
+            if self._error is not None:
+                raise self._error
+            return True
+
     def end(self, patience_s: float) -> bool:
         """Forget jobs that wait, and give those under way so long to end.
 
@@ -153,6 +195,9 @@ class WriteQueue(Generic[Result]):
     def _work(self) -> None:
         while (taken := self._next()) is not None:
             number, job = taken
+            if job is None:
+                self._idle()
+                continue
             try:
                 result = job(partial(self._wait_for_turn, number))
             except BaseException as error:  # noqa: BLE001 - raised again where it is asked for
@@ -163,14 +208,32 @@ class WriteQueue(Generic[Result]):
             # A frame must go with its job, not with the next one.
             del job, taken
 
-    def _next(self) -> tuple[int, Callable[[Turn], Result]] | None:
+    def _next(self) -> tuple[int, Callable[[Turn], Result] | None] | None:
+        """Return a job, or None in its place where there is time for other work."""
         with self._changed:
             while not self._waiting and not self._ended:
+                if self._idle_left and self._idle_since_s is None and self._waits == 0:
+                    self._idle_since_s = time.monotonic()
+                    return 0, None
                 self._changed.wait()
             if self._ended:
                 return None
             self._begun += 1
             return self._begun - 1, self._waiting.popleft()
+
+    def _idle(self) -> None:
+        try:
+            left, error = self._when_idle(), None
+        except BaseException as failure:  # noqa: BLE001 - raised again where it is asked for
+            left, error = False, failure
+        with self._changed:
+            self._idle_left, self._idle_since_s = left, None
+            if error is not None and self._error is None:
+                # Jobs under way may end.
+                self._failed, self._error = self._begun - 0.5, error
+                self._ended = True
+                self._waiting.clear()
+            self._changed.notify_all()
 
     def _wait_for_turn(self, number: int) -> None:
         with self._changed:

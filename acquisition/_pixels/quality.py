@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 # Per mille, so that ranks are whole-number arithmetic.
 _PERCENTILES = {"1": 10, "50": 500, "99": 990, "99.9": 999}
+PERCENTILE_NAMES = ("0", *_PERCENTILES, "100")
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, 
     DataError, StorageError
         As `SessionWriter.create`. The lock is free then.
     """
+    manifest.check_current(folder)
     library_path(folder)  # else its frames could not be read
     data = to_toml(manifest)
     make_folder(folder)

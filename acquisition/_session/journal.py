@@ -11,10 +11,21 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from datetime import datetime
+from typing import Annotated, Any, Literal, NoReturn, Self
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 
+from acquisition._pixels.quality import PERCENTILE_NAMES
 from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
 from rig import complaints
@@ -24,20 +35,57 @@ GENESIS = "0" * 64
 COMPACTED = "compacted"
 LEFT_OUT = "left_out"
 REOPENED = "reopened"
+SET_ASIDE = "set_aside"
+UPGRADED = "upgraded"
 
 _SEAL = re.compile(rb'(.*),"line_sha256":"([0-9a-f]{64})"\}', re.DOTALL)
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 # One folder deep, no separators, no leading dot: a path that cannot leave the session.
 FramePath = Annotated[str, Field(pattern=r"^frames/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
+_TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?(Z|[+-]\d\d:\d\d)?")
+# The mean is stored with four decimals.
+_MEAN_SLACK_DN = 1e-4
+
+
+def _checked_time(text: str) -> str:
+    if _TIME.fullmatch(text) is None:
+        raise ValueError("is not a date and time as ISO 8601 writes them")
+    try:
+        datetime.fromisoformat(text)
+    except ValueError as error:
+        raise ValueError(f"is not a date and time: {error}") from error
+    return text
+
+
+def _checked_percentiles(values: dict[str, int]) -> dict[str, int]:
+    if set(values) != set(PERCENTILE_NAMES):
+        raise ValueError(f"must hold exactly {', '.join(PERCENTILE_NAMES)}")
+    ordered = [values[name] for name in PERCENTILE_NAMES]
+    if sorted(ordered) != ordered:
+        raise ValueError("must not decrease from 0 to 100 per cent")
+    return values
+
+
+# Bounded so that no reader meets a number that its other libraries cannot hold.
+Index = Annotated[int, Field(ge=0, lt=2**31)]
+_Wide = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+_Microseconds = Annotated[int, Field(ge=0, lt=2**63)]
+_Exposure = Annotated[float, Field(gt=0, le=1e12)]
 _Fraction = Annotated[float, Field(ge=0, le=1)]
+_Sample = Annotated[int, Field(ge=0, le=65535)]
+_Percentiles = Annotated[dict[str, _Sample], AfterValidator(_checked_percentiles)]
 
 
-class _Line(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class _Part(BaseModel):
+    """Values are taken as JSON has them: the text "3", 3.0 and true are not the number 3."""
 
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class _Line(_Part):
     seq: Annotated[int, Field(ge=0)]
-    time_utc: str
+    time_utc: Annotated[str, AfterValidator(_checked_time)]
 
 
 class StartLine(_Line):
@@ -47,19 +95,17 @@ class StartLine(_Line):
     session_toml_sha256: Sha256
 
 
-class Echo(BaseModel):
+class Echo(_Part):
     """What the LED board answered: its sequence number and the LED it acted on.
 
-    ``lit_us`` is how long it burned and ``active_us`` how long the camera's exposure-active output
-    was up meanwhile, both by the board's clock and in microseconds; None where not measured.
+    ``lit_us`` is how long the LED was on and ``active_us`` how long the camera's exposure-active
+    output was up meanwhile, both by the board's clock and in microseconds; None where not measured.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    seq: int
-    led: int | None
-    lit_us: Annotated[int, Field(ge=0)] | None = None
-    active_us: Annotated[int, Field(ge=0)] | None = None
+    seq: _Wide
+    led: Index | None
+    lit_us: _Microseconds | None = None
+    active_us: _Microseconds | None = None
 
 
 class FrameLine(_Line):
@@ -73,22 +119,22 @@ class FrameLine(_Line):
 
     kind: Literal["frame"] = "frame"
     role: Role
-    led: Annotated[int, Field(ge=0)] | None
-    bracket: Annotated[int, Field(ge=0)]
-    repeat: Annotated[int, Field(ge=0)]
-    exposure_us: Annotated[float, Field(gt=0)] | None
+    led: Index | None
+    bracket: Index
+    repeat: Index
+    exposure_us: _Exposure | None
     gain_db: float | None
     file: FramePath
-    bytes: Annotated[int, Field(ge=1)]
+    bytes: Annotated[int, Field(ge=1, lt=2**63)]
     file_sha256: Sha256
     pixels_sha256: Sha256
-    frame_id: int | None
-    timestamp_ns: int | None
+    frame_id: _Wide | None
+    timestamp_ns: _Wide | None
     temperature_c: float | None
     echo: Echo | None
     clipped_fraction: _Fraction
-    percentiles_dn: dict[str, int]
-    sharpness: float
+    percentiles_dn: _Percentiles
+    sharpness: Annotated[float, Field(ge=0)]
     mean_dn: float | None = None
     above_dark: float | None = None
     status: Literal["ok", "rejected"]
@@ -98,6 +144,20 @@ class FrameLine(_Line):
     def key(self) -> ShotKey:
         """What identifies the shot, as in `PlannedShot.key`."""
         return self.role, self.led, self.bracket, self.repeat
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if (self.led is None) is (self.role == "light"):
+            needed = "needs an LED" if self.led is None else f"has no LED, not {self.led}"
+            raise ValueError(f"a {self.role} frame {needed}")
+        if self.role in ("dark", "ambient") and self.above_dark is not None:
+            raise ValueError(f"a {self.role} frame has no above_dark")
+        low, high = self.percentiles_dn["0"], self.percentiles_dn["100"]
+        if self.mean_dn is not None and not (
+            low - _MEAN_SLACK_DN <= self.mean_dn <= high + _MEAN_SLACK_DN
+        ):
+            raise ValueError(f"mean_dn {self.mean_dn:g} is not between the least and the greatest")
+        return self
 
 
 class EventLine(_Line):
@@ -219,11 +279,14 @@ def _seal_of(piece: bytes, previous_sha256: str) -> str | None:
 def _understood(piece: bytes, seq: int) -> Line | str:
     """Return the line, or why a line whose hash holds makes no sense."""
     try:
-        record = json.loads(piece)
+        text = piece.decode("ascii")
+        record = json.loads(text, object_pairs_hook=_each_once, parse_constant=_refuse)
         del record["line_sha256"]
         line = _LINE.validate_python(record)
     except ValidationError as error:
         return complaints(error)
+    except _RefusedError as error:
+        return str(error)
     except (ValueError, TypeError, KeyError, RecursionError):
         return "it is not a JSON object"
     if line.seq != seq:
@@ -231,3 +294,19 @@ def _understood(piece: bytes, seq: int) -> Line | str:
     if isinstance(line, StartLine) != (seq == 0):
         return "a journal has one line of kind session, the first"
     return line
+
+
+class _RefusedError(Exception):
+    pass
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Build an object; programs differ in which of two equal keys they take."""
+    record = dict(pairs)
+    if len(record) < len(pairs):
+        raise _RefusedError("it has a key twice")
+    return record
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise _RefusedError(f"{constant} is not JSON")

@@ -20,6 +20,11 @@ TRUE_NORMALS = f"{DERIVED}/truth/normals.exr"
 ASIDE = f"{DERIVED}/{COMPLETE}"
 # Files of frames that have no line.
 UNRECORDED = f"{DERIVED}/unrecorded"
+# Files of frames that were found damaged.
+SET_ASIDE_FOLDER = f"{DERIVED}/set_aside"
+
+# Frames that are written at once: as many may be on disk before their lines are.
+WRITERS = 2
 
 
 def is_session(folder: Path) -> bool:

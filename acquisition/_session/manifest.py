@@ -24,10 +24,12 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import Mounting
 
-FORMAT_VERSION: Final = 2
-_READ: Final = (1, FORMAT_VERSION)
-# What version 2 has more than version 1, by table.
-_ADDED: Final = {
+FORMAT_VERSION: Final = 3
+_READ: Final = (1, 2, FORMAT_VERSION)
+# Versions whose lines this program writes: a session of version 2 stays one.
+_WRITTEN: Final = (2, FORMAT_VERSION)
+# What version 2 has more than version 1, by table. Version 3 added events only.
+_ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
         "flats",
@@ -101,8 +103,17 @@ class CameraRecord(Table):
         size = (self.height, self.width)
         return size if self.channels == 1 else (*size, 3)
 
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of the samples of a frame."""
+        return 2 * self.width * self.height * self.channels
+
     @model_validator(mode="after")
-    def _ordered_levels(self) -> CameraRecord:
+    def _possible(self) -> CameraRecord:
+        if self.frame_bytes >= 2**32:
+            raise ValueError(
+                f"frames of {self.width} x {self.height} pixels fit into no TIFF file of 4 GiB"
+            )
         if self.black_level_dn >= self.white_dn:
             raise ValueError("the black level is not below the white level")
         return self
@@ -111,13 +122,14 @@ class CameraRecord(Table):
 class Manifest(Table):
     """What ``session.toml`` holds.
 
-    Sessions of version 1 have the defaults of what version 2 added.
+    Sessions of version 1 have the defaults of what version 2 added. ``format_version`` is the
+    version that the session began with; see `Session.format_version`.
     ``plan`` and ``rig`` are absent in imported sessions. ``camera`` is the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present where known, and
     the camera model is that of the upright image.
     """
 
-    format_version: Literal[1, 2] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -139,18 +151,18 @@ class Manifest(Table):
         return mounting or Mounting()
 
     def check_current(self, folder: Path) -> None:
-        """Refuse to go on with a session of another format version: no file mixes versions.
+        """Refuse to go on with a session whose lines this program does not write.
 
         Raises
         ------
         DataError
-            If it is of another version; the message names ``folder``.
+            If it is of such a version; the message names ``folder``.
         """
-        if self.format_version != FORMAT_VERSION:
+        if self.format_version not in _WRITTEN:
             raise DataError(
                 f"{folder}: was begun in format version {self.format_version}, this program writes "
-                f"{FORMAT_VERSION}: finish it with the program that began it (surface-geometry-"
-                f"processing {self.software.version}), or record anew"
+                f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that began it "
+                f"({self.software.name} {self.software.version}), or record anew"
             )
 
     @classmethod
@@ -207,9 +219,9 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     if type(version) is not int or version not in _READ:
         raise DataError(
             f"{path}: format version {version!r} is not understood, this program reads "
-            f"{' and '.join(map(str, _READ))}; use the version that wrote it"
+            f"{', '.join(map(str, _READ[:-1]))} and {_READ[-1]}; use the version that wrote it"
         )
-    if version < FORMAT_VERSION:
+    if version < 2:
         _refuse_added(values, path)
     manifest = validated(Manifest, values, path)
     try:
@@ -223,7 +235,7 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
 
 def _refuse_added(values: dict[str, Any], path: Path) -> None:
     """Refuse keys that a session of version 1 cannot have."""
-    for table, keys in _ADDED.items():
+    for table, keys in _ADDED_2.items():
         found = values.get(table)
         added = [key for key in keys if isinstance(found, dict) and key in found]
         if added:

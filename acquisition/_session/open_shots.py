@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 
+from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot, ShotKey
+from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import EventLine, FrameLine, Line
 from acquisition._session.session import Session
 
@@ -23,7 +25,7 @@ class OpenShots:
 
     def __init__(self, plan: CapturePlan | None, begun: Session | None = None) -> None:
         shots = () if plan is None else plan.shots()
-        self._planned = None if plan is None else {shot.key for shot in shots}
+        self._planned = None if plan is None else {shot.key: shot for shot in shots}
         self._missing = {shot.key: shot for shot in (shots if begun is None else begun.missing)}
         self._demanded = len(shots) - (0 if begun is None else len(begun.left_out))
         self._lock = threading.Lock()
@@ -40,9 +42,19 @@ class OpenShots:
         with self._lock:
             return self._demanded
 
-    def may_have(self, key: ShotKey) -> bool:
-        """Tell whether a shot is in the plan; without a plan every shot may be recorded."""
-        return self._planned is None or key in self._planned
+    def planned(self, shot: PlannedShot, folder: Path) -> PlannedShot:
+        """Return the shot as the plan has it; without a plan every shot may be recorded.
+
+        Raises
+        ------
+        DataError
+            If it is not in the plan of the session, which is in ``folder``.
+        """
+        if self._planned is None:
+            return shot
+        if shot.key not in self._planned:
+            raise DataError(f"{folder}: {shot.file} is not in the plan of this session")
+        return self._planned[shot.key]
 
     def note(self, line: Line) -> None:
         """Take a line of the journal into account that was written just now."""

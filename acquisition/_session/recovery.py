@@ -3,29 +3,64 @@
 from __future__ import annotations
 
 import os
-from itertools import count
+from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._errors import DataError
+from acquisition._session.damaged import damaged_frames_of
+from acquisition._session.frame_proofs import FrameProofs, OnChecked
+from acquisition._session.journal import EventLine
 from acquisition._session.journal_file import JournalFile, utc_now
-from acquisition._session.layout import FRAMES, JOURNAL, UNRECORDED, leaves
+from acquisition._session.layout import COMPLETE, JOURNAL
 from acquisition._session.lock import lock_session
-from acquisition._session.session import Session, examine
+from acquisition._session.session import Examination, Session, examine
+from acquisition._session.set_aside import clear_frames, set_frames_aside
 from acquisition._software import software_version
-from acquisition._storage import disk, is_part, make_folder, sync_folder
+from acquisition._storage import disk, sync_folder
 
 
-def take_up(folder: Path) -> tuple[Session, JournalFile, int]:
-    """Take an incomplete session for this process alone and make it ready to be gone on with.
+@dataclass(frozen=True, eq=False)
+class TakenUp:
+    """A session ready to be gone on with.
 
-    Returns
-    -------
+    Parameters
+    ----------
     session
-        As it was found.
+        As it is now.
     journal
-        Open, with a ``reopened`` event as its last line.
+        Open.
     lock
         Descriptor that holds the lock until it is closed.
+    proofs
+        Which of its frames were read back.
+    events
+        Of the frames that were set aside now.
+    """
+
+    session: Session
+    journal: JournalFile
+    lock: int
+    proofs: FrameProofs
+    events: tuple[EventLine, ...]
+
+
+def take_up(
+    folder: Path,
+    *,
+    set_aside_damaged: bool = False,
+    on_checked: OnChecked = lambda done, total: None,
+) -> TakenUp:
+    """Take an incomplete session for this process alone and make it ready to be gone on with.
+
+    Parameters
+    ----------
+    folder
+        The session.
+    set_aside_damaged
+        Read every frame back and set those aside that are damaged or lost. A complete session with
+        such a frame is taken up too.
+    on_checked
+        Called meanwhile with how many frames were read back, and how many there are.
 
     Raises
     ------
@@ -35,71 +70,41 @@ def take_up(folder: Path) -> tuple[Session, JournalFile, int]:
     lock = lock_session(folder)
     try:
         found = examine(folder)
-        session = found.sound()
-        if session.complete:
-            raise DataError(f"{folder}: is complete; record into a new folder")
+        session = found.sound(but_for_frames=set_aside_damaged)
         session.manifest.check_current(folder)
-        aside = _set_aside(folder, {frame.path.name for frame in session.recorded})
-        path = folder / JOURNAL
-        if found.journal.lines:
-            details = {"software_version": software_version(), "unrecorded": aside}
-            journal = JournalFile.resume(path, found.journal, utc_now, details)
-        else:
-            journal = JournalFile.begin(path, found.toml_sha256, utc_now)
+        proofs = FrameProofs(session.manifest.camera, session.recorded)
+        damaged = damaged_frames_of(found, proofs, on_checked) if set_aside_damaged else ()
+        if session.complete and not damaged:
+            raise DataError(f"{folder}: is complete; record into a new folder")
+        events: tuple[EventLine, ...] = ()
+        journal = _reopened(found, session)
+        if damaged:
+            try:
+                events = set_frames_aside(session, journal, damaged)
+                session = examine(folder).sound()
+                proofs.forget(one.frame for one in damaged)
+            except BaseException:
+                journal.close()
+                raise
     except BaseException:
         os.close(lock)
         raise
-    return session, journal, lock
+    return TakenUp(session, journal, lock, proofs, events)
 
 
-def _set_aside(folder: Path, recorded: set[str]) -> list[str]:
-    """Move files without a line out of ``frames/``, delete rests of unfinished writes.
-
-    Parameters
-    ----------
-    folder
-        The session, locked.
-    recorded
-        Names of the files that have a line.
-
-    Returns
-    -------
-    list of str
-        Where the files lie now, relative to the session.
-
-    Raises
-    ------
-    DataError
-        If ``frames/``, or where files are set aside, leads out of the session.
-    StorageError
-        If the disk refuses.
-    """
-    frames, shelf = folder / FRAMES, folder / UNRECORDED
-    _check_inside(frames, folder)
-    make_folder(frames)
-    aside: list[str] = []
-    with disk(frames, "clear up"):
-        for path in sorted(frames.iterdir()):
-            if path.name in recorded:
-                continue
-            if is_part(path):
-                if not path.is_dir():  # hidden folders are not ours, and may stay
-                    path.unlink()
-                continue
-            _check_inside(shelf, folder)
-            make_folder(shelf)
-            target = next(
-                free
-                for number in count()
-                if not (free := shelf / f"{number:03d}_{path.name}").exists()
-            )
-            os.rename(path, target)
-            sync_folder(shelf)
-            aside.append(target.relative_to(folder).as_posix())
-        sync_folder(frames)
-    return aside
-
-
-def _check_inside(path: Path, folder: Path) -> None:
-    if leaves(path, folder):
-        raise DataError(f"{path}: is a link that leaves the session; put the folder itself there")
+def _reopened(found: Examination, session: Session) -> JournalFile:
+    """Clear up, and open the journal with a ``reopened`` event as its last line."""
+    folder = session.folder
+    if session.complete:
+        # The journal that it names is about to grow. Without it the session is incomplete, which it
+        # is, as frames of it have to be taken again.
+        with disk(folder / COMPLETE, "remove"):
+            (folder / COMPLETE).unlink()
+            sync_folder(folder)
+    names = frozenset(frame.path.name for frame in session.recorded)
+    aside = clear_frames(folder, names, session.set_aside)
+    path = folder / JOURNAL
+    if not found.journal.lines:
+        return JournalFile.begin(path, found.toml_sha256, utc_now)
+    details = {"software_version": software_version(), "unrecorded": aside}
+    return JournalFile.resume(path, found.journal, utc_now, details)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.damage import Damage
 from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
 from acquisition._session.layout import (
     ASIDE,
@@ -15,11 +16,13 @@ from acquisition._session.layout import (
     FRAMES,
     JOURNAL,
     MANIFEST,
+    WRITERS,
     completion_mark,
     is_session,
+    leaves,
 )
 from acquisition._session.manifest import Manifest, parse_manifest
-from acquisition._session.recorded import recorded_frames
+from acquisition._session.recorded import Recorded, SetAsideFrame, recorded_frames
 from acquisition._session.session_frame import SessionFrame
 from acquisition._storage import is_part, read_file, sha256_of
 from acquisition._values.camera_model import CameraModel
@@ -37,10 +40,16 @@ class Session:
         Where it lies.
     manifest
         ``session.toml``.
+    format_version
+        Version of the format: the one it began with, or the one it was upgraded to.
     recorded
-        Every frame of the journal, in order of recording, retaken and rejected ones too.
+        Every frame of the journal, in order of recording, retaken and rejected ones too, but for
+        those set aside.
+    set_aside
+        Frames that were found damaged, whose files are kept elsewhere.
     frames
-        Those that count, one per shot: the last whole take that was not rejected.
+        Those that count, one per shot: the last take that was not rejected, where it was not set
+        aside.
     events
         Event lines in order.
     complete
@@ -55,7 +64,9 @@ class Session:
 
     folder: Path
     manifest: Manifest
+    format_version: int
     recorded: tuple[SessionFrame, ...]
+    set_aside: tuple[SetAsideFrame, ...]
     frames: tuple[SessionFrame, ...]
     events: tuple[EventLine, ...]
     complete: bool
@@ -64,8 +75,15 @@ class Session:
     warnings: tuple[str, ...]
 
     @classmethod
-    def open(cls, folder: str | Path) -> Session:
+    def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
         """Open a session, complete or not. Frames are read and checked when asked for.
+
+        Parameters
+        ----------
+        folder
+            The session.
+        damaged_frames
+            Open it also where single frames contradict their lines, or lines each other.
 
         Raises
         ------
@@ -74,7 +92,16 @@ class Session:
         DataError
             If it is no session, of another format version, or damaged.
         """
-        return examine(Path(folder)).sound()
+        return examine(Path(folder)).sound(but_for_frames=damaged_frames)
+
+    def missing_without(self, frames: Iterable[SessionFrame]) -> tuple[PlannedShot, ...]:
+        """Return the shots that would be missing if these frames were set aside, in plan order."""
+        plan = self.manifest.plan
+        gone = {frame.line.seq for frame in frames}
+        kept = {frame.line.key for frame in self.frames if frame.line.seq not in gone}
+        dead = _dead_leds(self.events, self.manifest)
+        shots = () if plan is None else plan.shots()
+        return tuple(s for s in shots if s.key not in kept and s.lit_led not in dead)
 
     @property
     def camera_model(self) -> CameraModel | None:
@@ -99,19 +126,38 @@ class Session:
 class Examination:
     """A session as found, with everything wrong about it but the contents of its frame files.
 
-    ``session`` is None where too little can be read to make one; ``toml_sha256`` is the hash of
-    ``session.toml`` as it is.
+    Parameters
+    ----------
+    session
+        None where too little can be read to make one.
+    journal
+        As far as it can be trusted.
+    names
+        Every file in ``frames/`` that a line of the journal names.
+    toml_sha256
+        Hash of ``session.toml`` as it is.
+    problems
+        What is wrong with the session, a line each.
+    flaws
+        What is wrong with single frames, by the ``seq`` of their lines.
     """
 
     session: Session | None
     journal: Journal
+    names: frozenset[str]
     toml_sha256: str
     problems: tuple[str, ...]
+    flaws: Mapping[int, Damage]
 
-    def sound(self) -> Session:
-        """Return the session, or raise its first problem as a DataError."""
-        if self.session is None or self.problems:
-            raise DataError(self.problems[0])
+    def sound(self, *, but_for_frames: bool = False) -> Session:
+        """Return the session, or raise its first problem as a DataError.
+
+        ``but_for_frames`` lets pass what is wrong with single frames: they can be set aside.
+        """
+        flaws = () if but_for_frames else self.flaws.values()
+        problems = (*self.problems, *(flaw.text for flaw in flaws))
+        if self.session is None or problems:
+            raise DataError(problems[0])
         return self.session
 
 
@@ -137,7 +183,7 @@ def _examine(folder: Path) -> Examination:
         raise MissingPathError(f"{folder}: no such folder")
     if not is_session(folder):
         raise DataError(f"{folder}: is not a session: it holds no {MANIFEST}")
-    problems: list[str] = []
+    problems = list(_links(folder))
     warnings: list[str] = []
     manifest, toml_sha256 = _manifest(folder, problems)
     data, mark = _journal_and_mark(folder)
@@ -145,21 +191,13 @@ def _examine(folder: Path) -> Examination:
     _check_journal(folder, journal, toml_sha256, problems, warnings)
     complete = _completion(folder, mark, data, journal, problems, warnings)
     if manifest is None:
-        return Examination(None, journal, toml_sha256, tuple(problems))
-    recorded = recorded_frames(folder, manifest, journal, problems)
-    counted = {frame.line.key: frame for frame in recorded if frame.line.status == "ok"}
-    planned = manifest.plan.shots() if manifest.plan is not None else ()
-    if manifest.plan is not None:
-        keys = {shot.key for shot in planned}
-        problems += [
-            f"{frame.path}: is not in the plan of {folder / MANIFEST}"
-            for frame in recorded
-            if frame.line.key not in keys
-        ]
+        return Examination(None, journal, frozenset(), toml_sha256, tuple(problems), {})
+    planned = () if manifest.plan is None else manifest.plan.shots()
+    recorded = recorded_frames(folder, manifest, planned, journal)
+    problems += recorded.problems
+    counted = recorded.counted()
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
-    # Version 1 knows no such event.
-    tells = events if manifest.format_version > 1 else ()
-    dead = frozenset[int]().union(*(line.left_out for line in tells))
+    dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
     missing = tuple(shot for shot in absent if shot.lit_led not in dead)
     if complete and missing and journal.damage is None:
@@ -167,10 +205,14 @@ def _examine(folder: Path) -> Examination:
             f"{folder / COMPLETE}: is there although {len(missing)} planned frames are not, "
             f"first {missing[0].file}"
         )
+    if not complete and journal.lines and journal.damage is None:
+        warnings += _unrecorded_hint(folder, recorded)
     session = Session(
         folder=folder,
         manifest=manifest,
-        recorded=recorded,
+        format_version=recorded.version,
+        recorded=tuple(recorded.frames.values()),
+        set_aside=tuple(recorded.set_aside.values()),
         frames=tuple(counted.values()),
         events=events,
         complete=complete,
@@ -178,7 +220,45 @@ def _examine(folder: Path) -> Examination:
         left_out=tuple(shot for shot in absent if shot.lit_led in dead),
         warnings=tuple(warnings),
     )
-    return Examination(session, journal, toml_sha256, tuple(problems))
+    names = frozenset(recorded.names)
+    return Examination(session, journal, names, toml_sha256, tuple(problems), recorded.flaws)
+
+
+def _dead_leds(events: Iterable[EventLine], manifest: Manifest) -> frozenset[int]:
+    """Return the LEDs whose missing shots are not demanded."""
+    # Version 1 knows no such event.
+    tells = events if manifest.format_version > 1 else ()
+    return frozenset[int]().union(*(line.left_out for line in tells))
+
+
+def _links(folder: Path) -> Iterator[str]:
+    """Tell of parts of the session that lie elsewhere: what is there is not what was recorded."""
+    for path in (folder / name for name in (MANIFEST, JOURNAL, COMPLETE, FRAMES)):
+        if path.is_symlink() and leaves(path, folder):
+            yield f"{path}: is a link that leaves the session; put what it names in its place"
+
+
+def _unrecorded_hint(folder: Path, recorded: Recorded) -> Iterator[str]:
+    """Tell of files without a line: an interruption explains a few, lost lines explain them all."""
+    files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded.names]
+    if not files:
+        return
+    few = len(files) <= WRITERS
+    yield (
+        f"{folder / FRAMES}: {_counted(len(files), 'file')} without a line in the journal, first "
+        f"{files[0]}: "
+        + (
+            "written when the recording was interrupted; such a file does not count"
+            if few
+            else f"an interruption leaves {WRITERS} at most, so the journal may have lost its "
+            f"last lines: restore {JOURNAL} and {COMPLETE} from a copy before going on; they do "
+            "not count without their lines"
+        )
+    )
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _bytes(path: Path) -> bytes | None:

@@ -45,7 +45,7 @@ class SessionFrame:
 
     @property
     def led(self) -> int | None:
-        """LED number from 0, None where none burned."""
+        """LED number from 0, None where no LED identifies the frame."""
         return self.line.led
 
     @property
@@ -63,10 +63,6 @@ class SessionFrame:
         """Exposure the camera reported, microseconds."""
         return self.line.exposure_us
 
-    def has_its_size(self) -> bool:
-        """Tell whether the file is there and as long as recorded: quick, and no proof."""
-        return self.path.is_file() and self.path.stat().st_size == self.bytes
-
     def read(self) -> npt.NDArray[np.uint16]:
         """Return the pixels as the sensor gave them, ``(H, W)`` or ``(H, W, 3)`` uint16.
 
@@ -75,6 +71,9 @@ class SessionFrame:
         DataError
             If the file is missing or unreadable, or its pixels are not those recorded.
         """
+        if self.path.exists() and not self.path.is_file():
+            # Reading might never end, as of a pipe.
+            raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
             pixels = read_image(self.path)
         except MissingPathError as error:
@@ -87,7 +86,8 @@ class SessionFrame:
         raw = pixels.astype(np.uint16, copy=False)
         if pixels_sha256(raw) != self.line.pixels_sha256:
             raise DataError(
-                f"{self.path}: its pixels differ from those recorded; restore or retake it"
+                f"{self.path}: its pixels differ from those recorded; restore the file or retake "
+                "the shot"
             )
         return raw
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition._errors import DataError
+from acquisition._session.frame_damage import frame_damage
 from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine
-from acquisition._session.session_frame import SessionFrame
-from acquisition._storage import is_part, read_file, sha256_of
+from acquisition._storage import is_part
 
 
 @dataclass(frozen=True)
@@ -28,15 +27,19 @@ class Verification:
     warnings
         One line for each thing that an interruption explains and that costs no recorded frame.
     frames
-        Frame lines checked.
+        Frame lines.
     events
         Event lines.
     missing
         Files of planned shots that are not recorded.
     left_out
         Files of planned shots that are not recorded and not demanded, as their LED died.
+    damaged
+        Files of the frames that are among the problems; `resume` can retake their shots.
+    set_aside
+        Files of frames that were damaged before, do not count, and are not checked.
     bytes
-        Size of all frame files read.
+        Size of all frame files.
     """
 
     folder: Path
@@ -47,6 +50,8 @@ class Verification:
     events: int
     missing: tuple[str, ...]
     left_out: tuple[str, ...]
+    damaged: tuple[str, ...]
+    set_aside: tuple[str, ...]
     bytes: int
 
     @property
@@ -79,20 +84,21 @@ def verify_session(folder: str | Path) -> Verification:
     """
     folder = Path(folder)
     found = examine(folder)
-    problems = list(found.problems)
     session = found.session
     if session is None:
-        return Verification(folder, False, tuple(problems), (), 0, 0, (), (), 0)
+        return Verification(folder, False, found.problems, (), 0, 0, (), (), (), (), 0)
+    problems = list(found.problems)
     warnings = list(session.warnings)
-    size = 0
+    damaged = []
     for frame in session.recorded:
-        problem, read = _check_frame(frame)
-        size += read
-        if problem is not None:
-            problems.append(problem)
+        camera = session.manifest.camera
+        damage = found.flaws.get(frame.line.seq) or frame_damage(frame, camera)
+        if damage is not None:
+            damaged.append(frame.path.name)
+            problems.append(damage.text)
     # After a damaged line the journal says nothing about later files.
     if found.journal.damage is None:
-        _check_files(folder, session.recorded, session.complete, problems, warnings)
+        _check_files(folder, found.names, session.complete, problems, warnings)
     return Verification(
         folder=folder,
         complete=session.complete,
@@ -102,39 +108,19 @@ def verify_session(folder: str | Path) -> Verification:
         events=len(session.events),
         missing=tuple(shot.file for shot in session.missing),
         left_out=tuple(shot.file for shot in session.left_out),
-        bytes=size,
+        damaged=tuple(damaged),
+        set_aside=tuple(one.frame.path.name for one in session.set_aside),
+        bytes=sum(frame.bytes for frame in session.recorded),
     )
-
-
-def _check_frame(frame: SessionFrame) -> tuple[str | None, int]:
-    """Return what is wrong with a frame's file, and how many bytes were read."""
-    try:
-        data = read_file(frame.path)
-    except OSError as error:
-        return f"{frame.path}: cannot be read: {error.strerror}; restore or retake it", 0
-    if len(data) != frame.bytes:
-        return (
-            f"{frame.path}: has {len(data)} bytes, {frame.bytes} were recorded; "
-            "restore or retake it"
-        ), len(data)
-    if sha256_of(data) != frame.file_sha256:
-        return f"{frame.path}: was changed since it was recorded; restore or retake it", len(data)
-    try:
-        frame.read()
-    except DataError as error:
-        return str(error), len(data)
-    return None, len(data)
 
 
 def _check_files(
     folder: Path,
-    recorded: tuple[SessionFrame, ...],
+    known: frozenset[str],
     complete: bool,
     problems: list[str],
     warnings: list[str],
 ) -> None:
-    known = {frame.path.name for frame in recorded}
-    known |= {Path(frame.line.file).name for frame in recorded}
     frames = folder / FRAMES
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
         if path.name in known:
@@ -146,5 +132,3 @@ def _check_files(
             problems.append(
                 f"{path}: is in no line of the journal; restore the journal if that is not whole"
             )
-        else:
-            warnings.append(f"{path}: was written but not recorded; it does not count")

@@ -18,15 +18,20 @@ from acquisition._errors import DataError, StorageError
 from acquisition._pixels.quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.creation import begin
+from acquisition._session.damage import Damage
+from acquisition._session.event_details import RESERVED, details_complaint
 from acquisition._session.frame_check import measure_frame
 from acquisition._session.frame_names import FrameNames
+from acquisition._session.frame_proofs import FrameProofs, OnChecked
 from acquisition._session.journal import Echo, EventLine, FrameLine
 from acquisition._session.journal_file import AnyLine, Clock, JournalFile, utc_now
 from acquisition._session.layout import COMPLETE, FRAMES, completion_mark
+from acquisition._session.light_proof import BOARD, wrong_light
 from acquisition._session.manifest import Manifest
 from acquisition._session.open_shots import OpenShots
 from acquisition._session.recovery import take_up
 from acquisition._session.session import Session, examine
+from acquisition._session.session_frame import SessionFrame
 from acquisition._session.shared_use import SharedUse
 from acquisition._session.stored_frame import store_frame
 from acquisition._storage import write_durably
@@ -51,17 +56,24 @@ class SessionWriter:
         journal: JournalFile,
         lock: int,
         begun: Session | None = None,
+        proofs: FrameProofs | None = None,
+        set_aside_events: tuple[EventLine, ...] = (),
     ) -> None:
         self.folder = folder
         self.manifest = manifest
+        self.set_aside_events = set_aside_events
         self._journal = journal
         self._lock = lock
         self._use = SharedUse(folder, self._release)
         self._order = threading.Lock()  # held while a line is written
         self._sound = True
         self._shots = OpenShots(manifest.plan, begun)
+        self._version = manifest.format_version if begun is None else begun.format_version
+        self._proofs = proofs or FrameProofs(manifest.camera)
         recorded = () if begun is None else begun.recorded
-        names = (Path(frame.line.file).name for frame in recorded)
+        aside = () if begun is None else begun.set_aside
+        frames = (*recorded, *(one.frame for one in aside))
+        names = (Path(frame.line.file).name for frame in frames)
         self._names = FrameNames(folder / FRAMES, manifest.plan, names)
 
     @classmethod
@@ -88,12 +100,30 @@ class SessionWriter:
         return cls(Path(folder), manifest, journal, lock)
 
     @classmethod
-    def reopen(cls, folder: str | Path) -> Self:
+    def reopen(
+        cls,
+        folder: str | Path,
+        *,
+        set_aside_damaged: bool = False,
+        on_checked: OnChecked = lambda done, total: None,
+    ) -> Self:
         """Go on with a session that was interrupted, and take it for this process alone.
 
         Recovery loses nothing that was whole: a torn last line is moved into a ``reopened`` event,
         files written but not recorded move to ``derived/unrecorded/``, and rests of unfinished
         writes are deleted.
+
+        Parameters
+        ----------
+        folder
+            The session.
+        set_aside_damaged
+            Read every recorded frame back first. Those that are damaged or lost are set aside:
+            their files move to ``derived/set_aside/``, they count no more, and their shots are
+            missing again. A complete session with such a frame is reopened; one of version 2 is
+            upgraded.
+        on_checked
+            Called meanwhile with how many frames were read back, and how many there are.
 
         Raises
         ------
@@ -104,8 +134,17 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        session, journal, lock = take_up(Path(folder))
-        return cls(session.folder, session.manifest, journal, lock, session)
+        found = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_checked=on_checked)
+        session = found.session
+        return cls(
+            session.folder,
+            session.manifest,
+            found.journal,
+            found.lock,
+            session,
+            found.proofs,
+            found.events,
+        )
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
@@ -117,6 +156,29 @@ class SessionWriter:
         """How many shots there must be in the end: all of the plan, less those left out."""
         return self._shots.demanded
 
+    @property
+    def checked(self) -> tuple[int, int]:
+        """How many frames of earlier processes were read back, and how many there are."""
+        return self._proofs.checked
+
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What was found damaged when it was read back, in order of recording."""
+        return self._proofs.damage
+
+    def check_next(self) -> bool:
+        """Read one frame of an earlier process back, for `complete`; False where none is left.
+
+        May be called from any thread, while frames are written too.
+        """
+        return self._proofs.check_next()
+
+    def check_undamaged(self) -> None:
+        """Raise DataError where a frame that was read back is damaged."""
+        if damage := self.damage:
+            more = f"; {len(damage)} frames are damaged" if len(damage) > 1 else ""
+            raise DataError(f"{damage[0].text}{more}")
+
     def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
         """Measure a frame, and check that it is one of this session.
 
@@ -125,8 +187,7 @@ class SessionWriter:
         DataError
             If the pixels are not what the manifest states, or the shot is not in the plan.
         """
-        if not self._shots.may_have(shot.key):
-            raise DataError(f"{self.folder}: {shot.file} is not in the plan of this session")
+        self._shots.planned(shot, self.folder)
         return measure_frame(pixels, self.manifest.camera, self.folder, shot.file)
 
     def write_frame(
@@ -177,10 +238,15 @@ class SessionWriter:
         Raises
         ------
         DataError
-            If the pixels are not what the manifest states, or the shot is not in the plan.
+            If the pixels are not what the manifest states, the shot is not in the plan, or the
+            board turned another LED on than the planned one.
         StorageError
             If the disk refuses. What was recorded before stays whole.
         """
+        planned = self._shots.planned(shot, self.folder)
+        conflict = wrong_light(planned, {} if echo is None else {BOARD: echo.led})
+        if conflict is not None:
+            raise DataError(f"{self.folder}: {shot.file} {conflict}; it was not recorded")
         quality = quality or self.measure(shot, pixels)
         values = {
             "role": shot.role,
@@ -205,7 +271,12 @@ class SessionWriter:
             stored = store_frame(path, pixels)
             values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}
             before_line()
-            return self._append(FrameLine, values)
+            line = self._append(FrameLine, values)
+            camera = self.manifest.camera
+            self._proofs.written(
+                SessionFrame(path, line, line.bytes, line.file_sha256, camera.shape)
+            )
+            return line
 
     def write_event(self, event: str, **details: Any) -> EventLine:
         """Store an event, a name of lower-case words with ``_``, with details JSON can hold.
@@ -215,20 +286,29 @@ class SessionWriter:
         Raises
         ------
         DataError
-            If name or details do not fit the journal.
+            If name or details do not fit the journal, or the event is one that only a repair, a
+            compaction or `reopen` may write.
         StorageError
             If the disk refuses.
         """
+        if event in RESERVED:
+            raise DataError(f"{self.folder}: events {event!r} are not written by hand")
         with self._used():
+            complaint = details_complaint(event, details, self._version)
+            if complaint is not None:
+                raise DataError(f"{self.folder}: the event {event!r} does not fit: {complaint}")
             return self._append(EventLine, {"event": event, "details": details})
 
     def complete(self) -> None:
         """Declare the recording brought to its end, and close.
 
+        Frames of earlier processes that `check_next` has not read back are read now; see
+        `FrameProofs` for those that this process wrote.
+
         Raises
         ------
         DataError
-            If planned shots are missing, or a recorded frame is not there any more.
+            If planned shots are missing, or a recorded frame is lost or damaged.
         StorageError
             If the disk refuses, or another program changed the journal.
         """
@@ -238,9 +318,12 @@ class SessionWriter:
                 f"{self.folder}: {len(missing)} planned frames are missing, first "
                 f"{missing[0].file}; take them before completing"
             )
+        with self._used():
+            self._proofs.check_all()
+            self.check_undamaged()
         with self._used(), self._order:
             mark = completion_mark(self._journal.read_back())
-            self._check_files()
+            examine(self.folder).sound()
             write_durably(self.folder / COMPLETE, mark)
         self.close()
 
@@ -272,14 +355,6 @@ class SessionWriter:
     def _release(self) -> None:
         self._journal.close()
         os.close(self._lock)
-
-    def _check_files(self) -> None:
-        """Tell of frames that were lost since, while the object may still lie under the camera."""
-        for frame in examine(self.folder).sound().recorded:
-            if not frame.has_its_size():
-                raise DataError(
-                    f"{frame.path}: is not there as it was recorded; restore it, then resume"
-                )
 
     def _append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
         with self._order:

@@ -40,11 +40,13 @@ class CaptureTalk:
         self._out = out
         self._card_is_there = card_is_there
         self._stopping = False
-        self._stack = ExitStack()
+        self._damaged = False
+        self._bar = ExitStack()
+        self._shown = ""
         self._advance: Callable[[int, int], None] = lambda done, total: None
 
     def __enter__(self) -> Self:
-        self._advance = self._stack.enter_context(progress("recording"))
+        self._show("recording")
         return self
 
     def __exit__(
@@ -53,12 +55,13 @@ class CaptureTalk:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._stack.close()
+        self._bar.close()
         if error is not None and not isinstance(error, SessionInUseError):
             self._tell_what_is_left(error)
 
     def on_frame(self, line: FrameLine, done: int, total: int) -> None:
         """Move the bar."""
+        self._show("recording")
         self._advance(done, total)
 
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
@@ -73,10 +76,25 @@ class CaptureTalk:
                 )
             case "paused":
                 note("the disk is slower than the camera: waiting for it, with all LEDs off")
+            case "set_aside":
+                kept = f", kept as {details['kept']}" if details["kept"] else ""
+                note(f"set aside: {details['file']}{kept}")
+            case "upgraded":
+                note(f"the session has format {details['to_version']} from here on")
             case "not_sequenced":
                 note(
                     f"the plan asks for a sequence, shots are taken one by one: {details['reason']}"
                 )
+
+    def on_checked(self, done: int, total: int) -> None:
+        """Move the bar of the frames that are read back."""
+        self._show("checking earlier frames")
+        self._advance(done, total)
+
+    def on_damage(self, problem: str) -> None:
+        """Say at once what an operator can do something about while the object is there."""
+        self._damaged = True
+        note(f"damaged: {problem}")
 
     def on_stop(self) -> None:
         """Say that Ctrl-C was understood; inside a signal handler, so without the console."""
@@ -101,6 +119,12 @@ class CaptureTalk:
                 return True
         return sys.stdin.readline() != ""
 
+    def _show(self, what: str) -> None:
+        """Show the bar of one kind of work in place of the other's."""
+        if what != self._shown:
+            self._bar.close()
+            self._advance, self._shown = self._bar.enter_context(progress(what)), what
+
     def _tell_what_is_left(self, error: BaseException) -> None:
         """Say what a capture that stopped has left; why it stopped is said by the error itself."""
         try:
@@ -111,12 +135,14 @@ class CaptureTalk:
             return
         # The engine adds a note to the error where the board did not answer.
         told = getattr(error, "__notes__", ())
+        option = " --retake-damaged" if self._damaged else ""
+        more = " and what is damaged" if self._damaged else ""
         dark = not any("not confirmed off" in line for line in told)
         note(
             f"{self._out}: incomplete, {len(session.frames)} frames are whole, "
             f"{len(session.missing)} are missing; "
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
-            f"`capture resume {self._out}` takes what is missing"
+            f"`capture resume {self._out}{option}` takes what is missing{more}"
         )
 
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from acquisition import (
+    Damage,
     DataError,
     Session,
     check_resume,
+    damaged_frames,
     preflight,
     preflight_resume,
     read_camera,
@@ -23,7 +28,7 @@ from sgp._capture.session_summary import describe
 from sgp._capture.steps import MeterOptions, Told, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
-from sgp._console import note
+from sgp._console import note, progress
 from sgp._output import check_file, check_folder
 from sgp._result import Result
 from sgp.commands.capture_plan import chosen_plan
@@ -131,6 +136,7 @@ def resume(
     *,
     rig: str = "simulated",
     plan: Path | None = None,
+    retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
     dry_run: bool = False,
 ) -> Result:
@@ -138,11 +144,13 @@ def resume(
 
     The rig must be the one that the session was begun with: same board, same camera, same plan.
     LEDs that died since are listed in dead_leds of the rig file: the session becomes complete
-    without what they are missing.
+    without what they are missing. Frames recorded before are read back meanwhile: a session with a
+    damaged frame does not become complete.
 
     For example:
 
         capture resume recordings/owl --rig bench.toml
+        capture resume recordings/owl --rig bench.toml --retake-damaged
 
     Parameters
     ----------
@@ -152,17 +160,25 @@ def resume(
         Name of a rig, or a rig.toml.
     plan
         Plan file; if given, a session of another plan is refused.
+    retake_damaged
+        Take the shots of damaged and lost frames again, of a complete session too. The object must
+        lie as it did; the damaged files are kept in derived/set_aside.
     skip_check
         Leave out the checks of disk and rig that come first.
     dry_run
         Check that it can be done, take the missing shots with all LEDs off and record nothing.
     """
     asked = None if plan is None else read_plan(plan)
-    begun = Session.open(session)  # what is none is told before the rig is opened
-    if begun.complete and asked is None:
-        return describe(begun, [*begun.warnings, "complete already: nothing was missing"])
+    # What is no session is refused before the rig is opened.
+    begun = Session.open(session, damaged_frames=retake_damaged)
+    for warning in begun.warnings:
+        note(f"note: {warning}")
+    damaged = _damaged(session) if retake_damaged else None
+    if begun.complete and asked is None and not damaged:
+        nothing = "nothing was missing" if damaged is None else "no frame is damaged"
+        return describe(begun, [*begun.warnings, f"complete already: {nothing}"])
     with open_rig(rig) as opened:
-        _, recorded, missing = check_resume(opened, session, asked)
+        _, recorded, missing = check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
         told = Told()
@@ -176,9 +192,12 @@ def resume(
                 session,
                 plan=asked,
                 events=told.events,
+                retake_damaged=retake_damaged,
                 on_frame=talk.on_frame,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
+                on_checked=talk.on_checked,
+                on_damage=talk.on_damage,
                 before_flats=talk.before_flats,
             )
     taken = [f"shots that were missing and have been taken: {len(missing)}"]
@@ -208,6 +227,8 @@ def verify(session: Path) -> Result:
             "problems": list(found.problems),
             "missing": list(found.missing),
             "left_out": list(found.left_out),
+            "damaged": list(found.damaged),
+            "set_aside": list(found.set_aside),
         },
         warnings=list(found.warnings),
         summary=list(found.problems),
@@ -216,6 +237,11 @@ def verify(session: Path) -> Result:
     if found.problems:
         several = "s" if len(found.problems) > 1 else ""
         result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problem{several}")
+        if len(found.damaged) == len(found.problems):
+            result.summary.append(
+                f"while the object lies as it did, `capture resume {session} --retake-damaged` "
+                "takes these frames again"
+            )
     elif not found.complete:
         missing = "but it was not brought to its end"
         if found.missing:
@@ -260,6 +286,15 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
+
+
+def _damaged(session: Path) -> tuple[Damage, ...]:
+    """Read every frame back, and tell of those that are damaged."""
+    with progress("checking") as advance:
+        found = damaged_frames(session, advance)
+    for damage in found:
+        note(f"damaged: {damage.text}")
+    return found
 
 
 def _upright_size(rig: Rig) -> tuple[int, int]:

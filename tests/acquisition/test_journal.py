@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from acquisition._session.journal import GENESIS, encode_line, parse_journal
 
-START = {"kind": "session", "seq": 0, "time_utc": "t", "session_toml_sha256": "a" * 64}
+TIME = "2026-03-04T05:06:07.000000+00:00"
+START = {"kind": "session", "seq": 0, "time_utc": TIME, "session_toml_sha256": "a" * 64}
 FRAME = {
     "kind": "frame",
     "seq": 1,
-    "time_utc": "t",
+    "time_utc": TIME,
     "role": "light",
     "led": 7,
     "bracket": 0,
@@ -30,7 +31,7 @@ FRAME = {
     "temperature_c": None,
     "echo": {"seq": 3, "led": 7},
     "clipped_fraction": 0.0,
-    "percentiles_dn": {"0": 1, "100": 9},
+    "percentiles_dn": {"0": 1, "1": 1, "50": 4, "99": 8, "99.9": 9, "100": 9},
     "sharpness": 0.5,
     "status": "ok",
     "origin": None,
@@ -38,7 +39,7 @@ FRAME = {
 
 
 def event(seq: int, **details: Any) -> dict[str, Any]:
-    return {"kind": "event", "seq": seq, "time_utc": "t", "event": "note", "details": details}
+    return {"kind": "event", "seq": seq, "time_utc": TIME, "event": "note", "details": details}
 
 
 def chain(*records: dict[str, Any]) -> bytes:

@@ -157,11 +157,11 @@ def test_frames_that_another_process_added_meanwhile_judge_too(
     unplug_at(1)
     with pytest.raises(CameraError):
         record(rig, plan, tmp_path / "s", **TOLD)
-    real = _engine.check_resume
+    real = _engine._fitting
 
-    def looked_at_early(*words: Any) -> Any:
-        found = real(*words)
-        monkeypatch.setattr(_engine, "check_resume", real)
+    def looked_at_early(*words: Any, **more: Any) -> Any:
+        found = real(*words, **more)
+        monkeypatch.setattr(_engine, "_fitting", real)
         unplug_at(3)
         with pytest.raises(CameraError):
             resume(rig, tmp_path / "s")
@@ -169,7 +169,7 @@ def test_frames_that_another_process_added_meanwhile_judge_too(
         bench.dead = {0}
         return found
 
-    monkeypatch.setattr(_engine, "check_resume", looked_at_early)
+    monkeypatch.setattr(_engine, "_fitting", looked_at_early)
     with pytest.raises(RigError, match="LED 0 gave no light"):
         resume(rig, tmp_path / "s")
     assert not Session.open(tmp_path / "s").complete

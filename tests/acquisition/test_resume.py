@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
 import threading
+import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,21 +11,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from acquisition._engine.engine import check_resume, record, resume
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.compact import compact_session
-from acquisition._session.journal import GENESIS, encode_line
-from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.manifest import _ADDED_2, CameraRecord, Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
-from acquisition._storage import sha256_of
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.mutants import rows_of, seal
 
 
 @pytest.fixture
@@ -289,15 +288,30 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
 def test_a_session_of_an_older_format_is_not_taken_up(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
-    """Adding lines of a newer format would mix the two in one file."""
-    interrupted(rig, bench, tmp_path / "s", 5)
-    session = Session.open(tmp_path / "s")
+    """Its lines are not written any more: adding newer ones would mix two formats in one file."""
+    session = interrupted(rig, bench, tmp_path / "s", 5)
     older = session.manifest.model_copy(update={"format_version": 1})
-    copy = tmp_path / "older"
-    with SessionWriter.create(copy, older):
-        pass
-    with pytest.raises(DataError, match="version"):
-        resume(rig, copy)
+    with pytest.raises(DataError, match="version 1"):
+        SessionWriter.create(tmp_path / "older", older)
+    assert not (tmp_path / "older").exists()
+    _make_older(tmp_path / "s", 1)
+    assert Session.open(tmp_path / "s").format_version == 1
+    with pytest.raises(DataError, match="begun in format version 1"):
+        resume(rig, tmp_path / "s")
+    assert bench.shots == []
+
+
+def test_a_session_of_version_2_is_gone_on_with_in_version_2(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    interrupted(rig, bench, tmp_path / "s", 5)
+    _make_older(tmp_path / "s", 2)
+    toml = (tmp_path / "s" / "session.toml").read_bytes()
+    session = resume(rig, tmp_path / "s")
+    assert (session.complete, session.format_version) == (True, 2)
+    assert verify_session(tmp_path / "s").ok
+    assert (tmp_path / "s" / "session.toml").read_bytes() == toml
+    assert "upgraded" not in {line.event for line in session.events}
 
 
 def _of_led(session: Session, led: int) -> list[str]:
@@ -402,51 +416,82 @@ def test_what_the_dead_leds_cannot_explain_is_still_demanded(
     assert bench.shots == []
 
 
-def _make_version_1(folder: Path) -> None:
-    """Write ``session.toml`` without what version 2 added, and a journal that begins with it."""
+def _make_older(folder: Path, version: int) -> None:
+    """Write ``session.toml`` and every line as an older version has them."""
     path = folder / "session.toml"
-    added = re.compile(r"(flats|sequence|retakes|max_clipped_fraction) = .*\n")
-    text = path.read_text(encoding="utf-8").replace("format_version = 2", "format_version = 1")
-    path.write_text(added.sub("", text), encoding="utf-8")
-    journal, previous, lines = folder / "journal.jsonl", GENESIS, b""
-    for line in journal.read_text(encoding="ascii").splitlines():
-        record_of = json.loads(line)
-        del record_of["line_sha256"]
-        if "session_toml_sha256" in record_of:
-            record_of["session_toml_sha256"] = sha256_of(path.read_bytes())
-        sealed, previous = encode_line(record_of, previous)
-        lines += sealed
-    journal.write_bytes(lines)
+    manifest = tomllib.loads(path.read_text(encoding="utf-8"))
+    manifest["format_version"] = version
+    if version == 1:
+        for table, keys in _ADDED_2.items():
+            for key in keys:
+                manifest.get(table, {}).pop(key, None)
+    path.write_text(tomli_w.dumps(manifest), encoding="utf-8")
+    rows = rows_of(folder)
+    for row in rows:
+        if version == 1 and row["kind"] == "frame":
+            del row["mean_dn"], row["above_dark"]
+            if row["echo"]:
+                del row["echo"]["lit_us"], row["echo"]["active_us"]
+    seal(folder, rows)
 
 
 @pytest.mark.parametrize(
-    ("version", "details", "complete"),
+    ("version", "event", "complete"),
     [
-        pytest.param(2, {"leds": [1]}, True, id="version 2"),
-        pytest.param(1, {"leds": [1]}, False, id="version 1 has no such event"),
-        pytest.param(2, {"leds": [True, "1", 1.0]}, False, id="no LEDs"),
-        pytest.param(2, {"leds": 1}, False, id="no list"),
-        pytest.param(2, {}, False, id="nothing"),
+        pytest.param(3, "left_out", True, id="version 3"),
+        pytest.param(2, "left_out", True, id="version 2"),
+        pytest.param(1, "left_out", False, id="version 1 has no such event"),
+        pytest.param(3, "left_in", False, id="another event"),
     ],
 )
 def test_which_events_leave_shots_out(
-    tmp_path: Path, version: int, details: dict[str, Any], complete: bool
+    tmp_path: Path, version: int, event: str, complete: bool
 ) -> None:
+    with two_lights(tmp_path / "s") as writer:
+        writer.write_event(event, leds=[1], reason="it went out")
+    _make_older(tmp_path / "s", version)
+    session = Session.open(tmp_path / "s")
+    assert [shot.led for shot in session.missing] == ([] if complete else [1])
+    assert [shot.led for shot in session.left_out] == ([1] if complete else [])
+
+
+def two_lights(folder: Path) -> SessionWriter:
+    """Begin a session of two lights and write the first."""
     manifest = Manifest.begin(
-        tmp_path,
+        folder,
         operator="",
         object="",
         plan=CapturePlan(leds=(0, 1), exposures_us=(10.0,), dark=False),
         camera=vars(CameraRecord(width=8, height=6, bit_depth=12)),
     )
-    with SessionWriter.create(tmp_path / "s", manifest) as writer:
-        writer.write_frame(writer.missing[0], np.zeros((6, 8), np.uint16))
+    writer = SessionWriter.create(folder, manifest)
+    writer.write_frame(writer.missing[0], np.zeros((6, 8), np.uint16))
+    return writer
+
+
+@pytest.mark.parametrize(
+    "details",
+    [
+        pytest.param({"leds": [True]}, id="truth"),
+        pytest.param({"leds": ["1"]}, id="text"),
+        pytest.param({"leds": [1.0]}, id="float"),
+        pytest.param({"leds": [-1]}, id="negative"),
+        pytest.param({"leds": 1}, id="no list"),
+        pytest.param({}, id="nothing"),
+    ],
+)
+def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]) -> None:
+    """Neither is it written otherwise, nor is another reading of it silently none."""
+    with (
+        two_lights(tmp_path / "s") as writer,
+        pytest.raises(DataError, match=r"'left_out' does not fit: .*'leds"),
+    ):
         writer.write_event("left_out", **details)
-    if version == 1:
-        _make_version_1(tmp_path / "s")
-    session = Session.open(tmp_path / "s")
-    assert [shot.led for shot in session.missing] == ([] if complete else [1])
-    assert [shot.led for shot in session.left_out] == ([1] if complete else [])
+    rows = rows_of(tmp_path / "s")
+    event = {"kind": "event", "seq": len(rows), "time_utc": rows[0]["time_utc"]}
+    seal(tmp_path / "s", [*rows, {**event, "event": "left_out", "details": details}])
+    with pytest.raises(DataError, match=r"line 3: event left_out is not understood: .*'leds"):
+        Session.open(tmp_path / "s")
 
 
 @pytest.mark.parametrize("ambient", [True, False])

@@ -250,7 +250,9 @@ def test_a_recording_that_lost_a_frame_is_not_declared_complete(
     harm(folder / first.file)
     with SessionWriter.reopen(folder) as writer:
         write_all(writer, 1)
-        with pytest.raises(DataError, match=r"D_100us\.tif: is not there as it was recorded"):
+        with pytest.raises(
+            DataError, match=r"D_100us\.tif: (has 100 bytes|is in the journal but not there)"
+        ):
             writer.complete()
     assert not (folder / "COMPLETE").exists()
     (folder / first.file).write_bytes(kept)

@@ -15,6 +15,7 @@ import tomllib
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +42,7 @@ from rig import Mounting
 FOLDERS = {
     1: Path(__file__).parent / "golden_session",
     2: Path(__file__).parent / "golden_session_2",
+    3: Path(__file__).parent / "golden_session_3",
 }
 NEWEST = FOLDERS[FORMAT_VERSION]
 EVERY = pytest.mark.parametrize("version", FOLDERS)
@@ -61,8 +63,8 @@ def pixels_of(number: int) -> npt.NDArray[np.uint16]:
     return np.arange(48, dtype=np.uint16).reshape(6, 8) * 80 + number
 
 
-def clock() -> Callable[[], datetime]:
-    ticks = iter(range(1000))
+def clock(first_s: int = 0) -> Callable[[], datetime]:
+    ticks = iter(range(first_s, 1000))
     return lambda: START + timedelta(seconds=next(ticks))
 
 
@@ -130,6 +132,19 @@ def write(folder: Path) -> None:
             writer.write_frame(
                 shot, pixels_of(number), frame_id=number + 2, echo=Echo(seq=9, led=shot.lit_led)
             )
+    # One bit changes, and a frame is lost.
+    damaged = folder / "frames" / "L03_E1.tif"
+    data = damaged.read_bytes()
+    damaged.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    (folder / "frames" / "D_40us.tif").unlink()
+    module = "acquisition._session"
+    with (
+        patch(f"{module}.recovery.utc_now", clock(100)),
+        patch(f"{module}.recovery.software_version", return_value="0.0.0"),
+        SessionWriter.reopen(folder, set_aside_damaged=True) as writer,
+    ):
+        for number, shot in enumerate(writer.missing, 60):
+            writer.write_frame(shot, pixels_of(number), frame_id=number)
         writer.complete()
 
 
@@ -162,7 +177,12 @@ def test_the_kept_session_is_whole_by_the_written_format_alone(version: int) -> 
         rows.append(json.loads(line))
     assert rows[0]["session_toml_sha256"] == hashlib.sha256(manifest).hexdigest()
     assert [row["seq"] for row in rows] == list(range(len(rows)))
-    frames = [row for row in rows if row["kind"] == "frame"]
+    aside = [row["details"] for row in rows if row.get("event") == "set_aside"]
+    for details in aside:
+        assert rows[details["frame_seq"]]["file"] == details["file"]
+        assert details["kept"] is None or (folder / details["kept"]).is_file()
+    gone = {details["frame_seq"] for details in aside}
+    frames = [row for row in rows if row["kind"] == "frame" and row["seq"] not in gone]
     for row in frames:
         file = (folder / row["file"]).read_bytes()
         assert (len(file), hashlib.sha256(file).hexdigest()) == (row["bytes"], row["file_sha256"])
@@ -242,6 +262,34 @@ def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
     assert [line.event for line in session.events] == ["checked", "retake"]
 
 
+def test_the_kept_session_of_version_3_reads_as_what_it_was() -> None:
+    session = Session.open(FOLDERS[3])
+    found = verify_session(FOLDERS[3])
+    assert (found.problems, found.warnings, found.complete) == ((), (), True)
+    assert found.set_aside == ("D_40us.tif", "L03_E1.tif")
+    # What was set aside counts under the names of its retakes.
+    assert first_samples(session) == {
+        "D_100us": 1,
+        "D_40us_R1": 60,
+        "D_12.5us": 3,
+        "L03_E0_R1": 40,
+        "L00_E0_R1": 5,
+        "L03_E1_R1": 61,
+        "L00_E1": 7,
+        "F_E0": 8,
+        "F_E1": 9,
+    }
+    lost, changed = session.set_aside
+    assert (lost.kept, lost.reason) == (None, "is in the journal but not there")
+    assert changed.reason == "was changed since it was recorded"
+    assert changed.kept == FOLDERS[3] / "derived/set_aside/000_L03_E1.tif"
+    assert changed.kept is not None
+    assert samples_of(changed.kept.read_bytes()) != pixels_of(6).tobytes()
+    assert session.format_version == 3
+    names = [line.event for line in session.events]
+    assert names == ["checked", "retake", "reopened", "set_aside", "set_aside"]
+
+
 @EVERY
 def test_the_kept_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
     shutil.copytree(FOLDERS[version], tmp_path / "moved")
@@ -266,10 +314,11 @@ def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> No
         parse_manifest(data.replace(old, new).encode(), path)
 
 
-def test_only_the_version_that_began_a_session_goes_on_with_it() -> None:
-    old, new = (Session.open(FOLDERS[version]) for version in (1, 2))
-    new.manifest.check_current(new.folder)
-    with pytest.raises(DataError, match=r"begun in format version 1, this program writes 2"):
+def test_a_session_whose_lines_are_not_written_any_more_is_not_gone_on_with() -> None:
+    old, *newer = (Session.open(folder) for folder in FOLDERS.values())
+    for session in newer:
+        session.manifest.check_current(session.folder)
+    with pytest.raises(DataError, match=r"begun in format version 1, this program writes 2 and 3"):
         old.manifest.check_current(old.folder)
 
 

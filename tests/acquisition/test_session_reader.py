@@ -61,6 +61,11 @@ def forge(folder: Path, rows: list[dict[str, Any]], *, complete: bool = True) ->
         (folder / "COMPLETE").write_text(mark)
 
 
+def compacted(rows: list[dict[str, Any]], details: dict[str, Any]) -> dict[str, Any]:
+    event = {"kind": "event", "seq": 4, "time_utc": rows[0]["time_utc"], "event": "compacted"}
+    return {**event, "details": details}
+
+
 def toml_with(old: str, new: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         path = folder / "session.toml"
@@ -111,13 +116,13 @@ def broken_middle(folder: Path) -> None:
     ("change", "name", "said"),
     [
         pytest.param(
-            toml_with("format_version = 2", "format_version = 3"),
+            toml_with("format_version = 3", "format_version = 4"),
             "session.toml",
-            "format version 3 is not understood, this program reads 1 and 2",
+            "format version 4 is not understood, this program reads 1, 2 and 3",
             id="newer-version",
         ),
         pytest.param(
-            toml_with("format_version = 2\n", ""), "session.toml", "version None", id="no-version"
+            toml_with("format_version = 3\n", ""), "session.toml", "version None", id="no-version"
         ),
         pytest.param(
             toml_with("[camera]", 'colour = "red"\n[camera]'),
@@ -155,7 +160,7 @@ def broken_middle(folder: Path) -> None:
         ),
         pytest.param(frame_with(file="/etc/hosts"), "journal.jsonl", "line 3", id="path-absolute"),
         pytest.param(frame_with(led=5), "L00_E0.tif", "not in the plan", id="not-planned"),
-        pytest.param(linked("frames"), "D_100us.tif", "leaves the session", id="folder-linked"),
+        pytest.param(linked("frames"), "s/frames", "leaves the session", id="folder-linked"),
         pytest.param(
             linked("frames/L00_E0.tif"), "L00_E0.tif", "leaves the session", id="frame-linked"
         ),
@@ -294,7 +299,13 @@ def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
         "bytes": len(data),
         "file_sha256": hashlib.sha256(data).hexdigest(),
     }
-    event = {"kind": "event", "seq": 4, "time_utc": "t", "event": "compacted", "details": details}
+    event = {
+        "kind": "event",
+        "seq": 4,
+        "time_utc": rows[0]["time_utc"],
+        "event": "compacted",
+        "details": details,
+    }
     forge(folder, [*rows, event])
     assert verify_session(folder).problems == ()
     assert int(Session.open(folder).frames[1].read()[0, 0]) == 101
@@ -309,15 +320,26 @@ def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
         pytest.param({"frame_seq": 9}, id="no-such-frame"),
         pytest.param({"file": "frames/../../x"}, id="leaves"),
         pytest.param({"bytes": 0}, id="no-bytes"),
+        pytest.param({"bytes": "5"}, id="bytes-as-text"),
+        pytest.param({"frame_seq": True}, id="frame-as-truth"),
+        pytest.param({"colour": 1}, id="more-than-there-is"),
+        pytest.param({"file": "frames/L00_E0.tif"}, id="its-own-file"),
+        pytest.param({"file": "frames/L01_E0.tif"}, id="the-file-of-another"),
     ],
 )
 def test_a_compaction_that_makes_no_sense(folder: Path, changed: dict[str, Any]) -> None:
     rows = records(folder)
-    details = {"frame_seq": 2, "file": "frames/L00_E0.tif", "bytes": 5, "file_sha256": "a" * 64}
+    details = {"frame_seq": 2, "file": "frames/L00_E0.z.tif", "bytes": 5, "file_sha256": "a" * 64}
     details.update(changed)
-    event = {"kind": "event", "seq": 4, "time_utc": "t", "event": "compacted", "details": details}
+    event = {
+        "kind": "event",
+        "seq": 4,
+        "time_utc": rows[0]["time_utc"],
+        "event": "compacted",
+        "details": details,
+    }
     forge(folder, [*rows, event])
-    with pytest.raises(DataError, match="line 5 compacts no frame"):
+    with pytest.raises(DataError, match=r"journal\.jsonl: line 5: "):
         Session.open(folder)
 
 

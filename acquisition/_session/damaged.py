@@ -1,0 +1,48 @@
+"""The frames of a session that are not what was recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from acquisition._session.damage import Damage
+from acquisition._session.frame_proofs import FrameProofs, OnChecked
+from acquisition._session.session import Examination, examine
+
+
+def damaged_frames(
+    folder: str | Path, on_checked: OnChecked = lambda done, total: None
+) -> tuple[Damage, ...]:
+    """Read every frame of a session back and tell which ones are damaged; nothing is changed.
+
+    Parameters
+    ----------
+    folder
+        The session, complete or not.
+    on_checked
+        Called with how many frames were read, and how many there are.
+
+    Returns
+    -------
+    tuple of Damage
+        Frames that are lost, changed, or contradicted by their own or by other lines, in order of
+        recording. `resume` can set them aside and take their shots again.
+
+    Raises
+    ------
+    MissingPathError
+        If the folder does not exist.
+    DataError
+        If it is no session, or more is wrong with it than single frames.
+    """
+    found = examine(Path(folder))
+    session = found.sound(but_for_frames=True)
+    proofs = FrameProofs(session.manifest.camera, session.recorded)
+    return damaged_frames_of(found, proofs, on_checked)
+
+
+def damaged_frames_of(
+    found: Examination, proofs: FrameProofs, on_checked: OnChecked
+) -> tuple[Damage, ...]:
+    """Return the same for a session that was examined already."""
+    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_checked)} | dict(found.flaws)
+    return tuple(by_seq[seq] for seq in sorted(by_seq))

@@ -1,0 +1,197 @@
+"""What the details of an event must hold: one schema for each event that the format knows."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from acquisition._session.journal import (
+    COMPACTED,
+    LEFT_OUT,
+    REOPENED,
+    SET_ASIDE,
+    UPGRADED,
+    FramePath,
+    Index,
+    Sha256,
+)
+from rig import complaints
+
+# Events that change what the lines before them mean. They are written by the parts of the program
+# that make them true, and by nobody else.
+RESERVED: Final = frozenset({COMPACTED, REOPENED, SET_ASIDE, UPGRADED})
+
+_Fraction = Annotated[float, Field(ge=0, le=1)]
+_Exposure = Annotated[float, Field(gt=0)]
+_Count = Annotated[int, Field(ge=0)]
+_KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
+
+
+class _Exactly(BaseModel):
+    """Details that readers act on: nothing may be in them that a reader might overlook."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class _AtLeast(BaseModel):
+    """Details for people; there may be more."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Compacted(_Exactly):
+    """A frame's file was stored anew without loss."""
+
+    frame_seq: _Count
+    file: FramePath
+    bytes: Annotated[int, Field(ge=1, lt=2**63)]
+    file_sha256: Sha256
+
+
+class SetAside(_Exactly):
+    """A frame does not count any more; its file, where it is not lost, is kept elsewhere."""
+
+    frame_seq: _Count
+    file: FramePath
+    kept: _KeptPath | None
+    reason: str
+
+
+class Upgraded(_Exactly):
+    """Lines of a newer version may follow."""
+
+    from_version: Literal[2]
+    to_version: Literal[3]
+    software_version: str
+
+
+class _LeftOut(_AtLeast):
+    leds: list[Index]
+
+
+class _Check(_AtLeast):
+    name: str
+    state: Literal["ok", "warning", "failed", "not done"]
+    text: str
+
+
+class _Checked(_AtLeast):
+    checks: list[_Check]
+
+
+class _MeteredLight(_AtLeast):
+    led: Index
+    exposure_us: _Exposure
+    level: float
+    clipped_fraction: _Fraction
+    shots: _Count
+    state: str
+
+
+class _Metered(_AtLeast):
+    percentile: Annotated[float, Field(gt=0, le=100)]
+    fraction: _Fraction
+    max_clipped_fraction: _Fraction
+    each: bool
+    start_us: _Exposure
+    longest_us: _Exposure
+    black_dn: float
+    white_dn: float
+    lights: list[_MeteredLight]
+    dead_leds: list[Index]
+
+
+class _Retake(_AtLeast):
+    reason: str
+    led: Index | None
+    file: str | None = None
+    failures: _Count | None = None
+
+
+class _NoLightSeen(_AtLeast):
+    led: Index
+    exposure_us: _Exposure
+
+
+class _Paused(_AtLeast):
+    reason: str
+    waiting: _Count
+
+
+class _Resumed(_AtLeast):
+    seconds: Annotated[float, Field(ge=0)]
+
+
+class _WithReason(_AtLeast):
+    reason: str
+
+
+class _Ended(_WithReason):
+    leds_confirmed_off: bool | None = None
+
+
+class _Reopened(_AtLeast):
+    software_version: str
+    torn: str
+    unrecorded: list[str]
+
+
+class _Told(_AtLeast):
+    iso: float | None = None
+    black_levels_dn: list[float] = []
+    vendor: str = ""
+    model: str = ""
+
+
+class _Imported(_Told):
+    source: str
+
+
+class _Watched(_Told):
+    shots: list[str]
+
+
+# Each with the first version in which it is checked. What readers act on is checked since it
+# exists. What is there for people alone is checked since version 3, whose writers check it too:
+# no session of an older version may become unreadable for it.
+_SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
+    COMPACTED: (Compacted, 1),
+    LEFT_OUT: (_LeftOut, 2),
+    UPGRADED: (Upgraded, 2),
+    SET_ASIDE: (SetAside, 3),
+    REOPENED: (_Reopened, 3),
+    "checked": (_Checked, 3),
+    "metered": (_Metered, 3),
+    "retake": (_Retake, 3),
+    "no_light_seen": (_NoLightSeen, 3),
+    "paused": (_Paused, 3),
+    "resumed": (_Resumed, 3),
+    "not_sequenced": (_WithReason, 3),
+    "interrupted": (_Ended, 3),
+    "failed": (_Ended, 3),
+    "imported": (_Imported, 3),
+    "watched": (_Watched, 3),
+}
+
+
+def details_complaint(event: str, details: dict[str, Any], version: int) -> str | None:
+    """Return what is wrong with the details of an event; None where nothing is.
+
+    Parameters
+    ----------
+    event
+        Its name. One that the version does not know may hold anything.
+    details
+        As JSON has them.
+    version
+        Of the session's format where the event stands.
+    """
+    schema, since = _SCHEMAS.get(event, (None, 0))
+    if schema is None or version < since:
+        return None
+    try:
+        schema.model_validate(details)
+    except ValidationError as error:
+        return complaints(error)
+    return None

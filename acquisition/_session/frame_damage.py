@@ -1,0 +1,69 @@
+"""Whether a frame is still what its line says: its file, its pixels and their figures."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from acquisition._errors import DataError
+from acquisition._pixels.quality import measure_quality
+from acquisition._session.damage import Damage
+from acquisition._session.manifest import CameraRecord
+from acquisition._session.session_frame import SessionFrame
+from acquisition._storage import read_file, sha256_of
+
+# Figures are stored with four decimals and as shares.
+_MEAN_SLACK_DN: Final = 1e-3
+_SHARE_SLACK: Final = 1e-9
+
+
+def frame_damage(frame: SessionFrame, camera: CameraRecord) -> Damage | None:
+    """Read a frame back and compare it with its line.
+
+    Size, hash of the file, hash of the decoded pixels, and the figures that frames are judged by:
+    clipped share, percentiles and mean.
+
+    Parameters
+    ----------
+    frame
+        As the journal has it.
+    camera
+        Of the session.
+    """
+    reason = _file_reason(frame) or _pixel_reason(frame, camera)
+    return None if reason is None else Damage(frame, reason, frame.path)
+
+
+def _file_reason(frame: SessionFrame) -> str | None:
+    try:
+        size = frame.path.stat().st_size
+        data = read_file(frame.path) if size == frame.bytes else b""
+    except FileNotFoundError:
+        return "is in the journal but not there"
+    except OSError as error:
+        return f"cannot be read: {error.strerror}"
+    if size != frame.bytes:
+        return f"has {size} bytes, {frame.bytes} were recorded"
+    if sha256_of(data) != frame.file_sha256:
+        return "was changed since it was recorded"
+    return None
+
+
+def _pixel_reason(frame: SessionFrame, camera: CameraRecord) -> str | None:
+    try:
+        pixels = frame.read()
+    except DataError as error:
+        return str(error).removeprefix(f"{frame.path}: ").partition("; ")[0]
+    line = frame.line
+    found = measure_quality(
+        pixels, white_level_dn=camera.white_dn, black_level_dn=camera.black_level_dn
+    )
+    differs = (
+        found.percentiles_dn != line.percentiles_dn
+        or abs(found.clipped_fraction - line.clipped_fraction) > _SHARE_SLACK
+        or (
+            line.mean_dn is not None
+            and found.mean_dn is not None
+            and abs(found.mean_dn - line.mean_dn) > _MEAN_SLACK_DN
+        )
+    )
+    return "has other grey values than its line in the journal says" if differs else None

@@ -1,0 +1,118 @@
+"""Which frames of a session that is being written are known to be whole."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from acquisition._session.damage import Damage
+from acquisition._session.frame_damage import frame_damage
+from acquisition._session.manifest import CameraRecord
+from acquisition._session.session_frame import SessionFrame
+
+OnChecked = Callable[[int, int], None]
+
+# Where the file lies on the disk, how long it is, and when it and its record were changed last.
+_Signature = tuple[int, int, int, int]
+
+
+class FrameProofs:
+    """Reads back what earlier processes recorded; safe to use from several threads.
+
+    A frame that this process wrote is not read again: its hashes are of what was handed to the disk
+    and flushed, and reading would give back the same memory, not what the disk holds. But size,
+    place and times of every file are remembered when it was written or read, and a file that was
+    touched since is read once more.
+
+    Parameters
+    ----------
+    camera
+        Of the session.
+    earlier
+        Frames recorded by earlier processes.
+    """
+
+    def __init__(self, camera: CameraRecord, earlier: Iterable[SessionFrame] = ()) -> None:
+        self._camera = camera
+        self._frames = {frame.line.seq: frame for frame in earlier}
+        self._unread = list(reversed(self._frames))
+        self._total = len(self._unread)
+        self._done = 0
+        self._whole: dict[int, _Signature | None] = {}
+        self._damage: dict[int, Damage] = {}
+        self._lock = threading.Lock()
+
+    @property
+    def checked(self) -> tuple[int, int]:
+        """How many of the earlier frames were read back, and how many there are."""
+        with self._lock:
+            return self._done, self._total
+
+    @property
+    def damage(self) -> tuple[Damage, ...]:
+        """What was found damaged so far, in order of recording."""
+        with self._lock:
+            return tuple(self._damage[seq] for seq in sorted(self._damage))
+
+    def written(self, frame: SessionFrame) -> None:
+        """Note a frame that this process has just stored."""
+        with self._lock:
+            self._frames[frame.line.seq] = frame
+            self._whole[frame.line.seq] = _signature(frame.path)
+
+    def forget(self, frames: Iterable[SessionFrame]) -> None:
+        """Leave out frames that were set aside."""
+        with self._lock:
+            for seq in (frame.line.seq for frame in frames):
+                for known in (self._frames, self._whole, self._damage):
+                    known.pop(seq, None)
+                if seq in self._unread:
+                    self._unread.remove(seq)
+                    self._total -= 1
+
+    def check_next(self) -> bool:
+        """Read one earlier frame back that was not yet; False where none is left."""
+        with self._lock:
+            if not self._unread:
+                return False
+            frame = self._frames[self._unread.pop()]
+        self._check(frame)
+        with self._lock:
+            self._done += 1
+        return True
+
+    def check_all(self, on_checked: OnChecked = lambda done, total: None) -> tuple[Damage, ...]:
+        """Read back every frame that was not yet or was touched since; return what is damaged.
+
+        ``on_checked`` is called after each earlier frame with how many were read, and of how many.
+        """
+        while self.check_next():
+            on_checked(*self.checked)
+        with self._lock:
+            frames = list(self._frames.values())
+        for frame in frames:
+            now = _signature(frame.path)
+            if now is None or now != self._whole.get(frame.line.seq):
+                self._check(frame)
+        return self.damage
+
+    def _check(self, frame: SessionFrame) -> None:
+        seq = frame.line.seq
+        before = _signature(frame.path)
+        damage = frame_damage(frame, self._camera)
+        with self._lock:
+            self._whole.pop(seq, None)
+            self._damage.pop(seq, None)
+            if damage is None:
+                self._whole[seq] = before
+            else:
+                self._damage[seq] = damage
+
+
+def _signature(path: Path) -> _Signature | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns

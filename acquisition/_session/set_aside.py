@@ -1,0 +1,151 @@
+"""Files that must not count any more: kept elsewhere in the session, never deleted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from itertools import count
+from pathlib import Path
+
+from acquisition._errors import DataError
+from acquisition._session.damage import Damage
+from acquisition._session.journal import SET_ASIDE, UPGRADED, EventLine
+from acquisition._session.journal_file import JournalFile
+from acquisition._session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
+from acquisition._session.manifest import FORMAT_VERSION
+from acquisition._session.recorded import SetAsideFrame
+from acquisition._session.session import Session
+from acquisition._software import software_version
+from acquisition._storage import disk, is_part, make_folder, sync_folder
+
+
+def set_frames_aside(
+    session: Session, journal: JournalFile, damaged: Sequence[Damage]
+) -> tuple[EventLine, ...]:
+    """Let damaged frames count no more: each gets its event, then its file is moved.
+
+    In this order a death in between leaves an event that says where the file belongs, and
+    `clear_frames` moves it there. The other way round there would be a lost file that nothing
+    explains.
+
+    Parameters
+    ----------
+    session
+        Locked, of a version that this program writes; upgraded where it knows no such event.
+    journal
+        Open.
+    damaged
+        The frames.
+
+    Returns
+    -------
+    tuple of EventLine
+        What was written.
+
+    Raises
+    ------
+    DataError
+        If ``derived/set_aside`` leads out of the session.
+    StorageError
+        If the disk refuses.
+    """
+    if not damaged:
+        return ()
+    lines = []
+    folder = session.folder
+    shelf = folder / SET_ASIDE_FOLDER
+    _check_inside(shelf, folder)
+    make_folder(shelf)
+    if session.format_version < FORMAT_VERSION:
+        details = {
+            "from_version": session.format_version,
+            "to_version": FORMAT_VERSION,
+            "software_version": software_version(),
+        }
+        lines.append(journal.append(EventLine, {"event": UPGRADED, "details": details}))
+    for frame, reason in ((one.frame, one.reason) for one in damaged):
+        kept = _free(shelf, frame.path.name)
+        there = os.path.lexists(frame.path)
+        details = {
+            "frame_seq": frame.line.seq,
+            "file": frame.path.relative_to(folder).as_posix(),
+            "kept": kept.relative_to(folder).as_posix() if there else None,
+            # Error texts of libraries may hold anything.
+            "reason": reason.encode("ascii", "backslashreplace").decode("ascii"),
+        }
+        lines.append(journal.append(EventLine, {"event": SET_ASIDE, "details": details}))
+        if there:
+            _move(frame.path, kept)
+    return tuple(lines)
+
+
+def clear_frames(
+    folder: Path, recorded: frozenset[str], set_aside: Iterable[SetAsideFrame]
+) -> list[str]:
+    """Leave in ``frames/`` what has a line and counts: move other files, delete half-written ones.
+
+    Parameters
+    ----------
+    folder
+        The session, locked.
+    recorded
+        Names of the files of frames that were not set aside.
+    set_aside
+        Those that were; a file of theirs that is still there goes where its event says.
+
+    Returns
+    -------
+    list of str
+        Where files without a line lie now, relative to the session.
+
+    Raises
+    ------
+    DataError
+        If ``frames/``, or where files are moved to, leads out of the session.
+    StorageError
+        If the disk refuses.
+    """
+    frames, shelf = folder / FRAMES, folder / UNRECORDED
+    _check_inside(frames, folder)
+    make_folder(frames)
+    places = {aside.frame.path.name: aside.kept for aside in set_aside}
+    aside: list[str] = []
+    with disk(frames, "list"):
+        found = sorted(frames.iterdir())
+    for path in found:
+        if path.name in recorded:
+            continue
+        if is_part(path):
+            if not path.is_dir():  # hidden folders are not ours, and may stay
+                with disk(path, "remove"):
+                    path.unlink()
+            continue
+        place = places.get(path.name)
+        target = place if place is not None and not os.path.lexists(place) else None
+        _check_inside((target or shelf / path.name).parent, folder)
+        make_folder((target or shelf / path.name).parent)
+        if target is None:
+            target = _free(shelf, path.name)
+            aside.append(target.relative_to(folder).as_posix())
+        _move(path, target)
+    with disk(frames, "sync"):
+        sync_folder(frames)
+    return aside
+
+
+def _free(shelf: Path, name: str) -> Path:
+    """Return a path that is not taken."""
+    paths = (shelf / f"{number:03d}_{name}" for number in count())
+    return next(path for path in paths if not os.path.lexists(path))
+
+
+def _move(path: Path, target: Path) -> None:
+    with disk(path, "set aside"):
+        os.rename(path, target)
+        sync_folder(target.parent)
+        sync_folder(path.parent)
+
+
+def _check_inside(path: Path, folder: Path) -> None:
+    if leaves(path, folder):
+        raise DataError(f"{path}: is a link that leaves the session; put the folder itself there")

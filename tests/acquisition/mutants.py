@@ -1,0 +1,227 @@
+"""Sessions with one value changed and every hash made to hold again, and all readers over them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import random
+import shutil
+import tomllib
+from collections.abc import Iterator
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from acquisition import (
+    DataError,
+    MissingPathError,
+    Session,
+    StorageError,
+    check_resume,
+    compact_session,
+    damaged_frames,
+    prepare_export,
+    read_source,
+    rehearse,
+    resume,
+    verify_session,
+)
+from acquisition._session.journal import GENESIS
+from rig import RigError
+from sgp._capture.session_sheet import write_session_sheet
+from sgp._capture.session_summary import describe
+from tests.acquisition.fake_bench import Bench, rig_on
+
+DECLARED = (DataError, MissingPathError, StorageError, RigError)
+
+NESTED: Any = 0
+for _ in range(400):
+    NESTED = [NESTED]
+
+VALUES: tuple[Any, ...] = (
+    None,
+    True,
+    False,
+    0,
+    1,
+    -1,
+    7,
+    2**31,
+    2**63,
+    2**64,
+    10**400,
+    0.5,
+    -0.5,
+    1e300,
+    5e-324,
+    float("nan"),
+    float("inf"),
+    "",
+    "x",
+    "3",
+    "\ud800",
+    "a\x00b",
+    "frames/L00_E0.tif",
+    "frames/l00_e0.TIF",
+    "../../etc/passwd",
+    "z" * 5000,
+    [],
+    [1],
+    [None],
+    ["x"],
+    {},
+    {"a": 1},
+    {"99": 1},
+    NESTED,
+)
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    rows = [json.loads(line) for line in (folder / "journal.jsonl").read_bytes().splitlines()]
+    for row in rows:
+        del row["line_sha256"]
+    return rows
+
+
+def seal(folder: Path, rows: list[dict[str, Any]], *, complete: bool | None = None) -> None:
+    """Write the journal, and COMPLETE where it is there or asked for."""
+    rows[0]["session_toml_sha256"] = hashlib.sha256(
+        (folder / "session.toml").read_bytes()
+    ).hexdigest()
+    data, previous = b"", GENESIS
+    for row in rows:
+        text = json.dumps(row, separators=(",", ":"))[:-1].encode("ascii")
+        previous = hashlib.sha256(previous.encode() + text).hexdigest()
+        data += text + f',"line_sha256":"{previous}"}}\n'.encode()
+    (folder / "journal.jsonl").write_bytes(data)
+    mark = folder / "COMPLETE"
+    if complete if complete is not None else mark.exists():
+        mark.write_text(f"{hashlib.sha256(data).hexdigest()}  journal.jsonl\n")
+    else:
+        mark.unlink(missing_ok=True)
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the path of every value inside a value."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, inner in items:
+        yield (*path, key)
+        if isinstance(inner, dict | list):
+            yield from places(inner, (*path, key))
+
+
+def mutate(document: Any, dice: random.Random, others: list[Any]) -> str:
+    """Change one value of a document in place; return what was done."""
+    path = dice.choice(list(places(document)))
+    inside = document
+    for key in path[:-1]:
+        inside = inside[key]
+    where, key = ".".join(map(str, path)), path[-1]
+    match dice.randrange(10):
+        case 0 if isinstance(inside, dict):
+            del inside[key]
+            return f"{where} deleted"
+        case 1 if isinstance(inside, dict):
+            inside["surprise"] = deepcopy(dice.choice(VALUES))
+            return f"{where}: another key beside it"
+        case 2 | 3:
+            # The same place of another line, so that all looks right.
+            other = dice.choice(others)
+            try:
+                for step in path:
+                    other = other[step]
+            except (KeyError, IndexError, TypeError):
+                other = dice.choice(VALUES)
+            inside[key] = deepcopy(other)
+        case 4 if isinstance(inside[key], int | float) and not isinstance(inside[key], bool):
+            inside[key] += dice.choice((-1, 1, 0.5, 1e6))
+        case _:
+            inside[key] = deepcopy(dice.choice(VALUES))
+    return f"{where} = {ascii(inside[key])[:60]}"
+
+
+def mutant(folder: Path, dice: random.Random) -> str:
+    """Change one value of a line or of ``session.toml``; return what was done."""
+    rows = rows_of(folder)
+    if dice.random() < 0.25:
+        path = folder / "session.toml"
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+        said = mutate(document, dice, [document])
+        try:
+            path.write_text(tomli_w.dumps(document), encoding="utf-8")
+        except (TypeError, UnicodeEncodeError, RecursionError):
+            said = "nothing: TOML has no such value"
+        seal(folder, rows)
+        return f"session.toml: {said}"
+    number = dice.randrange(1, len(rows))
+    said = mutate(rows[number], dice, rows)
+    seal(folder, rows)
+    return f"line {number + 1}: {said}"
+
+
+def read_by_all(folder: Path, work: Path) -> list[str]:
+    """Let every reader loose on a session; return what they must not do.
+
+    Each may raise what it declares. What one of them finds wrong with the journal all must.
+    """
+    wrong: list[str] = []
+    refused: dict[str, bool] = {}
+
+    def tried(name: str, call: Any) -> Any:
+        try:
+            result = call()
+        except DECLARED as error:
+            refused[name] = True
+            if "\n" in str(error):
+                wrong.append(f"{name}: more than one line: {error}")
+            return None
+        except Exception as error:  # noqa: BLE001 - that is what is looked for
+            wrong.append(f"{name}: {type(error).__name__}: {error}"[:300])
+            return None
+        refused[name] = False
+        return result
+
+    session = tried("open", lambda: Session.open(folder))
+    found = tried("verify", lambda: verify_session(folder))
+    source = tried("source", lambda: read_source(folder))
+    tried("damaged", lambda: damaged_frames(folder))
+    if session is None:
+        if found is not None and found.ok:
+            wrong.append("verify finds nothing wrong with what cannot be opened")
+        if not refused["source"]:
+            wrong.append("source reads what cannot be opened")
+    else:
+        tried("info", lambda: describe(session))
+        tried("sheet", lambda: write_session_sheet(work / "sheet.png", session))
+    if source is not None:
+        tried("frames", lambda: [frame.read() for frame in source.frames])
+    for layout, values in (
+        ("diligent", "raw"),
+        ("lp", "linear"),
+        ("exr", "raw"),
+        ("alicevision", "linear"),
+    ):
+        out = work / f"{layout}-{values}"
+        tried(layout, lambda: prepare_export(folder, layout, values=values).write(out))  # noqa: B023
+    copy = work / "compacted"
+    shutil.copytree(folder, copy)
+    tried("compact", lambda: compact_session(copy))
+    for option in (False, True):
+        copy = work / f"resumed-{option}"
+        shutil.copytree(folder, copy)
+        with rig_on(Bench()) as rig:
+            checked = tried("check_resume", lambda: check_resume(rig, copy))  # noqa: B023
+            if checked is not None:
+                tried("rehearse", lambda: rehearse(rig, checked[1], shots=checked[2]))  # noqa: B023
+            done = tried("resume", lambda: resume(rig, copy, retake_damaged=option))  # noqa: B023
+        if done is not None and not verify_session(copy).ok:
+            wrong.append(f"resume (retake {option}) completed a damaged session")
+    if found is not None and found.ok and session is not None:
+        wrong += [
+            f"{name} refuses what verifies"
+            for name in ("open", "source", "frames", "info", "compact")
+            if refused.get(name)
+        ]
+    return wrong

@@ -1,0 +1,248 @@
+"""The proof of the LED, from the rig to every reader: plan, rig and board must agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition._engine.engine import record, resume
+from acquisition._errors import DataError
+from acquisition._export.export import prepare_export
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.compact import compact_session
+from acquisition._session.journal import Echo
+from acquisition._session.light_proof import wrong_light
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
+from rig import CameraError, Rig, RigError, Shot
+from tests.acquisition.fake_bench import PLAN, TOLD, Bench, rig_on
+from tests.acquisition.mutants import rows_of, seal
+
+LIGHT = PlannedShot("light", 3, 0, 0, 10.0)
+DARK = PlannedShot("dark", None, 0, 0, 10.0)
+AMBIENT = PlannedShot("ambient", None, 0, 0, 10.0)
+FLAT = PlannedShot("flat", None, 0, 0, 10.0, flat_led=3)
+SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("shot", "lit", "said"),
+    [
+        pytest.param(LIGHT, {}, None, id="nobody says"),
+        pytest.param(LIGHT, {"rig": 3, "board": 3}, None, id="light"),
+        pytest.param(
+            LIGHT, {"rig": 3, "board": 7}, "with LED 3, but board reports LED 7", id="other"
+        ),
+        pytest.param(LIGHT, {"rig": 7, "board": 3}, "with LED 3, but rig reports LED 7", id="rig"),
+        pytest.param(LIGHT, {"board": None}, "but board reports all LEDs off", id="unlit"),
+        pytest.param(DARK, {"board": None}, None, id="dark"),
+        pytest.param(
+            DARK, {"board": 0}, "with all LEDs off, but board reports LED 0", id="lit dark"
+        ),
+        pytest.param(AMBIENT, {"board": None}, None, id="ambient"),
+        pytest.param(AMBIENT, {"board": 1}, "with all LEDs off", id="lit ambient"),
+        pytest.param(FLAT, {"board": 3}, None, id="flat"),
+        pytest.param(FLAT, {"board": 0}, "with LED 3, but board reports LED 0", id="other flat"),
+        pytest.param(SOME_FLAT, {"board": 0}, None, id="flat of no plan"),
+        pytest.param(SOME_FLAT, {"board": None}, "with an LED, but board", id="flat without light"),
+    ],
+)
+def test_what_agrees(shot: PlannedShot, lit: dict[str, int | None], said: str | None) -> None:
+    found = wrong_light(shot, lit)
+    assert found is None if said is None else said in (found or "")
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def rig(bench: Bench) -> Iterator[Rig]:
+    rig = rig_on(bench)
+    yield rig
+    rig.close()
+
+
+def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, Any]) -> None:
+    """Let the rig deliver one shot of another LED, as a fault between rig and recorder would."""
+    real = rig.shoot
+    shots = [0]
+
+    def shoot(*arguments: Any, **more: Any) -> Shot:
+        shots[0] += 1
+        shot = real(*arguments, **more)
+        if shots[0] != at:
+            return shot
+        assert shot.echo is not None
+        echo = replace(shot.echo, led=change.get("echo", shot.echo.led))
+        return replace(shot, led=change.get("led", shot.led), echo=echo)
+
+    monkeypatch.setattr(rig, "shoot", shoot)
+
+
+# Shots 1 to 4 of the plan are dark and ambient, the fifth is of LED 3.
+@pytest.mark.parametrize(
+    ("at", "change", "said"),
+    [
+        pytest.param(
+            5,
+            {"led": 0},
+            "L03_E0.tif: was planned with LED 3, but the rig reports LED 0",
+            id="shot",
+        ),
+        pytest.param(5, {"echo": 0}, "but the LED board reports LED 0", id="echo"),
+        pytest.param(5, {"echo": None}, "but the LED board reports all LEDs off", id="no light"),
+        pytest.param(
+            1, {"led": 2}, "was planned with all LEDs off, but the rig reports LED 2", id="dark"
+        ),
+    ],
+)
+def test_a_frame_of_another_led_is_not_kept(
+    rig: Rig,
+    bench: Bench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    at: int,
+    change: dict[str, Any],
+    said: str,
+) -> None:
+    lying(rig, monkeypatch, at, change)
+    with pytest.raises(RigError, match=said):
+        record(rig, PLAN, tmp_path / "s", **TOLD)
+    assert len(Session.open(tmp_path / "s").recorded) == at - 1
+    assert bench.burning is None
+    assert resume(rig, tmp_path / "s").complete
+
+
+def test_it_is_taken_again_where_the_plan_allows(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lying(rig, monkeypatch, 5, {"led": 0})
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    assert session.complete
+    assert bench.shots.count(3) == 3  # in two brackets, once more in the first
+    assert [line.details["led"] for line in session.events if line.event == "retake"] == [3]
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_a_sequence_ends_at_a_frame_of_another_led(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Later frames of it may be one off too."""
+    real = rig.shoot
+    runs: list[list[int | None]] = []
+
+    def sequence(leds: list[int | None], exposure_us: float, gain_db: float) -> Iterator[Shot]:
+        runs.append(list(leds))
+        for number, led in enumerate(leds):
+            shot = real(led, exposure_us, gain_db, trigger="software")
+            yield replace(shot, led=0) if (len(runs), number) == (2, 1) else shot
+
+    monkeypatch.setattr(rig, "sequence", sequence)
+    rig.config = rig.config.model_copy(update={"trigger": "board"})
+    plan = CapturePlan(leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1)
+    monkeypatch.setattr(rig, "_arm", lambda trigger: None)
+    monkeypatch.setattr(rig, "prepare", lambda *words: None)
+    session = record(rig, plan, tmp_path / "s", **TOLD)
+    assert session.complete
+    # After the dark frame: LED 3 is kept, the frame of LED 1 is not, and the rest comes anew.
+    assert runs == [[None], [3, 1, 5, 2], [1, 5, 2]]
+    assert verify_session(tmp_path / "s").ok
+
+
+def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
+    camera = {"width": 8, "height": 6, "bit_depth": 12}
+    plan = CapturePlan(leds=(3, 7), exposures_us=(100.0,), flats=1)
+    manifest = Manifest.begin(tmp_path, operator="", object="", plan=plan, camera=camera)
+    pixels = np.zeros((6, 8), np.uint16)
+    with SessionWriter.create(tmp_path / "s", manifest) as writer:
+        dark, light, _, flat = writer.missing
+        for shot, led in ((dark, 3), (light, 7), (light, None), (flat, 7), (flat, None)):
+            with pytest.raises(DataError, match=rf"{shot.file} was planned with .* board reports"):
+                writer.write_frame(shot, pixels, echo=Echo(seq=1, led=led))
+        # What the caller says of a flat is not asked: the plan is.
+        with pytest.raises(DataError, match="was planned with LED 3"):
+            writer.write_frame(replace(flat, flat_led=7), pixels, echo=Echo(seq=1, led=7))
+        assert list((tmp_path / "s" / "frames").iterdir()) == []
+        for shot in writer.missing:
+            writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.lit_led))
+        writer.complete()
+    assert verify_session(tmp_path / "s").ok
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "open": Session.open,
+    "source": read_source,
+    "export": lambda folder: prepare_export(folder, "exr"),
+    "compact": compact_session,
+    "reopen": SessionWriter.reopen,
+}
+
+
+@pytest.mark.parametrize("complete", [True, False])
+@pytest.mark.parametrize(
+    ("role", "echo_led", "said"),
+    [
+        ("light", 0, r"frames/L03_E0\.tif was planned with LED 3, but the LED board reports LED 0"),
+        (
+            "dark",
+            3,
+            r"frames/D_200us\.tif was planned with all LEDs off, but the LED board .* LED 3",
+        ),
+        ("ambient", 0, r"frames/A_200us\.tif was planned with all LEDs off"),
+        ("flat", 0, r"frames/F_E0\.tif was planned with LED 3, but the LED board reports LED 0"),
+    ],
+)
+def test_every_reader_names_the_line(
+    rig: Rig, bench: Bench, tmp_path: Path, role: str, echo_led: int, said: str, complete: bool
+) -> None:
+    """And `resume` can settle it: the frame is set aside and taken again."""
+
+    def fail(number: int) -> None:
+        if number == 12 and not complete:
+            raise CameraError("the camera was unplugged")
+
+    folder = tmp_path / "s"
+    bench.on_trigger = fail
+    try:
+        record(rig, PLAN.changed(flats=1), folder, **TOLD)
+    except CameraError:
+        bench.on_trigger = lambda number: None
+    rows = rows_of(folder)
+    row = next(row for row in rows if row.get("role") == role)
+    row["echo"]["led"] = echo_led
+    seal(folder, rows)
+    found = verify_session(folder)
+    assert [f"line {row['seq'] + 1}: " in problem for problem in found.problems] == [True]
+    assert found.damaged == (row["file"].removeprefix("frames/"),)
+    for reader in READERS.values():
+        with pytest.raises(DataError, match=rf"journal\.jsonl: line {row['seq'] + 1}: {said}"):
+            reader(folder)
+    bench.shots.clear()
+    with pytest.raises(DataError, match=said):
+        resume(rig, folder)
+    assert bench.shots == []
+    session = resume(rig, folder, retake_damaged=True)
+    assert session.complete
+    assert len(bench.shots) == (1 if complete else 2)
+    assert verify_session(folder).problems == ()
+
+
+def test_imported_sessions_and_old_ones_have_no_echo(tmp_path: Path) -> None:
+    camera = {"width": 8, "height": 6, "bit_depth": 12}
+    manifest = Manifest.begin(tmp_path, operator="", object="", camera=camera)
+    with SessionWriter.create(tmp_path / "s", manifest) as writer:
+        for shot in (LIGHT, DARK, SOME_FLAT):
+            writer.write_frame(shot, np.zeros((6, 8), np.uint16))
+        writer.complete()
+    assert verify_session(tmp_path / "s").ok

@@ -1,0 +1,573 @@
+"""Damage in what was recorded before: named, never completed, and retaken where that is wanted."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition._engine.engine import check_resume, record, resume
+from acquisition._errors import DataError, StorageError
+from acquisition._plan.plan import CapturePlan
+from acquisition._session import frame_proofs as _frame_proofs
+from acquisition._session.compact import compact_session
+from acquisition._session.damaged import damaged_frames
+from acquisition._session.manifest import Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
+from rig import CameraError, Rig
+from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.mutants import rows_of, seal
+
+# PLAN is of LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def rig(bench: Bench) -> Iterator[Rig]:
+    rig = rig_on(bench)
+    yield rig
+    rig.close()
+
+
+def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
+    """Record until the camera fails at a frame."""
+
+    def fail(number: int) -> None:
+        if number == at:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, plan, folder, **TOLD)
+    bench.on_trigger = lambda number: None
+    bench.shots.clear()
+    return folder
+
+
+def flip(path: Path) -> None:
+    """Change the last bit of the last sample."""
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+
+
+def flipped(*names: str) -> Callable[[Path], None]:
+    return lambda folder: [flip(folder / "frames" / name) for name in names] and None
+
+
+def lost(name: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / "frames" / name).unlink()
+
+
+def shortened(name: str) -> Callable[[Path], None]:
+    return lambda folder: os.truncate(folder / "frames" / name, 100)
+
+
+def swapped(one: str, other: str) -> Callable[[Path], None]:
+    def harm(folder: Path) -> None:
+        frames = folder / "frames"
+        (frames / one).rename(frames / "x")
+        (frames / other).rename(frames / one)
+        (frames / "x").rename(frames / other)
+
+    return harm
+
+
+def linked_out(name: str) -> Callable[[Path], None]:
+    def harm(folder: Path) -> None:
+        (folder / "frames" / name).rename(folder.parent / "elsewhere.tif")
+        (folder / "frames" / name).symlink_to(folder.parent / "elsewhere.tif")
+
+    return harm
+
+
+def a_folder(name: str) -> Callable[[Path], None]:
+    def harm(folder: Path) -> None:
+        (folder / "frames" / name).unlink()
+        (folder / "frames" / name).mkdir()
+
+    return harm
+
+
+def other_figures(folder: Path) -> None:
+    """Grey values in the line that are not those of the pixels, all hashes as they must be."""
+    rows = rows_of(folder)
+    row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
+    row["percentiles_dn"]["50"] += 1
+    seal(folder, rows)
+
+
+def two_of_one_file(folder: Path) -> None:
+    """Two lines that name one file; the other file is there without a line."""
+    rows = rows_of(folder)
+    by_file = {row["file"]: row for row in rows if row["kind"] == "frame"}
+    for key in ("file", "bytes", "file_sha256", "pixels_sha256"):
+        by_file["frames/L00_E0.tif"][key] = by_file["frames/L03_E0.tif"][key]
+    seal(folder, rows)
+
+
+def two_by_case(folder: Path) -> None:
+    """Some disks take the two names for one."""
+    rows = rows_of(folder)
+    next(row for row in rows if row.get("file") == "frames/L00_E0.tif")["file"] = (
+        "frames/l03_e0.tif"
+    )
+    (folder / "frames/L00_E0.tif").rename(folder / "frames/l03_e0.tif")
+    seal(folder, rows)
+
+
+HARMS = [
+    pytest.param(flipped("L03_E0.tif"), ["L03_E0.tif"], id="bit flipped"),
+    pytest.param(swapped("L03_E0.tif", "L00_E0.tif"), ["L03_E0.tif", "L00_E0.tif"], id="swapped"),
+    pytest.param(lost("L00_E0.tif"), ["L00_E0.tif"], id="lost"),
+    pytest.param(shortened("L00_E0.tif"), ["L00_E0.tif"], id="shortened"),
+    pytest.param(flipped("D_200us.tif", "A_200us.tif"), ["D_200us.tif", "A_200us.tif"], id="dark"),
+    pytest.param(linked_out("L03_E0.tif"), ["L03_E0.tif"], id="link"),
+    pytest.param(a_folder("L03_E0.tif"), ["L03_E0.tif"], id="folder"),
+    pytest.param(other_figures, ["L03_E0.tif"], id="figures"),
+    pytest.param(two_of_one_file, ["L03_E0.tif", "L03_E0.tif"], id="one file"),
+    pytest.param(two_by_case, ["L03_E0.tif", "l03_e0.tif"], id="one file by case"),
+]
+
+
+@pytest.mark.parametrize("at", [8, 11])
+@pytest.mark.parametrize(("harm", "names"), HARMS)
+def test_damage_is_named_and_retaken_only_when_asked(
+    rig: Rig,
+    bench: Bench,
+    tmp_path: Path,
+    harm: Callable[[Path], None],
+    names: list[str],
+    at: int,
+) -> None:
+    folder = tmp_path / "s"
+    if at > 10:
+        record(rig, PLAN, folder, **TOLD)
+        (folder / "COMPLETE").unlink()  # killed just before
+        bench.shots.clear()
+    else:
+        cut(rig, bench, folder, at)
+    harm(folder)
+    missing = max(0, 11 - at)
+    found = verify_session(folder)
+    assert list(found.damaged) == names
+    assert {one.frame.path.name for one in damaged_frames(folder)} == set(names)
+    told: list[str] = []
+    with pytest.raises(DataError) as caught:
+        resume(rig, folder, on_damage=told.append)
+    assert any(name in str(caught.value) for name in names)
+    assert "\n" not in str(caught.value)
+    assert not (folder / "COMPLETE").exists()
+    assert bench.burning is None
+    # What the journal itself contradicts is known before a shot, what the files do is not.
+    assert len(bench.shots) in (0, missing)
+    assert not told or len(told) == len(names)
+    before = {
+        path.name: path.is_symlink() or path.is_dir() or path.read_bytes() for path in kept(folder)
+    }
+    bench.shots.clear()
+    left = len(Session.open(folder, damaged_frames=True).missing)
+    events: list[tuple[str, Any]] = []
+    session = resume(
+        rig,
+        folder,
+        retake_damaged=True,
+        on_event=lambda name, details: events.append((name, details)),
+    )
+    assert session.complete
+    assert len(bench.shots) == left + len(names)
+    assert [name for name, _ in events].count("set_aside") == len(names)
+    for _, details in events:
+        if details.get("kept"):
+            path = folder / details["kept"]
+            assert path.is_symlink() or path.exists()
+            if path.is_file() and not path.is_symlink():
+                assert path.read_bytes() == before[Path(details["file"]).name]
+    for frame in session.frames:
+        expected = seen(frame.led, PLAN.exposures_us[frame.bracket])
+        np.testing.assert_array_equal(frame.read(), expected)
+        assert frame.path.name not in names
+    found = verify_session(folder)
+    assert (found.problems, found.complete, list(found.set_aside)) == ((), True, names)
+    assert len(read_source(folder).frames) == 10
+    # It goes on as any other session does.
+    assert compact_session(folder).complete
+    assert verify_session(folder).ok
+
+
+def kept(folder: Path) -> list[Path]:
+    return sorted((folder / "frames").iterdir())
+
+
+def test_a_complete_session_is_reopened_only_for_damage(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    folder = tmp_path / "s"
+    record(rig, PLAN, folder, **TOLD)
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(DataError, match="is complete"):
+        resume(rig, folder, retake_damaged=True)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    flip(folder / "frames/L05_E1.tif")
+    with pytest.raises(DataError, match="is complete"):
+        resume(rig, folder)
+    assert (folder / "COMPLETE").exists()
+    bench.shots.clear()
+    assert resume(rig, folder, retake_damaged=True).complete
+    assert bench.shots == [5]
+    assert verify_session(folder).ok
+
+
+def test_what_does_not_count_is_set_aside_and_not_retaken(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    """A rejected take and one that was replaced have lines too, which fail every check."""
+    folder = tmp_path / "s"
+    bench.albedo = 30.0
+    bench.on_trigger = lambda number: setattr(bench, "albedo", 1.0 if number > 5 else 30.0)
+    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **TOLD)
+    (folder / "COMPLETE").unlink()
+    session = Session.open(folder)
+    (rejected,) = (f for f in session.recorded if f.line.status == "rejected")
+    with SessionWriter.reopen(folder) as writer:
+        again = next(shot for shot in PLAN.shots() if shot.file == "L00_E0.tif")
+        writer.write_frame(again, np.full((7, 10), 500, np.uint16))
+    replaced = folder / "frames/L00_E0.tif"
+    for path in (rejected.path, replaced):
+        flip(path)
+    bench.shots.clear()
+    session = resume(rig, folder, retake_damaged=True)
+    assert (session.complete, bench.shots) == (True, [])
+    assert {one.frame.path for one in session.set_aside} == {rejected.path, replaced}
+    assert verify_session(folder).ok
+
+
+def test_what_was_replaced_does_not_come_back(tmp_path: Path) -> None:
+    """Its replacement is damaged, but it was replaced for a reason."""
+    camera = {"width": 10, "height": 7, "bit_depth": 12}
+    plan = CapturePlan(leds=(0,), exposures_us=(100.0,), dark=False)
+    manifest = Manifest.begin(tmp_path, operator="", object="", plan=plan, camera=camera)
+    folder = tmp_path / "s"
+    with SessionWriter.create(folder, manifest) as writer:
+        (shot,) = writer.missing
+        for value in (1, 2):
+            writer.write_frame(shot, np.full((7, 10), value, np.uint16))
+    flip(folder / "frames/L00_E0_R1.tif")
+    with SessionWriter.reopen(folder, set_aside_damaged=True) as writer:
+        assert writer.missing == (shot,)
+        assert (writer.demanded, Session.open(folder).frames) == (1, ())
+        line = writer.write_frame(shot, np.full((7, 10), 3, np.uint16))
+        assert line.file == "frames/L00_E0_R2.tif"
+        writer.complete()
+    assert [int(frame.read()[0, 0]) for frame in Session.open(folder).frames] == [3]
+    assert verify_session(folder).ok
+
+
+def test_a_damaged_frame_of_an_led_that_died_since_is_left_out(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 9)
+    flip(folder / "frames/L00_E0.tif")
+    with rig_on(bench, dead_leds=(0, 4)) as knowing:
+        found = damaged_frames(folder)
+        _, _, shots = check_resume(knowing, folder, damaged=found)
+        assert [shot.led for shot in shots] == [5]
+        session = resume(knowing, folder, retake_damaged=True)
+        assert bench.shots == [shot.led for shot in shots]
+        assert session.complete
+        assert [shot.file for shot in session.left_out] == ["L00_E0.tif", "L00_E1.tif"]
+        assert verify_session(folder).ok
+        # And once it is left out, what is damaged of it is so too.
+        flip(folder / "frames/L03_E0.tif")
+        assert resume(knowing, folder, retake_damaged=True).complete
+    assert verify_session(folder).ok
+
+
+def test_dark_frames_are_retaken_before_the_lights_that_they_judge(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 6)
+    flip(folder / "frames/A_200us.tif")
+    flip(folder / "frames/D_50us.tif")
+    resume(rig, folder, retake_damaged=True)
+    assert bench.shots == [None, None, 0, 5, 3, 0, 5]
+
+
+def test_version_2_is_upgraded_by_an_event_and_only_where_that_is_needed(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    toml = folder / "session.toml"
+    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
+    seal(folder, rows_of(folder))
+    written = toml.read_bytes()
+    shutil.copytree(folder, tmp_path / "whole")
+    assert resume(rig, tmp_path / "whole", retake_damaged=True).format_version == 2
+    flip(folder / "frames/L03_E0.tif")
+    bench.shots.clear()
+    session = resume(rig, folder, retake_damaged=True)
+    assert (session.complete, session.format_version) == (True, 3)
+    assert toml.read_bytes() == written
+    assert [line.event for line in events_of(session)][-3:] == ["reopened", "upgraded", "set_aside"]
+    assert verify_session(folder).ok
+    # Once is enough.
+    flip(folder / "frames/L00_E0.tif")
+    session = resume(rig, folder, retake_damaged=True)
+    assert [line.event for line in events_of(session)].count("upgraded") == 1
+    assert verify_session(folder).ok
+
+
+def event(rows: list[dict[str, Any]], name: str, **details: Any) -> dict[str, Any]:
+    head = {"kind": "event", "seq": len(rows), "time_utc": rows[0]["time_utc"]}
+    return {**head, "event": name, "details": details}
+
+
+UPGRADE = {"from_version": 2, "to_version": 3, "software_version": "1"}
+
+
+@pytest.mark.parametrize(
+    ("version", "name", "changed", "said"),
+    [
+        pytest.param(3, "set_aside", {}, None, id="good"),
+        pytest.param(3, "set_aside", {"frame_seq": 0}, "line 12: sets frames", id="no frame"),
+        pytest.param(
+            3, "set_aside", {"file": "frames/L00_E0.tif"}, "line 12: sets", id="not its file"
+        ),
+        pytest.param(3, "set_aside", {"kept": "frames/x.tif"}, "kept", id="kept in frames"),
+        pytest.param(
+            3, "set_aside", {"kept": "derived/set_aside/../../x"}, "kept", id="kept outside"
+        ),
+        pytest.param(3, "set_aside", {"more": 1}, "unknown key 'more'", id="more"),
+        pytest.param(2, "set_aside", {}, None, id="unknown to version 2"),
+        pytest.param(2, "upgraded", UPGRADE, None, id="upgrade"),
+        pytest.param(3, "upgraded", UPGRADE, "it is of version 3", id="upgrade of version 3"),
+        pytest.param(2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version", id="beyond"),
+    ],
+)
+def test_events_that_change_what_counts_are_checked(
+    rig: Rig,
+    bench: Bench,
+    tmp_path: Path,
+    version: int,
+    name: str,
+    changed: dict[str, Any],
+    said: str | None,
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 9)
+    toml = folder / "session.toml"
+    toml.write_text(toml.read_text().replace("format_version = 3", f"format_version = {version}"))
+    rows = rows_of(folder)[:11]
+    row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
+    details = changed
+    if name == "set_aside":
+        good = {"frame_seq": row["seq"], "file": row["file"], "kept": None, "reason": "why"}
+        details = {**good, **changed}
+    while len(rows) < 11:
+        rows.append(event(rows, "note"))
+    seal(folder, [*rows, event(rows, name, **details)])
+    if said is None:
+        session = Session.open(folder)
+        gone = name == "set_aside" and version == 3
+        assert len(session.set_aside) == gone
+        assert ("L03_E0.tif" in {shot.file for shot in session.missing}) == gone
+        assert session.format_version == (3 if name == "upgraded" else version)
+        return
+    with pytest.raises(DataError, match=said):
+        Session.open(folder)
+
+
+@pytest.mark.parametrize("event", ["set_aside", "upgraded", "compacted", "reopened"])
+def test_nobody_writes_such_an_event_by_hand(
+    rig: Rig, bench: Bench, tmp_path: Path, event: str
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    with SessionWriter.reopen(folder) as writer, pytest.raises(DataError, match=event):
+        writer.write_event(event)
+
+
+# ---------------------------------------------------------------- what is read back, and when
+
+
+def test_complete_reads_what_this_process_did_not_write(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    read: list[str] = []
+    real = _frame_proofs.frame_damage
+
+    def noted(frame: Any, camera: Any) -> Any:
+        read.append(frame.path.name)
+        return real(frame, camera)
+
+    monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
+    with SessionWriter.reopen(folder) as writer:
+        assert writer.checked == (0, 7)
+        earlier = [frame.path.name for frame in Session.open(folder).recorded]
+        assert writer.check_next()
+        assert (read, writer.checked) == (earlier[:1], (1, 7))
+        for shot in writer.missing:
+            writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
+        # Touched after it was written, and after it was read: each is read once more.
+        (folder / "frames/L05_E1.tif").touch()
+        (folder / "frames" / earlier[0]).touch()
+        writer.complete()
+    assert read == [*earlier, earlier[0], "L05_E1.tif"]
+
+
+@pytest.mark.parametrize("name", ["D_200us.tif", "L05_E1.tif"])
+def test_a_frame_that_is_damaged_while_the_writer_is_open_is_noticed(
+    rig: Rig, bench: Bench, tmp_path: Path, name: str
+) -> None:
+    """Read back already, or written by this very process."""
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    with SessionWriter.reopen(folder) as writer:
+        while writer.check_next():
+            pass
+        for shot in writer.missing:
+            writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
+        time.sleep(0.02)  # clocks of disks are coarse
+        flip(folder / "frames" / name)
+        with pytest.raises(DataError, match=f"{name}: was changed since it was recorded"):
+            writer.complete()
+    assert not (folder / "COMPLETE").exists()
+
+
+def test_earlier_frames_are_read_while_the_writers_are_idle(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    flip(folder / "frames/D_50us.tif")
+    told: list[str] = []
+    threads: set[str] = set()
+    real = _frame_proofs.frame_damage
+
+    def noted(frame: Any, camera: Any) -> Any:
+        threads.add(threading.current_thread().name)
+        return real(frame, camera)
+
+    monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
+    bench.on_trigger = lambda number: time.sleep(0.05)
+    with pytest.raises(DataError, match=r"D_50us\.tif: was changed since it was recorded"):
+        resume(rig, folder, on_damage=lambda text: told.append(f"{len(bench.shots)} {text}"))
+    # It is told while shots are taken, which go on.
+    assert len(told) == 1
+    assert int(told[0].partition(" ")[0]) < len(bench.shots) == 3
+    assert all(name.startswith("writer") for name in threads)
+    session = Session.open(folder)
+    assert (len(session.missing), session.complete) == (0, False)
+    assert events_of(session)[-1].event == "failed"
+    assert "D_50us.tif" in str(events_of(session)[-1].details["reason"])
+
+
+def test_a_disk_that_does_not_give_frames_back_is_told(
+    rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = cut(rig, bench, tmp_path / "s", 8)
+    monkeypatch.setattr(_frame_proofs, "frame_damage", lambda frame, camera: time.sleep(5))
+    with pytest.raises(StorageError, match="has not given back a frame"):
+        resume(rig, folder, stall_s=0.5)
+    assert not Session.open(folder).complete
+
+
+# ---------------------------------------------------------------- deaths
+
+
+# Told a folder and a number, forks a process that sets what is damaged there aside and dies at that
+# call to the disk, a write half done; answers with how it ended.
+SERVER = """
+import os, sys
+from pathlib import Path
+import numpy as np
+from acquisition._pixels.quality import measure_quality
+from acquisition._session.writer import SessionWriter
+
+measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compiles it, once for all
+
+def die(folder, number):
+    calls = [0]
+    def deadly(name):
+        real = getattr(os, name)
+        def call(*arguments, **more):
+            calls[0] += 1
+            if calls[0] == number:
+                if name == "write":
+                    real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+                os._exit(9)
+            return real(*arguments, **more)
+        setattr(os, name, call)
+    for name in ("write", "fsync", "replace", "rename", "mkdir", "unlink"):
+        deadly(name)
+    SessionWriter.reopen(folder, set_aside_damaged=True).close()
+
+for line in sys.stdin:
+    number, _, folder = line.strip().partition(" ")
+    pid = os.fork()
+    if pid == 0:
+        try:
+            die(Path(folder), int(number))
+        except BaseException:
+            os._exit(1)
+        os._exit(0)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
+def test_a_death_at_any_call_to_the_disk_costs_nothing(
+    rig: Rig, bench: Bench, tmp_path: Path
+) -> None:
+    """A frame that changed and one that is lost, of a complete session of version 2."""
+    model = tmp_path / "model"
+    record(rig, PLAN, model, **TOLD)
+    toml = model / "session.toml"
+    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
+    seal(model, rows_of(model))
+    flip(model / "frames/L03_E0.tif")
+    (model / "frames/D_200us.tif").unlink()
+    damaged = (model / "frames/L03_E0.tif").read_bytes()
+    words = [sys.executable, "-c", SERVER]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as server:
+        assert server.stdin is not None
+        assert server.stdout is not None
+        codes: list[int] = []
+        while not codes or codes[-1]:
+            folder = tmp_path / f"s{len(codes)}"
+            shutil.copytree(model, folder)
+            print(len(codes) + 1, folder, file=server.stdin, flush=True)
+            codes.append(int(server.stdout.readline()))
+            assert codes[-1] in (0, 9)
+            found = verify_session(folder)
+            assert all(
+                "L03_E0.tif" in problem or "D_200us.tif" in problem for problem in found.problems
+            )
+            bench.shots.clear()
+            session = resume(rig, folder, retake_damaged=True)
+            assert (session.complete, bench.shots) == (True, [None, 3])
+            assert verify_session(folder).problems == ()
+            files = {one.frame.path.name: one.kept for one in session.set_aside}
+            assert list(files) == ["D_200us.tif", "L03_E0.tif"]
+            assert files["D_200us.tif"] is None
+            shelf = folder / "derived/set_aside"
+            assert {path: path.read_bytes() for path in shelf.iterdir()} == {
+                files["L03_E0.tif"]: damaged
+            }
+            shutil.rmtree(folder)
+        server.stdin.close()
+    assert len(codes) > 15
