@@ -7,6 +7,8 @@ from acquisition._export.export import Export, prepare_export
 from acquisition._import.frames import import_frames, read_import
 from acquisition._import.watch import WatchResult, watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
+from acquisition._mesh_files.mesh_file import MeshFile
+from acquisition._mesh_files.read import read_mesh_file
 from acquisition._metering.light_level import MeteringGoal
 from acquisition._metering.metered import Metered, MeteredLight
 from acquisition._metering.metering import meter
@@ -53,6 +55,7 @@ __all__ = [
     "FrameLine",
     "Lights",
     "Manifest",
+    "MeshFile",
     "Metered",
     "MeteredLight",
     "MeteringGoal",
@@ -89,6 +92,7 @@ __all__ = [
     "read_lights",
     "read_mask",
     "read_mask_shares",
+    "read_mesh_file",
     "read_plan",
     "read_raw",
     "read_source",

@@ -42,6 +42,20 @@ from rig._errors import (
     RigError,
     RigNotFoundError,
 )
+from rig._guard import (
+    MAX_BINARY_BYTES,
+    MAX_PIXELS,
+    MAX_TEXT_BYTES,
+    MAX_TOML_BYTES,
+    UnreadableError,
+    check_pixels,
+    check_text,
+    parse_json,
+    parse_toml,
+    read_bounded,
+    read_head,
+    refusing,
+)
 from rig._lights import Lights
 from rig._mounting import Mounting
 from rig._open import open_lights, open_rig, rig_names
@@ -56,7 +70,11 @@ if TYPE_CHECKING:
     from rig._selftest.selftest import SelfTest, selftest
 
 __all__ = [
+    "MAX_BINARY_BYTES",
     "MAX_COMMAND",
+    "MAX_PIXELS",
+    "MAX_TEXT_BYTES",
+    "MAX_TOML_BYTES",
     "NO_LED",
     "PROTOCOL_VERSION",
     "Board",
@@ -91,7 +109,10 @@ __all__ = [
     "Step",
     "StepReport",
     "Trigger",
+    "UnreadableError",
     "Wires",
+    "check_pixels",
+    "check_text",
     "complaints",
     "crc16",
     "decode_command",
@@ -105,7 +126,12 @@ __all__ = [
     "open_genicam",
     "open_lights",
     "open_rig",
+    "parse_json",
+    "parse_toml",
+    "read_bounded",
+    "read_head",
     "read_rig_config",
+    "refusing",
     "rig_names",
     "selftest",
 ]
