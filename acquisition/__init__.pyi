@@ -14,6 +14,8 @@ from ._import.watch import WatchResult as WatchResult
 from ._import.watch import watch_folder as watch_folder
 from ._import.watch_shots import Watch as Watch
 from ._import.watch_shots import lights_in_order as lights_in_order
+from ._mesh_files.mesh_file import MeshFile as MeshFile
+from ._mesh_files.read import read_mesh_file as read_mesh_file
 from ._metering.light_level import MeteringGoal as MeteringGoal
 from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight

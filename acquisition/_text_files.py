@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquisition._errors import DataError, MissingPathError
+from acquisition._errors import DataError, declared
+from rig import read_bounded
 
 
 def read_text(path: Path) -> str:
@@ -15,16 +16,17 @@ def read_text(path: Path) -> str:
     MissingPathError
         If there is no such file.
     DataError
-        If it cannot be read or is not text.
+        If it cannot be read, is not text, or has more than 16 MB.
     """
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}): check the file") from error
+    with declared(path):
+        data = read_bounded(path)
     if b"\0" in data:
         raise DataError(f"{path}: not a text file")
+    return text_of(data)
+
+
+def text_of(data: bytes) -> str:
+    """Decode UTF-8 with or without a byte order mark, else Latin-1."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

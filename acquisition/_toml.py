@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from acquisition._errors import DataError, MissingPathError
-from rig import complaints
+import rig
+from acquisition._errors import DataError, declared
+from rig import MAX_TOML_BYTES, complaints, read_bounded
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
     """Parse TOML bytes; a DataError names ``path`` and the line that is not understood."""
-    try:
-        return tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{path}: is not TOML: {error}") from error
+    with declared(path):
+        return rig.parse_toml(data)
 
 
 def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
@@ -42,12 +40,8 @@ def read_toml(model: type[Model], path: Path) -> Model:
     DataError
         If it cannot be read, is not TOML, or holds a key or value the model refuses.
     """
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
+    with declared(path):
+        data = read_bounded(path, MAX_TOML_BYTES)
     return validated(model, parse_toml(data, path), path)
 
 

@@ -17,6 +17,8 @@ from acquisition import (
     write_png,
 )
 from processing._normal_map import NormalMap
+from processing._npy_file import read_npy
+from rig import MAX_PIXELS
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -32,6 +34,7 @@ _BACKGROUND_LENGTH = 1.7
 # A picture is something else unless most of its vectors are this close to unit length: of random
 # colours a third are, of an 8-bit JPEG of normals 98 %.
 _CLOSE = 0.1
+_LONGEST = 1000.0
 
 
 class NormalMapFile(NamedTuple):
@@ -47,6 +50,7 @@ def read_normals(
     *,
     mask_path: str | Path | None = None,
     green: Literal["up", "down"] = "up",
+    max_pixels: int = MAX_PIXELS,
 ) -> NormalMapFile:
     """Read a normal map from an image or a folder.
 
@@ -63,29 +67,34 @@ def read_normals(
         backgrounds) are outside.
     green
         ``down`` for maps whose green grows downwards (DirectX); y is then turned round.
+    max_pixels
+        The most that the map may have. It is checked before anything is decoded.
 
     Returns
     -------
     NormalMapFile
         The map, brought to unit length, and warnings: what became of alpha, 8-bit quantisation,
-        pixels inside the mask without a normal, normals that face away.
+        vectors that are NaN or infinite, which are left out, pixels inside the mask without a
+        normal, normals that face away.
 
     Raises
     ------
     MissingPathError
         If a path does not exist.
     DataError
-        If a file is not understood, the mask does not fit or is empty, or the image holds no
-        normals.
+        If a file is not understood, has more than ``max_pixels``, the mask does not fit or is
+        empty, or the image holds no normals.
     """
     file = _find_image(Path(path))
-    pixels, alpha = _read_pixels(file)
+    pixels, alpha = _read_pixels(file, max_pixels)
     if pixels.ndim != 3 or pixels.shape[2] != 3:
         raise DataError(f"{file}: a normal map has three channels, this is of shape {pixels.shape}")
     beside = file.parent / "mask.png"
     mask_file = Path(mask_path) if mask_path is not None else beside if beside.exists() else None
     height, width = pixels.shape[:2]
-    mask = None if mask_file is None else read_mask(mask_file, (height, width))
+    mask = (
+        None if mask_file is None else read_mask(mask_file, (height, width), max_pixels=max_pixels)
+    )
     vectors, encoded = _decode(pixels)
     notes: list[str] = []
     if alpha is not None:
@@ -167,20 +176,23 @@ def _find_image(path: Path) -> Path:
     )
 
 
-def _read_pixels(file: Path) -> tuple[Pixels, Pixels | None]:
+def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
     """Return colours and alpha."""
     if file.suffix.lower() != ".npy":
-        return read_image_with_alpha(file)
-    try:
-        with file.open("rb") as stream:
-            array: Pixels = np.lib.format.read_array(stream, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise DataError(f"{file}: not a readable array of numbers ({error})") from error
+        return read_image_with_alpha(file, max_pixels=max_pixels)
+    array: Pixels = read_npy(file, 4 * max_pixels)
     if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
         raise DataError(f"{file}: numbers of type {array.dtype}, expected float, uint8 or uint16")
     if array.ndim == 3 and array.shape[2] == 4:
         return array[..., :3], array[..., 3]
     return array, None
+
+
+def _not_finite(pixels: Pixels) -> Mask:
+    if pixels.dtype.kind != "f":
+        return np.zeros(pixels.shape[:2], np.bool_)
+    strange: Mask = ~np.isfinite(pixels).all(axis=2)
+    return strange
 
 
 def _share(alpha: Pixels) -> Float:
@@ -220,8 +232,9 @@ def _decode(pixels: Pixels) -> tuple[Float, bool]:
     if np.issubdtype(pixels.dtype, np.integer):
         scale = 2.0 / float(np.iinfo(pixels.dtype).max)
         return (pixels * scale - 1.0).astype(np.float32), True
-    stored = pixels.astype(np.float32)
-    stored[~np.isfinite(stored).all(axis=2)] = 0
+    # No vector of unit length is so long, and the square of a longer one would overflow.
+    usable = (np.abs(pixels) < _LONGEST).all(axis=2)
+    stored = np.where(usable[..., None], pixels, 0).astype(np.float32)
     encoded = stored * 2 - 1
     # A pixel of zeros is background in either reading and must not vote.
     drawn = stored.any(axis=2)
@@ -231,7 +244,9 @@ def _decode(pixels: Pixels) -> tuple[Float, bool]:
 
 
 def _distance_to_unit(vectors: Float) -> float:
-    return float(np.median(np.abs(np.linalg.norm(vectors, axis=1) - 1))) if len(vectors) else 0.0
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(vectors, axis=1)
+    return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
 def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | None) -> list[str]:
@@ -239,6 +254,14 @@ def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | No
     if pixels.dtype == np.uint8:
         cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
         warnings.append(f"{file}: 8-bit normals are quantised, about {cost} degree each")
+    strange = _not_finite(pixels)
+    if mask is not None:
+        strange &= mask
+    if strange.any():
+        warnings.append(
+            f"{file}: {np.count_nonzero(strange)} pixels hold a vector that is NaN or infinite and "
+            "are left out, as outside the mask"
+        )
     lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
     if lost:
         warnings.append(f"{file}: {lost} pixels of the mask hold no unit vector and are left out")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -10,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from rig._complaint import complaints
 from rig._errors import RigConfigError, RigNotFoundError
+from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._mounting import Mounting
 
 # A dome of 100 m would do for a hangar.
@@ -89,13 +89,11 @@ def read_rig_config(path: Path) -> RigConfig:
         If it cannot be read, is not TOML, or holds a key or value that is not understood.
     """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        content = parse_toml(read_bounded(path, MAX_TOML_BYTES))
     except FileNotFoundError as error:
         raise RigNotFoundError(f"{path}: no such rig file") from error
-    except OSError as error:
-        raise RigConfigError(f"{path}: cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RigConfigError(f"{path}: not a TOML file ({error})") from error
+    except UnreadableError as error:
+        raise RigConfigError(f"{path}: {error}") from error
     try:
         return RigConfig.model_validate(content)
     except ValidationError as error:

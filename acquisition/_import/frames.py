@@ -30,6 +30,7 @@ from acquisition._source.recording_json import RecordingNotes, read_recording_no
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
 from acquisition._values.lights import Lights, led_id
+from rig import MAX_PIXELS
 
 # Files named as a session names them keep their LED.
 _OUR_NAME = re.compile(r"L(\d{2,4})(?:_E\d+)?(?:_R\d+)?", re.IGNORECASE)
@@ -37,7 +38,11 @@ _IMPORTED = "imported"
 
 
 def read_import(
-    path: str | Path, *, lights: Lights | None = None, mask_path: Path | None = None
+    path: str | Path,
+    *,
+    lights: Lights | None = None,
+    mask_path: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Read a source to be imported.
 
@@ -51,7 +56,7 @@ def read_import(
             f"{path}: is an EXR stack, which holds floats, and a session holds whole numbers: "
             "export the session as lp, diligent or alicevision to bring it back"
         )
-    return read_source(path, lights=lights, mask_path=mask_path)
+    return read_source(path, lights=lights, mask_path=mask_path, max_pixels=max_pixels)
 
 
 def import_frames(
@@ -241,7 +246,7 @@ def _shots(frames: Sequence[Frame], known: RecordingNotes | None) -> list[Planne
 
 def _read(frame: Frame, source: Source) -> ImportedImage:
     if is_raw(frame.path):
-        return read_for_import(frame.path)
+        return read_for_import(frame.path, max_pixels=frame.max_pixels)
     return imported_image(frame.path, frame.read(), read_shot_data(frame.path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,9 +13,10 @@ import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.image_head import check_image_head
+from acquisition._pixels.images import Image, open_image, read_image
 from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
-from acquisition._storage import library_path
+from rig import MAX_PIXELS, UnreadableError, refusing
 
 # Some cameras measure the black level anew for each frame: how much it may vary, of white.
 _BLACK_SLACK = 0.001
@@ -98,7 +100,7 @@ class ImportedImage:
             )
 
 
-def read_for_import(path: Path) -> ImportedImage:
+def read_for_import(path: Path, *, max_pixels: int = MAX_PIXELS) -> ImportedImage:
     """Read an image or a camera RAW file with what it tells of itself.
 
     Raises
@@ -106,11 +108,11 @@ def read_for_import(path: Path) -> ImportedImage:
     MissingPathError
         If there is no such file.
     DataError
-        If it is damaged, not understood, or holds float samples.
+        If it is damaged, not understood, has more than ``max_pixels``, or holds float samples.
     """
-    header = _header(path)
+    header = _header(path, max_pixels)
     if is_raw(path):
-        raw = read_raw(path)
+        raw = read_raw(path, max_pixels=max_pixels)
         data = replace(header, exposure_us=raw.exposure_us, iso=raw.iso, taken=raw.taken)
         return ImportedImage(
             path=path,
@@ -122,7 +124,7 @@ def read_for_import(path: Path) -> ImportedImage:
             white_level_dn=raw.white_level_dn,
             black_levels_dn=raw.black_levels_dn,
         )
-    return imported_image(path, read_image(path), header)
+    return imported_image(path, read_image(path, max_pixels=max_pixels), header)
 
 
 def imported_image(path: Path, pixels: Image, data: ShotData) -> ImportedImage:
@@ -162,17 +164,18 @@ def read_shot_data(path: Path) -> ShotData:
     return replace(header, exposure_us=exposure_us, iso=iso, taken=taken)
 
 
-def _header(path: Path) -> ShotData:
+def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
     """Read Exif, also of RAW files built like TIFF, of which the library sees the thumbnail."""
-    file = oiio.ImageInput.open(library_path(path))
-    if file is None:
-        oiio.geterror()  # unread, it would be printed at exit
+    try:
+        check_image_head(path, max_pixels)
+        file = open_image(path)
+    except (UnreadableError, FileNotFoundError):
         return ShotData()
     spec = file.spec()
     file.close()
 
     def attribute(*names: str) -> Any:
-        values = (spec.getattribute(name) for name in names)
+        values = (_attribute(spec, name) for name in names)
         return next((value for value in values if value is not None), None)
 
     return ShotData(
@@ -184,8 +187,18 @@ def _header(path: Path) -> ShotData:
     )
 
 
+def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
+    """Return an attribute, None where there is none or its text is in another encoding."""
+    try:
+        with refusing(name):
+            return spec.getattribute(name)
+    except UnreadableError:
+        return None
+
+
 def _number(value: Any) -> float | None:
-    return float(value) if isinstance(value, (int, float)) and value > 0 else None
+    known = isinstance(value, (int, float)) and 0 < value < math.inf
+    return float(value) if known else None
 
 
 def _microseconds(value: Any) -> float | None:

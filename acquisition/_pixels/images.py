@@ -9,16 +9,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._errors import DataError, StorageError, declared
+from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.png_chunks import SIGNATURE, check_png
 from acquisition._pixels.raw import is_raw
 from acquisition._pixels.scratch import scratch_file
 from acquisition._storage import disk, library_path, published, write_whole
+from rig import (
+    MAX_BINARY_BYTES,
+    MAX_PIXELS,
+    UnreadableError,
+    check_pixels,
+    read_bounded,
+    read_head,
+    refusing,
+)
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
@@ -32,14 +43,16 @@ _NATIVE: dict[str, type[np.generic]] = {
 _FILE_TYPES = {"uint8": oiio.UINT8, "uint16": oiio.UINT16, "float32": oiio.FLOAT}
 
 
-def read_image(path: str | Path) -> Image:
+def read_image(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Image:
     """Read an image in its own sample type, without any gamma, scaling or rotation.
 
     Parameters
     ----------
     path
-        TIFF, PNG, TGA, EXR, JPEG, BMP, HDR or anything else OpenImageIO decodes. Camera RAW is
-        for `read_raw`.
+        TIFF, PNG, TGA, EXR, JPEG, BMP, HDR, DPX, JPEG 2000, JPEG XL, WebP or PNM. Camera RAW is for
+        `read_raw`.
+    max_pixels
+        The most that the image may have. It is checked before anything is decoded.
 
     Returns
     -------
@@ -53,13 +66,16 @@ def read_image(path: str | Path) -> Image:
     MissingPathError
         If there is no such file.
     DataError
-        If it is a folder, empty, not an image, cut short or damaged, or holds samples or channels
-        that are not the above.
+        If it is a folder, empty, not an image, cut short or damaged, has more than ``max_pixels``
+        or far more than a file of its size can hold, or holds samples or channels that are not the
+        above.
     """
-    return read_image_with_alpha(path)[0]
+    return read_image_with_alpha(path, max_pixels=max_pixels)[0]
 
 
-def read_image_with_alpha(path: str | Path) -> tuple[Image, Image | None]:
+def read_image_with_alpha(
+    path: str | Path, *, max_pixels: int = MAX_PIXELS
+) -> tuple[Image, Image | None]:
     """Read an image as `read_image` does, and its alpha beside it.
 
     Returns
@@ -69,29 +85,32 @@ def read_image_with_alpha(path: str | Path) -> tuple[Image, Image | None]:
         none. Both are as stored: whether the file's colours are multiplied by alpha is not known.
     """
     path = Path(path)
-    _check_png_file(path)
-    with _opened(path) as (file, channels, dtype):
-        spec = file.spec()
-        pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
-        alpha_channel = spec.alpha_channel
-        # JPEG returns pixels from a file cut short, and only the message tells.
-        message = file.geterror()
+    with _opened(path, max_pixels) as (file, spec, channels, dtype):
+        # After the header, which may refuse the file for less.
+        _check_png_file(path)
+        with declared(path), refusing("cut short or damaged, copy it again"):
+            pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
+            # JPEG returns pixels from a file cut short, and only the message tells.
+            message = file.geterror()
     if pixels is None or message:
         raise DataError(f"{path}: cut short or damaged ({_line(message)}): copy it again")
-    pixels = pixels.astype(dtype, copy=False)
+    pixels = _as_type(pixels, dtype)
+    alpha_channel = spec.alpha_channel
     alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
     if channels != list(range(pixels.shape[2])):  # picking copies, and most files need none
         pixels = pixels[..., channels]
     return np.ascontiguousarray(pixels[..., 0] if len(channels) == 1 else pixels), alpha
 
 
-def image_form(path: str | Path) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+def image_form(
+    path: str | Path, *, max_pixels: int = MAX_PIXELS
+) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
     """Return the shape and sample type that `read_image` would give, from the header alone.
 
     Errors are those of `read_image`, but for damage behind the header.
     """
-    with _opened(Path(path)) as (file, channels, dtype):
-        size = (file.spec().height, file.spec().width)
+    with _opened(Path(path), max_pixels) as (_, spec, channels, dtype):
+        size = (spec.height, spec.width)
     return (size if len(channels) == 1 else (*size, 3)), np.dtype(dtype)
 
 
@@ -129,44 +148,61 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[oiio.ImageInput, list[int], type[np.generic]]]:
-    """Open an image that is understood; give it, its colour channels and the type they get."""
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file")
-    if path.is_dir():
-        raise DataError(f"{path}: a folder, not an image file")
-    if not path.is_file():  # a pipe or a device, which may never end
-        raise DataError(f"{path}: not a regular file: put the image itself there")
+def _opened(
+    path: Path, max_pixels: int
+) -> Iterator[tuple[oiio.ImageInput, oiio.ImageSpec, list[int], type[np.generic]]]:
+    """Open an image that is understood; give it, its spec, its colours and the type they get."""
     if is_raw(path):
         raise DataError(f"{path}: camera RAW has no picture of its own: read it as RAW")
-    hints = oiio.ImageSpec()
-    hints.attribute("oiio:UnassociatedAlpha", 1)
-    file = oiio.ImageInput.open(library_path(path), hints)
-    if file is None:
-        raise DataError(f"{path}: not a readable image ({_line(oiio.geterror())})")
+    with declared(path):
+        file_bytes = check_image_head(path, max_pixels)
+        file = open_image(path)
     try:
-        spec = file.spec()
-        sample = str(spec.format)
+        with declared(path), refusing("not a readable image"):
+            spec = file.spec()
+            sample, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
         if sample not in _NATIVE or spec.deep or spec.depth > 1:
             raise DataError(
                 f"{path}: samples of type {sample} are not understood: save it as 8 or 16 bit "
                 "unsigned, or float"
             )
-        yield file, _colour_channels(spec, path), _NATIVE[sample]
+        with declared(path):
+            bits = bits or 8 * spec.format.size()
+            check_pixels(spec.width, spec.height, bits * spec.nchannels, file_bytes, max_pixels)
+        yield file, spec, _colour_channels(spec, path), _NATIVE[sample]
     finally:
         file.close()
 
 
+def open_image(path: Path) -> oiio.ImageInput:
+    """Open an image whose head was checked.
+
+    Raises
+    ------
+    UnreadableError
+        If the library does not understand it.
+    """
+    hints = oiio.ImageSpec()
+    hints.attribute("oiio:UnassociatedAlpha", 1)
+    name = library_path(path)
+    with refusing("not a readable image"):
+        file = oiio.ImageInput.open(name, hints)
+        message = "" if file is not None else oiio.geterror()
+    if file is None:
+        raise UnreadableError(f"not a readable image ({_line(message)})")
+    return file
+
+
+def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
+    # Doubles that no float holds become infinite, and what infinity is to mean is for the caller.
+    with np.errstate(over="ignore"):
+        return pixels.astype(dtype, copy=False)
+
+
 def _check_png_file(path: Path) -> None:
-    if not path.is_file():
-        return
-    try:
-        with path.open("rb") as file:
-            data = file.read(len(SIGNATURE))
-            if data == SIGNATURE:
-                check_png(data + file.read(), str(path))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}): check the file") from error
+    with declared(path):
+        if read_head(path, len(SIGNATURE))[0] == SIGNATURE:
+            check_png(read_bounded(path, MAX_BINARY_BYTES), str(path))
 
 
 def _colour_channels(spec: oiio.ImageSpec, path: Path) -> list[int]:
@@ -262,8 +298,8 @@ def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> Non
 def holds(path: Path, pixels: npt.NDArray[np.generic]) -> bool:
     """Tell whether a file that was just written gives these pixels."""
     try:
-        stored = read_image(path)
-    except (DataError, MissingPathError):
+        stored = read_image(path, max_pixels=pixels.shape[0] * pixels.shape[1])
+    except DataError:
         return False
     # As bytes, because NaN equals nothing.
     return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()

@@ -9,10 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import read_image_with_alpha
+from acquisition._pixels.images import image_form, read_image_with_alpha
+from rig import MAX_PIXELS
 
 
-def read_mask(path: str | Path, size: tuple[int, int] | None = None) -> npt.NDArray[np.bool_]:
+def read_mask(
+    path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
+) -> npt.NDArray[np.bool_]:
     """Read a mask; inside is what is brighter than half of the file's range.
 
     Parameters and errors are those of `read_mask_shares`.
@@ -22,12 +25,12 @@ def read_mask(path: str | Path, size: tuple[int, int] | None = None) -> npt.NDAr
     npt.NDArray[np.bool_]
         ``(H, W)``.
     """
-    mask: npt.NDArray[np.bool_] = read_mask_shares(path, size) > 0.5
+    mask: npt.NDArray[np.bool_] = read_mask_shares(path, size, max_pixels=max_pixels) > 0.5
     return mask
 
 
 def read_mask_shares(
-    path: str | Path, size: tuple[int, int] | None = None
+    path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
 ) -> npt.NDArray[np.float64]:
     """Read a mask whose edges may be anti-aliased: how much of each pixel lies inside.
 
@@ -38,6 +41,8 @@ def read_mask_shares(
         is the mask that its alpha draws, if what is seen of it has one colour.
     size
         (height, width) that the mask must have.
+    max_pixels
+        The most that it may have.
 
     Returns
     -------
@@ -49,16 +54,18 @@ def read_mask_shares(
     MissingPathError
         If there is no such file.
     DataError
-        If it is not an image, of another size, no pixel lies inside by more than half, or its
-        colours and its alpha draw two different masks.
+        If it is not an image, of another size, has more than ``max_pixels``, no pixel lies inside
+        by more than half, or its colours and its alpha draw two different masks.
     """
     path = Path(path)
-    pixels, alpha = read_image_with_alpha(path)
-    if size is not None and pixels.shape[:2] != size:
-        raise DataError(
-            f"{path}: a mask of {pixels.shape[1]} x {pixels.shape[0]} pixels, but the images have "
-            f"{size[1]} x {size[0]}: give the mask of these images"
-        )
+    if size is not None:
+        (height, width, *_), _ = image_form(path, max_pixels=max_pixels)
+        if (height, width) != size:
+            raise DataError(
+                f"{path}: a mask of {width} x {height} pixels, but the images have {size[1]} x "
+                f"{size[0]}: give the mask of these images"
+            )
+    pixels, alpha = read_image_with_alpha(path, max_pixels=max_pixels)
     shares = _shares(pixels if pixels.ndim == 2 else pixels.max(axis=2))
     opacity = None if alpha is None else _shares(alpha)
     if opacity is not None and (opacity < 1).any():
@@ -79,4 +86,6 @@ def read_mask_shares(
 
 def _shares(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
     full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    return np.clip(np.nan_to_num(values.astype(np.float64) / full), 0.0, 1.0)
+    shares: npt.NDArray[np.float64] = np.divide(values, full, dtype=np.float64)
+    shares[np.isnan(shares)] = 0
+    return np.clip(shares, 0.0, 1.0, out=shares)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,9 +12,12 @@ import numpy as np
 import numpy.typing as npt
 import rawpy
 
-from acquisition._errors import DataError, MissingPathError
+from acquisition._errors import DataError, declared
 from acquisition._storage import library_path
 from acquisition._suffixes import RAW_SUFFIXES
+from rig import MAX_PIXELS, check_pixels, read_head, refusing
+
+_UNREADABLE = "not a readable camera RAW file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +61,7 @@ def is_raw(path: Path) -> bool:
     return path.suffix.lower() in RAW_SUFFIXES
 
 
-def read_raw(path: str | Path) -> RawFrame:
+def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
     """Read a camera RAW file with everything LibRaw knows and nothing it would improve.
 
     Raises
@@ -64,28 +69,33 @@ def read_raw(path: str | Path) -> RawFrame:
     MissingPathError
         If there is no such file.
     DataError
-        If LibRaw cannot decode it, or the sensor has no colour filter mosaic.
+        If LibRaw cannot decode it, the sensor has no colour filter mosaic or more than
+        ``max_pixels``, or its levels make no sense.
     """
     path = Path(path)
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file")
-    if not path.is_file():  # a pipe or a device, which may never end
-        raise DataError(f"{path}: not a regular file: put the image itself there")
-    try:
-        with rawpy.imread(library_path(path)) as raw:
-            if raw.raw_type != rawpy.RawType.Flat or raw.raw_pattern is None:
-                raise DataError(
-                    f"{path}: this RAW holds no colour filter mosaic: convert it to 16-bit TIFF"
-                )
-            pixels = np.array(raw.raw_image_visible, np.uint16)
-            rows, columns = raw.raw_pattern.shape
-            block = np.array(raw.raw_colors_visible[:rows, :columns]).ravel()
-            colours = raw.color_desc.decode("ascii")
-            levels = np.asarray(raw.black_level_per_channel, np.float64)
-            white = float(raw.white_level)
-            exposure_us, iso, taken = _told(raw)
-    except rawpy.LibRawError as error:
-        raise DataError(f"{path}: {_reason(error)}") from error
+    with _opened(path) as (raw, file_bytes):
+        with declared(path):
+            sizes = raw.sizes
+            check_pixels(sizes.raw_width, sizes.raw_height, 16, file_bytes, max_pixels)
+        with declared(path), refusing(_UNREADABLE, rawpy.LibRawError):
+            raw.unpack()
+            mosaic = raw.raw_type == rawpy.RawType.Flat and raw.raw_pattern is not None
+            if mosaic:
+                pixels = np.array(raw.raw_image_visible, np.uint16)
+                rows, columns = raw.raw_pattern.shape
+                block = np.array(raw.raw_colors_visible[:rows, :columns]).ravel()
+                colours = raw.color_desc.decode("ascii")
+                levels = np.asarray(raw.black_level_per_channel, np.float64)
+                white = float(raw.white_level)
+                exposure_us, iso, taken = _told(raw)
+    if not mosaic:
+        raise DataError(
+            f"{path}: this RAW holds no colour filter mosaic: convert it to 16-bit TIFF"
+        )
+    if not pixels.size or len(block) != rows * columns:
+        raise DataError(f"{path}: holds no pixels: the file is damaged, copy it again")
+    if block.max() >= min(len(colours), len(levels)):
+        raise DataError(f"{path}: its colour filter is damaged: copy the file again")
     black = float(np.mean(levels[np.unique(block)]))
     if not 0 <= black < white:
         raise DataError(f"{path}: black level {black:g} is not below white level {white:g}")
@@ -106,11 +116,26 @@ def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | 
 
     What is not known is None. A DataError names a file that is no RAW.
     """
+    with (
+        _opened(path) as (raw, _),
+        declared(path),
+        refusing(_UNREADABLE, rawpy.LibRawError),
+    ):
+        return _told(raw)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int]]:
+    """Open a RAW file; give it, its pixels still packed, and the size of the file."""
+    raw = rawpy.RawPy()
     try:
-        with rawpy.imread(library_path(path)) as raw:
-            return _told(raw)
-    except rawpy.LibRawError as error:
-        raise DataError(f"{path}: {_reason(error)}") from error
+        with declared(path):
+            _, file_bytes = read_head(path, 0)
+            with refusing(_UNREADABLE, rawpy.LibRawError):
+                raw.open_file(library_path(path))
+        yield raw, file_bytes
+    finally:
+        raw.close()
 
 
 def _told(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:
@@ -118,12 +143,6 @@ def _told(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None
     # LibRaw holds single precision, of which seven digits mean something.
     exposure_us = _positive(float(f"{shot.shutter_speed * 1e6:.7g}"))
     return exposure_us, _positive(shot.iso_speed), _taken(shot.timestamp)
-
-
-def _reason(error: rawpy.LibRawError) -> str:
-    reason = error.args[0] if error.args else error
-    text = reason.decode("ascii", "replace") if isinstance(reason, bytes) else str(reason)
-    return f"not a readable camera RAW file ({text})"
 
 
 def _positive(value: float) -> float | None:

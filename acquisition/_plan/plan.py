@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Final, Self
 
 from pydantic import (
     BaseModel,
@@ -26,12 +28,16 @@ def _led_number(key: object) -> object:
     """Return the LED that a key stands for: TOML has keys of text only."""
     if not isinstance(key, str):
         return key
-    if not (key.isascii() and key.isdecimal()) or str(int(key)) != key:
+    if not re.fullmatch(r"0|[1-9][0-9]{0,5}", key):
         raise ValueError(f"{key!r} is no LED: write its number, as 7 for LED 7")
     return int(key)
 
 
-_Led = Annotated[int, Field(strict=True, ge=0)]
+# Far more than a session of 36 LEDs has, and as many as a plan is quickly written out for.
+_MOST_SHOTS: Final = 1_000_000
+_MOST_LEDS: Final = 65_536
+
+_Led = Annotated[int, Field(strict=True, ge=0, lt=_MOST_LEDS)]
 _LedKey = Annotated[_Led, BeforeValidator(_led_number)]
 _Exposure = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 _Exposures = Annotated[tuple[_Exposure, ...], Field(min_length=1)]
@@ -87,15 +93,21 @@ class CapturePlan(BaseModel):
     @field_validator("leds", "exposures_us")
     @classmethod
     def _each_once(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        for value in values:
-            if values.count(value) > 1:
+        for value, count in Counter(values).items():
+            if count > 1:
                 raise ValueError(f"{value:g} is there twice: each may be planned once")
         return values
 
     @model_validator(mode="after")
     def _exposures_fit(self) -> Self:
+        leds = set(self.leds)
+        shots = len(self.leds) * len(self.exposures_us) * self.repeats
+        if shots > _MOST_SHOTS:
+            raise ValueError(
+                f"leds, exposures_us and repeats make {shots} shots: {_MOST_SHOTS} are the most"
+            )
         for led, exposures_us in self.exposures_by_led.items():
-            if led not in self.leds:
+            if led not in leds:
                 raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
             if len(exposures_us) != len(self.exposures_us):
                 raise ValueError(

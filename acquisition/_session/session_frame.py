@@ -9,11 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._pixels.images import read_image
+from acquisition._pixels.images import image_form, read_image
 from acquisition._plan.planned_shot import Role
 from acquisition._session.journal import FrameLine
 from acquisition._storage import sha256_of
 from acquisition._values.lights import led_id
+from rig import MAX_PIXELS
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +76,16 @@ class SessionFrame:
             # Reading might never end, as of a pipe.
             raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
-            pixels = read_image(self.path)
+            stated = self.shape[0] * self.shape[1]
+            shape, dtype = image_form(self.path, max_pixels=max(stated, MAX_PIXELS))
+            if shape != self.shape or dtype != np.uint16:
+                raise DataError(
+                    f"{self.path}: holds {dtype} pixels of shape {shape}, the session states "
+                    f"uint16 of {self.shape}; restore the file"
+                )
+            pixels = read_image(self.path, max_pixels=stated)
         except MissingPathError as error:
             raise DataError(f"{self.path}: is in the journal but not there; restore it") from error
-        if pixels.shape != self.shape or pixels.dtype != np.uint16:
-            raise DataError(
-                f"{self.path}: holds {pixels.dtype} pixels of shape {pixels.shape}, the session "
-                f"states uint16 of {self.shape}; restore the file"
-            )
         raw = pixels.astype(np.uint16, copy=False)
         if pixels_sha256(raw) != self.line.pixels_sha256:
             raise DataError(

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import zlib
+import os
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, declared
 from acquisition._source.images import images_source, with_ignored
+from acquisition._source.mat5 import read_mat5
 from acquisition._source.source import Source
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.lights import read_lights
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from rig import MAX_BINARY_BYTES, MAX_PIXELS, UnreadableError, read_bounded
 
 _TRUTH_FILE = "Normal_gt.mat"
 _TRUTH_VARIABLE = "Normal_gt"
+_LONGEST = 1e100
 
 
 def is_diligent(folder: Path) -> bool:
@@ -25,7 +29,9 @@ def is_diligent(folder: Path) -> bool:
     return (folder / FILENAMES_FILE).is_file() or (folder / DIRECTIONS_FILE).is_file()
 
 
-def read_diligent(folder: Path, mask_path: Path | None = None) -> Source:
+def read_diligent(
+    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+) -> Source:
     """Read an object folder: the images of filenames.txt with lights, mask and true normals.
 
     Raises
@@ -38,14 +44,15 @@ def read_diligent(folder: Path, mask_path: Path | None = None) -> Source:
     names = [name for _, name in numbered_lines(read_text(folder / FILENAMES_FILE))]
     if not names:
         raise DataError(f"{folder / FILENAMES_FILE}: an empty file: list the images")
-    for name in names:
-        if names.count(name) > 1:
-            raise DataError(f"{folder / FILENAMES_FILE}: {name} is there twice: remove one")
-        if not (folder / name).is_file():
-            raise DataError(f"{folder / FILENAMES_FILE}: lists {name}, which is not there")
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(f"{folder / FILENAMES_FILE}: {name[:80]} is there twice: remove one")
+        # Not by pathlib, which raises where a name is too long.
+        if not os.path.isfile(folder / name):
+            raise DataError(f"{folder / FILENAMES_FILE}: lists {name[:80]}, which is not there")
     mask = mask_path or folder / "mask.png"
     masks = [mask] if mask_path or mask.exists() else []
-    source = images_source(folder, [folder / name for name in names], masks)
+    source = images_source(folder, [folder / name for name in names], masks, max_pixels)
     lights = read_lights(folder) if (folder / DIRECTIONS_FILE).is_file() else None
     truth = folder / _TRUTH_FILE
     others = [FILENAMES_FILE, _TRUTH_FILE]
@@ -66,32 +73,23 @@ def read_diligent(folder: Path, mask_path: Path | None = None) -> Source:
 
 
 def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    # SciPy's readers take as long to import as the rest of this package.
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
+    with declared(path):
+        data = read_bounded(path, MAX_BINARY_BYTES)
     try:
-        found = loadmat(path, variable_names=[_TRUTH_VARIABLE])
-        normals = np.asarray(found[_TRUTH_VARIABLE], np.float64)
-    except (
-        MatReadError,
-        OSError,
-        ValueError,
-        TypeError,
-        KeyError,
-        IndexError,
-        NotImplementedError,
-        EOFError,
-        zlib.error,
-    ) as error:
-        raise DataError(f"{path}: no variable {_TRUTH_VARIABLE} can be read: restore it") from error
+        normals = read_mat5(data, _TRUTH_VARIABLE, size[0] * size[1] * 3)
+    except UnreadableError as error:
+        raise DataError(
+            f"{path}: no variable {_TRUTH_VARIABLE} can be read ({error}): restore the file"
+        ) from error
     if normals.shape != (*size, 3):
         raise DataError(
             f"{path}: normals of shape {normals.shape}, but the images have {size[1]} x {size[0]} "
             "pixels"
         )
+    # Longer vectors are no normals, and their length would overflow.
+    normals[~(np.abs(normals) < _LONGEST).all(axis=2)] = 0
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    known = np.isfinite(length) & (length > 0.5)
+    known = length > 0.5
     unit = np.divide(normals, length, out=np.zeros_like(normals), where=known)
     truth: npt.NDArray[np.float32] = unit.astype(np.float32)
     return truth

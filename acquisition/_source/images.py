@@ -19,9 +19,12 @@ from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES
 from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import light_id
+from rig import MAX_PIXELS
 
 
-def read_images(folder: Path, mask_path: Path | None = None) -> Source:
+def read_images(
+    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+) -> Source:
     """Read a plain folder: its largest series of numbered images, in natural order."""
     files = _files(folder)
     masks = [path for path in files if _is_mask(path)]
@@ -30,7 +33,7 @@ def read_images(folder: Path, mask_path: Path | None = None) -> Source:
         raise DataError(
             f"{folder}: no numbered images (such as name.0.png, name.1.png): name another folder"
         )
-    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
     return with_ignored(source, folder)
 
 
@@ -39,7 +42,9 @@ def lp_files(folder: Path) -> list[Path]:
     return [path for path in _files(folder) if path.suffix.lower() == ".lp"]
 
 
-def read_lp_folder(folder: Path, lp: Path, mask_path: Path | None = None) -> Source:
+def read_lp_folder(
+    folder: Path, lp: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+) -> Source:
     """Read the images that an .lp lists, or if it names none of them, the numbered ones."""
     lights = read_lights(lp)
     files = _files(folder)
@@ -60,12 +65,17 @@ def read_lp_folder(folder: Path, lp: Path, mask_path: Path | None = None) -> Sou
     series = found or numbered_series(images)
     if not series:
         raise DataError(f"{folder}: no images for the {len(lights)} lights of {lp.name}")
-    source = images_source(folder, series, [mask_path] if mask_path else masks)
+    source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
     return with_ignored(source, folder)
 
 
-def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()) -> Source:
+def images_source(
+    path: Path,
+    series: Sequence[Path],
+    masks: Sequence[Path] = (),
+    max_pixels: int = MAX_PIXELS,
+) -> Source:
     """Build a source from image files that belong together.
 
     Parameters
@@ -76,6 +86,8 @@ def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()
         The images, in order.
     masks
         Their mask, if any; more than one cannot be meant.
+    max_pixels
+        The most that each may have.
 
     Raises
     ------
@@ -85,15 +97,22 @@ def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()
     """
     cfa, black = None, 0.0
     if is_raw(series[0]):
-        raw = read_raw(series[0])
+        raw = read_raw(series[0], max_pixels=max_pixels)
         shape, cfa, black, white = raw.pixels.shape, raw.cfa, raw.black_level_dn, raw.white_level_dn
         frames = tuple(
-            Frame(file, file.stem, shape, load=partial(_raw_pixels, file)) for file in series
+            Frame(
+                file,
+                file.stem,
+                shape,
+                load=partial(_raw_pixels, file, max_pixels),
+                max_pixels=max_pixels,
+            )
+            for file in series
         )
     else:
-        shape, dtype = _same_form(series)
+        shape, dtype = _same_form(series, max_pixels)
         white = np.inf if dtype.kind == "f" else float(np.iinfo(dtype.name).max)
-        frames = tuple(Frame(file, file.stem, shape) for file in series)
+        frames = tuple(Frame(file, file.stem, shape, max_pixels=max_pixels) for file in series)
     if len(masks) > 1:
         raise DataError(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: say which one is meant"
@@ -102,7 +121,7 @@ def images_source(path: Path, series: Sequence[Path], masks: Sequence[Path] = ()
         path=path,
         kind="images",
         frames=frames,
-        mask=read_mask(masks[0], (shape[0], shape[1])) if masks else None,
+        mask=read_mask(masks[0], (shape[0], shape[1]), max_pixels=max_pixels) if masks else None,
         mask_path=masks[0] if masks else None,
         cfa=cfa,
         black_level=black,
@@ -145,14 +164,16 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
     return [path for _, path in first[1]]
 
 
-def _raw_pixels(path: Path) -> Image:
-    return read_raw(path).pixels
+def _raw_pixels(path: Path, max_pixels: int) -> Image:
+    return read_raw(path, max_pixels=max_pixels).pixels
 
 
-def _same_form(series: Sequence[Path]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    first = image_form(series[0])
+def _same_form(
+    series: Sequence[Path], max_pixels: int
+) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    first = image_form(series[0], max_pixels=max_pixels)
     for path in series[1:]:
-        form = image_form(path)
+        form = image_form(path, max_pixels=max_pixels)
         if form != first:
             raise DataError(
                 f"{path}: {_describe(*form)}, but {series[0].name} is {_describe(*first)}: one "

@@ -16,6 +16,7 @@ from acquisition._source.source import MaskOrigin, Source
 from acquisition._staging import check_whole
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from rig import MAX_PIXELS
 
 
 def read_source(
@@ -24,6 +25,7 @@ def read_source(
     lights: Lights | None = None,
     mask_path: Path | None = None,
     camera: CameraModel | None = None,
+    max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Find out what a recording is and read all but its pixels.
 
@@ -41,6 +43,8 @@ def read_source(
         Mask to use instead of that of the source.
     camera
         Camera to use instead of that of the source.
+    max_pixels
+        The most that an image may have. It is checked before anything is decoded.
 
     Returns
     -------
@@ -53,13 +57,14 @@ def read_source(
         If ``path`` or ``mask_path`` does not exist.
     DataError
         If it is none of these, its export was cut off, or its parts disagree: counts of images and
-        lights, sizes of images, mask, camera and true normals.
+        lights, sizes of images, mask, camera and true normals; or an image has more than
+        ``max_pixels``.
     """
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
     check_whole(path if path.is_dir() else path.parent)
-    source = with_export_notes(_dispatch(path, mask_path))
+    source = with_export_notes(_dispatch(path, mask_path, max_pixels))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
@@ -72,21 +77,21 @@ def read_source(
     return _with_matched_lights(source, lights or source.lights)
 
 
-def _dispatch(path: Path, mask_path: Path | None) -> Source:
+def _dispatch(path: Path, mask_path: Path | None, max_pixels: int) -> Source:
     if path.suffix.lower() == ".lp" and path.is_file():
-        return read_lp_folder(path.parent, path, mask_path)
+        return read_lp_folder(path.parent, path, mask_path, max_pixels)
     if not path.is_dir():
-        return images_source(path, [path], [mask_path] if mask_path else [])
+        return images_source(path, [path], [mask_path] if mask_path else [], max_pixels)
     if is_session(path):
-        return read_session(path, mask_path)
+        return read_session(path, mask_path, max_pixels)
     if is_diligent(path):
-        return read_diligent(path, mask_path)
+        return read_diligent(path, mask_path, max_pixels)
     lps = lp_files(path)
     if len(lps) > 1:
         raise DataError(f"{path}: {lps[0].name} and {lps[1].name}: name the .lp that is meant")
     if lps:
-        return read_lp_folder(path, lps[0], mask_path)
-    return read_images(path, mask_path)
+        return read_lp_folder(path, lps[0], mask_path, max_pixels)
+    return read_images(path, mask_path, max_pixels)
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:

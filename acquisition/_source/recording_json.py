@@ -5,20 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
-from acquisition._errors import DataError
+from acquisition._json import parse_json
 from acquisition._plan.planned_shot import Role
 from acquisition._session.manifest import CameraRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import read_text
-from rig import complaints
 
 RECORD_FILE: Final = "recording.json"
 
 Values = Literal["raw", "linear"]
 # A file in the same folder.
-_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+_Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=255)]
 
 
 class _Record(BaseModel):
@@ -81,9 +80,5 @@ def read_recording_notes(folder: Path) -> RecordingNotes | None:
     path = folder / RECORD_FILE
     if not path.is_file():
         return None
-    try:
-        return RecordingNotes.model_validate_json(read_text(path))
-    except ValidationError as error:
-        raise DataError(
-            f"{path}: {complaints(error)}; restore the file, or delete it to read the images alone"
-        ) from error
+    hint = "; restore the file, or delete it to read the images alone"
+    return parse_json(RecordingNotes, read_text(path), path, hint)

@@ -16,10 +16,12 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
-from rig import Mounting
+from rig import MAX_PIXELS, Mounting
 
 
-def read_session(folder: Path, mask_path: Path | None = None) -> Source:
+def read_session(
+    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+) -> Source:
     """Read a session, complete or not: what is missing becomes a warning.
 
     Frames are turned upright as they are read, and everything else is of the upright image: mask
@@ -28,10 +30,15 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
     Raises
     ------
     DataError
-        If it is damaged or holds no frame.
+        If it is damaged or holds no frame, or its frames have more than ``max_pixels``.
     """
     session = Session.open(folder)
     device, mounting = session.manifest.camera, session.manifest.mounting
+    if device.width * device.height > max_pixels:
+        raise DataError(
+            f"{folder}: frames of {device.width} x {device.height} pixels, {max_pixels} are "
+            "allowed: raise the limit on pixels"
+        )
     # The session's own reader checks the hash of the pixels.
     frames = tuple(
         Frame(
@@ -73,7 +80,7 @@ def read_session(folder: Path, mask_path: Path | None = None) -> Source:
         kind="session",
         frames=frames,
         lights=session.lights,
-        mask=read_mask(mask_path, size) if mask_path else None,
+        mask=read_mask(mask_path, size, max_pixels=max_pixels) if mask_path else None,
         mask_path=mask_path,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
@@ -110,7 +117,7 @@ def _upright_cfa(session: Session, folder: Path) -> str | None:
 
 
 def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    normals = read_image(path)
+    normals = read_image(path, max_pixels=size[0] * size[1])
     if normals.dtype != np.float32 or normals.shape != (*size, 3):
         raise DataError(
             f"{path}: {normals.dtype} of shape {normals.shape} are no normals of images of "

@@ -15,6 +15,7 @@ from acquisition._pixels.images import Image, read_image
 from acquisition._plan.planned_shot import Role
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from rig import MAX_PIXELS
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
 MaskOrigin = Literal["given", "folder", "recording"]
@@ -40,6 +41,8 @@ class Frame:
         Exposure time, microseconds; None where not known.
     load
         How to read the pixels, for files that `read_image` does not read.
+    max_pixels
+        The most that the file may have when it is read.
     """
 
     path: Path
@@ -49,6 +52,7 @@ class Frame:
     bracket: int = 0
     exposure_us: float | None = None
     load: Callable[[], Image] | None = field(default=None, repr=False)
+    max_pixels: int = field(default=MAX_PIXELS, repr=False)
 
     def read(self) -> Image:
         """Return the pixels as stored: no black level taken off, no scaling.
@@ -60,7 +64,10 @@ class Frame:
         """
         if not self.path.exists():
             raise DataError(f"{self.path}: is gone since the folder was read: restore it")
-        pixels = read_image(self.path) if self.load is None else self.load()
+        if self.load is None:
+            pixels = read_image(self.path, max_pixels=self.max_pixels)
+        else:
+            pixels = self.load()
         if pixels.shape != self.shape:
             raise DataError(
                 f"{self.path}: shape {pixels.shape}, the rest of the source has {self.shape}"

@@ -7,14 +7,14 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from pydantic import ValidationError
 
 from acquisition._errors import DataError
+from acquisition._json import parse_json
 from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
 from acquisition._values.camera_model import CameraModel
-from rig import complaints
 
 # Where each COLMAP model keeps fx, fy, cx, cy, k1, k2, p1, p2 among its parameters.
 _COLMAP = {
@@ -102,31 +102,26 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
 
 
 def _parse_json(text: str, path: Path) -> CameraModel:
-    try:
-        return _CameraFile.model_validate_json(text).value()
-    except ValidationError as error:
-        raise DataError(f"{path}: {complaints(error)}") from error
+    return parse_json(_CameraFile, text, path).value()
 
 
 def _parse_opencv(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
-    try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        K = storage.getNode("camera_matrix").mat()
-        distortion = storage.getNode("distortion_coefficients").mat()
-        sides = [storage.getNode(name) for name in ("image_height", "image_width")]
-        if all(side.isInt() for side in sides):
-            size = int(sides[0].real()), int(sides[1].real())
-        distance = storage.getNode("working_distance_mm")
-        distance_mm = distance.real() if distance.isInt() or distance.isReal() else None
-    except (cv2.error, SystemError) as error:
-        raise DataError(f"{path}: not a camera file of OpenCV: write it by FileStorage") from error
+    nodes = read_storage(text, path)
+    K = matrix_of(nodes.get("camera_matrix"), "camera_matrix", path)
     if K is None:
-        raise DataError(f"{path}: camera_matrix is missing: write it by FileStorage")
-    coefficients = np.asarray([] if distortion is None else distortion, np.float64).ravel()
+        raise DataError(f"{path}: camera_matrix is missing: write it by OpenCV's FileStorage")
+    name = "distortion_coefficients"
+    distortion = matrix_of(nodes.get(name), name, path)
+    sides = [number_of(nodes.get(side)) for side in ("image_height", "image_width")]
+    whole = [int(side) for side in sides if side is not None and float(side).is_integer()]
+    if len(whole) == 2:
+        size = whole[0], whole[1]
+    distance_mm = number_of(nodes.get("working_distance_mm"))
+    coefficients = np.zeros(0) if distortion is None else distortion.ravel()
     if np.any(coefficients[5:]):
         raise DataError(f"{path}: more than five distortion coefficients: calibrate with five")
     height, width = _known(size, path)
-    return CameraModel(np.asarray(K), width, height, distance_mm, coefficients[:5])
+    return CameraModel(K, width, height, distance_mm, coefficients[:5])
 
 
 def _opencv_text(camera: CameraModel) -> str:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._errors import DataError
+from acquisition._json import parse_json
 from acquisition._values.lights import Lights
-from rig import complaints
 
 _Vector = tuple[float, float, float]
 
@@ -50,10 +50,7 @@ def parse_lights_json(text: str, path: Path) -> Lights:
     DataError
         If it is not understood; the message names ``path`` and the light.
     """
-    try:
-        records = _LightsFile.model_validate_json(text).lights
-    except ValidationError as error:
-        raise DataError(f"{path}: {complaints(error)}") from error
+    records = parse_json(_LightsFile, text, path).lights
     near = records[0].position_mm is not None
     seen: set[str] = set()
     for record in records:

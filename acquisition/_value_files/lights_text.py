@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -13,6 +14,7 @@ from acquisition._values.lights import Array, Lights
 DIRECTIONS_FILE = "light_directions.txt"
 INTENSITIES_FILE = "light_intensities.txt"
 FILENAMES_FILE = "filenames.txt"
+_MOST_LIGHTS = 100_000
 
 
 def parse_lp(text: str, path: Path) -> Lights:
@@ -26,7 +28,7 @@ def parse_lp(text: str, path: Path) -> Lights:
     DataError
         If count or rows are not that; the message names ``path`` and the line.
     """
-    lines = numbered_lines(text)
+    lines = _rows(text, path)
     if not lines:
         raise DataError(f"{path}: an empty file: the first line of an .lp is the number of lights")
     first, count = lines[0]
@@ -35,12 +37,13 @@ def parse_lp(text: str, path: Path) -> Lights:
             f"{path} line {first}: '{count[:40]}' is no count: the first line of an .lp is the "
             "number of lights"
         )
-    if int(count) != len(lines) - 1 or len(lines) == 1:
+    if count.lstrip("0") != str(len(lines) - 1):
         raise DataError(
-            f"{path} line {first}: {count} lights are announced and {len(lines) - 1} follow: "
+            f"{path} line {first}: {count[:40]} lights are announced and {len(lines) - 1} follow: "
             "correct the count or the rows"
         )
-    names, vectors = [], []
+    names: dict[str, None] = {}
+    vectors = []
     for number, line in lines[1:]:
         parts = line.rsplit(maxsplit=3)
         if len(parts) != 4:
@@ -48,7 +51,7 @@ def parse_lp(text: str, path: Path) -> Lights:
         name = PureWindowsPath(parts[0]).name
         if name in names:
             raise DataError(f"{path} line {number}: {name} is there twice: remove one line")
-        names.append(name)
+        names[name] = None
         vectors.append(_numbers([part.replace(",", ".") for part in parts[1:]], path, number))
         _refuse_zero(vectors[-1], path, number)
     return Lights(directions=np.array(vectors), ids=tuple(names))
@@ -103,7 +106,7 @@ def _intensities(path: Path) -> Array:
 
 
 def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
-    lines = numbered_lines(text)
+    lines = _rows(text, path)
     if lines and lines[0][1] == str(len(lines) - 1):
         lines = lines[1:]
     if not lines:
@@ -115,6 +118,13 @@ def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
     ]
 
 
+def _rows(text: str, path: Path) -> list[tuple[int, str]]:
+    lines = numbered_lines(text)
+    if len(lines) > _MOST_LIGHTS + 1:
+        raise DataError(f"{path}: {len(lines)} lines: {_MOST_LIGHTS} lights are the most")
+    return lines
+
+
 def _numbers(parts: list[str], path: Path, number: int) -> list[float]:
     try:
         values = [float(part) for part in parts]
@@ -124,13 +134,13 @@ def _numbers(parts: list[str], path: Path, number: int) -> list[float]:
         raise DataError(
             f"{path} line {number}: '{' '.join(parts)[:40]}' is not three numbers: correct the line"
         )
-    if not np.isfinite(values).all():
+    if not all(map(math.isfinite, values)):
         raise DataError(f"{path} line {number}: not finite: leave that light out or measure it")
     return values
 
 
 def _refuse_zero(vector: list[float], path: Path, number: int) -> None:
-    if np.linalg.norm(vector) < 1e-9:
+    if math.hypot(*vector) < 1e-9:
         raise DataError(
             f"{path} line {number}: a zero vector is no direction: leave that light out"
         )

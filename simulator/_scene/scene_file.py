@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tomllib
+import os
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from trimesh.exchange.ply import export_ply
 
 from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
-from rig import complaints
+from rig import MAX_TOML_BYTES, UnreadableError, complaints, parse_toml, read_bounded
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import bench_sensor
 from simulator._scene.scene import ChromeSphere, Scene
@@ -161,16 +161,14 @@ def read_scene(
         If it is not TOML, or errors of `SceneFile.build`. The message names file and key.
     """
     path = Path(path)
-    if not path.exists():
-        raise MissingPathError(f"{path}: no such file")
     try:
-        values = tomllib.loads(path.read_bytes().decode("utf-8"))
+        values = parse_toml(read_bounded(path, MAX_TOML_BYTES))
         said = SceneFile.model_validate(values)
         return said.build(path.parent, leds=leds, size=size, seed=seed)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DataError(f"{path}: is not TOML: {error}") from error
+    except FileNotFoundError as error:
+        raise MissingPathError(f"{path}: no such file") from error
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}") from error
     except ValidationError as error:
         complaint = complaints(error, noun="key", known=SceneFile.model_fields)
         raise DataError(f"{path}: {complaint}") from error
@@ -230,6 +228,7 @@ def _located(values: Table, folder: Path, where: str) -> Table:
     if not isinstance(values.get("file"), str):
         return values
     file = folder / values["file"]
-    if not file.is_file():
+    # Not by pathlib, which raises where a name is too long.
+    if not os.path.isfile(file):
         raise DataError(f"[{where}]: {file}: no such file")
     return values | {"file": file}

@@ -11,9 +11,8 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-import trimesh
 
-from acquisition import DataError, MissingPathError
+from acquisition import DataError, read_mesh_file
 from simulator._shapes.body import BodyHits
 from simulator._shapes.bvh import TriangleTree
 
@@ -243,24 +242,15 @@ def read_triangles(path: Path | str) -> tuple[Array, Faces]:
         If the file is not one of these, or is damaged.
     """
     file = Path(path)
-    if not file.is_file():
-        raise MissingPathError(f"{file}: there is no such mesh file")
     if file.suffix.lower() not in SUFFIXES:
         raise DataError(f"{file}: a mesh is read from {', '.join(SUFFIXES)}, not {file.suffix!r}")
-    try:
-        # An STL file repeats each vertex for each face: joined, or no normal could be blended.
-        join = file.suffix.lower() == ".stl"
-        mesh = trimesh.load_mesh(file, process=False)
-        if isinstance(mesh, trimesh.Scene):
-            mesh = mesh.to_mesh()
-        if join and isinstance(mesh, trimesh.Trimesh):
-            mesh.merge_vertices()
-    # Whatever a damaged file provokes in the reader.
-    except Exception as error:
-        reason = " ".join(str(error).split())[:120]
-        raise DataError(f"{file}: not readable as a mesh ({reason})") from error
-    faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64)
-    return np.asarray(mesh.vertices, np.float64), faces
+    mesh = read_mesh_file(file)
+    faces = np.zeros((0, 3), np.int64) if mesh.faces is None else mesh.faces
+    if file.suffix.lower() == ".stl":
+        # Each facet has vertices of its own: joined, or no normal could be blended.
+        vertices, places = np.unique(mesh.vertices, axis=0, return_inverse=True)
+        return vertices, places.reshape(-1)[faces]
+    return mesh.vertices, faces
 
 
 def _rotation(turn_deg: Sequence[float]) -> Array:

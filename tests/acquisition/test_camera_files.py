@@ -165,7 +165,7 @@ def test_another_size_than_the_images(tmp_path: Path) -> None:
 def test_paths(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such file"):
         read_camera(tmp_path / "c.json")
-    with pytest.raises(DataError, match="directory"):
+    with pytest.raises(DataError, match="a folder"):
         read_camera(tmp_path)
     with pytest.raises(DataError, match="choose one"):
         write_camera(tmp_path / "c.xml", CAMERA)

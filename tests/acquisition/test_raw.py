@@ -276,7 +276,7 @@ def test_what_is_no_raw(tmp_path: Path) -> None:
     path.write_bytes(b"hello " * 1000)
     with pytest.raises(DataError, match=r"a\.nef"):
         read_raw(path)
-    with pytest.raises(DataError, match="not a regular file"):
+    with pytest.raises(DataError, match="a folder, not a file"):
         read_raw(tmp_path)
     with pytest.raises(MissingPathError, match=r"none\.dng"):
         read_raw(tmp_path / "none.dng")

@@ -107,7 +107,7 @@ def _write_rgba(path, cap):
                 path, np.where(cap.mask[..., None], cap.normals, np.nan).astype(np.float64)
             ),
             1e-5,
-            "",
+            "pixels hold a vector that is NaN or infinite and are left out",
             id="npy-nan-outside",
         ),
         pytest.param(

@@ -182,7 +182,7 @@ def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
     path = tmp_path / "ball.ply"
     BALL.export(path, encoding="ascii")
     path.write_text("\n".join(path.read_text().splitlines()[:-30]), encoding="ascii")
-    with pytest.raises(DataError, match="promises 122 lines of vertices and faces, it holds 92"):
+    with pytest.raises(DataError, match="truncated: it ends within a list"):
         read_geometry(path)
 
 
@@ -214,7 +214,7 @@ def test_bad_files_are_refused_by_name(tmp_path, name, text, words):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(MissingPathError, match="there is no such mesh"):
+    with pytest.raises(MissingPathError, match="no such file"):
         read_geometry(tmp_path / "nowhere.obj")
 
 
@@ -300,5 +300,5 @@ def test_a_strip_with_one_side_is_left_as_it_is(tmp_path):
 
 def test_a_folder_is_no_mesh(tmp_path):
     (tmp_path / "mesh.obj").mkdir()
-    with pytest.raises(DataError, match=r"mesh\.obj: a folder, not a mesh"):
+    with pytest.raises(DataError, match=r"mesh\.obj: a folder, not a file"):
         read_geometry(tmp_path / "mesh.obj")

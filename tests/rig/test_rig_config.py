@@ -84,7 +84,7 @@ def test_what_a_short_rig_file_leaves_out(tmp_path: Path):
             WHOLE.replace("mirror", "mirrored"), "unknown key 'mounting.mirrored'", id="mirror"
         ),
         pytest.param(WHOLE.replace('driver = "bench"', ""), "'driver' is missing", id="missing"),
-        pytest.param("name = ", "not a TOML file", id="not TOML"),
+        pytest.param("name = ", "is not TOML", id="not TOML"),
     ],
 )
 def test_a_bad_rig_file_gets_one_line(tmp_path: Path, text, said):
@@ -98,7 +98,7 @@ def test_a_bad_rig_file_gets_one_line(tmp_path: Path, text, said):
 
 def test_bytes_that_are_no_text(tmp_path: Path):
     (tmp_path / "rig.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(RigConfigError, match="not a TOML file"):
+    with pytest.raises(RigConfigError, match="is not TOML"):
         read_rig_config(tmp_path / "rig.toml")
 
 
@@ -112,7 +112,7 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch, name):
 
 
 def test_a_folder_is_no_rig_file(tmp_path: Path):
-    with pytest.raises(RigConfigError, match="Is a directory") as error:
+    with pytest.raises(RigConfigError, match="a folder") as error:
         open_rig(str(tmp_path))
     assert not isinstance(error.value, RigNotFoundError)
 

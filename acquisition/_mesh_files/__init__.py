@@ -1,0 +1,1 @@
+"""File formats of triangle meshes and point clouds."""

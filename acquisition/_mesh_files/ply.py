@@ -1,0 +1,110 @@
+"""PLY files: meshes of polygons or triangle strips, and point clouds.
+
+Format: Greg Turk, The PLY Polygon File Format (1994). Triangle strips are those of Stanford's
+scanning repository: an element ``tristrips`` with a list of vertices, in which -1 ends a strip.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._mesh_files.mesh_file import MeshFile
+from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body
+from acquisition._mesh_files.ply_header import Element, read_header
+from rig import UnreadableError
+
+_CORNERS = ("vertex_indices", "vertex_index")
+_STRIPS = "tristrips"
+# How an unsigned type writes -1.
+_UNSIGNED_ENDS = (0xFF, 0xFFFF, 0xFFFFFFFF)
+
+
+def read_ply(data: bytes) -> MeshFile:
+    """Read a PLY file.
+
+    Raises
+    ------
+    UnreadableError
+        If it is damaged or truncated, has no vertices, or has a surface of another kind.
+    """
+    order, elements, begin = read_header(data)
+    tables = read_body(memoryview(data)[begin:], order, elements)
+    vertex = tables.get("vertex", Table({}, {}))
+    if not {"x", "y", "z"} <= set(vertex.columns):
+        raise UnreadableError("its header has no element vertex with x, y and z")
+    known = {element.name: element for element in elements}
+    faces, warnings = _surface(known, tables)
+    normals = None
+    if {"nx", "ny", "nz"} <= set(vertex.columns):
+        normals = np.stack([vertex.columns[name] for name in ("nx", "ny", "nz")], axis=1)
+    vertices = np.stack([vertex.columns[name] for name in "xyz"], axis=1)
+    return MeshFile(vertices, faces, normals, warnings)
+
+
+def _surface(
+    elements: dict[str, Element], tables: dict[str, Table]
+) -> tuple[Whole | None, tuple[str, ...]]:
+    """Return the triangles of faces and strips, None where the file has neither."""
+    triangles: list[Whole] = []
+    warnings: tuple[str, ...] = ()
+    if "face" in elements and elements["face"].count:
+        made, lost = _fans(_corners(elements["face"], tables["face"]))
+        triangles.append(made)
+        if lost:
+            warnings = (f"faces left out as they have fewer than three corners: {lost}",)
+    if _STRIPS in elements and elements[_STRIPS].count:
+        strips = elements[_STRIPS]
+        kind = next((one.kind for one in strips.lists), "i4")
+        triangles.append(_of_strips(_corners(strips, tables[_STRIPS]), kind))
+    if triangles:
+        return np.concatenate(triangles), warnings
+    for element in elements.values():
+        if element.count and any(one.name in _CORNERS for one in element.lists):
+            raise UnreadableError(
+                f"its surface is made of {element.name} elements, which are not read: save it with "
+                "triangles"
+            )
+    return None, ()
+
+
+def _corners(element: Element, table: Table) -> Lists:
+    names = [one.name for one in element.lists]
+    named = [name for name in names if name in _CORNERS] or names
+    if len(named) != 1 or next(o for o in element.lists if o.name == named[0]).kind[0] == "f":
+        raise UnreadableError(
+            f"its {element.name} elements have no list of whole numbers called vertex_indices"
+        )
+    return table.lists[named[0]]
+
+
+def _fans(polygons: Lists) -> tuple[Whole, int]:
+    """Cut polygons into triangles; return these, and how many had fewer than three corners."""
+    begins = np.cumsum(polygons.lengths) - polygons.lengths
+    cut = np.maximum(polygons.lengths - 2, 0)
+    first = np.repeat(begins, cut)
+    step = np.arange(len(first)) - np.repeat(np.cumsum(cut) - cut, cut)
+    places = np.stack([first, first + step + 1, first + step + 2], axis=1)
+    return polygons.values[places], int(np.count_nonzero(polygons.lengths < 3))
+
+
+def _of_strips(strips: Lists, kind: str) -> Whole:
+    """Return the triangles of strips, all wound as the first of each strip is.
+
+    Triangles with a vertex twice, which lead from one strip to the next, are left out.
+    """
+    # Lists end strips as well as -1 does.
+    ends = np.cumsum(strips.lengths)[:-1]
+    run = np.insert(strips.values, ends, -1)
+    if kind[0] == "u":
+        run[np.isin(run, _UNSIGNED_ENDS[: {"u1": 1, "u2": 2}.get(kind, 3)][-1:])] = -1
+    if len(run) < 3:
+        return np.zeros((0, 3), np.int64)
+    place = np.arange(len(run))
+    begin = np.maximum.accumulate(np.where(run == -1, place + 1, 0))
+    corners = np.stack([run[:-2], run[1:-1], run[2:]], axis=1)
+    odd = (place - begin)[:-2] % 2 == 1
+    corners[odd] = corners[odd][:, [1, 0, 2]]
+    a, b, c = corners.T
+    drawn: npt.NDArray[np.bool_] = (corners != -1).all(axis=1) & (a != b) & (b != c) & (c != a)
+    return corners[drawn]

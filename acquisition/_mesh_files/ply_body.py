@@ -1,0 +1,269 @@
+"""The body of a PLY file: rows of numbers and lists, as text or in either byte order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.ply_header import Element
+from rig import UnreadableError
+
+Double = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Lists:
+    """One list property of every row: their lengths, and all values one after another."""
+
+    lengths: Whole
+    values: Whole
+
+
+@dataclass(frozen=True)
+class Table:
+    """The rows of an element: a column for each number, and for each list."""
+
+    columns: dict[str, Double]
+    lists: dict[str, Lists]
+
+
+def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> dict[str, Table]:
+    """Return the rows of each element by its name.
+
+    Raises
+    ------
+    UnreadableError
+        If there are fewer rows than announced, or what is to be a number is none.
+    """
+    if order:
+        return dict(_binary(data, order, elements))
+    return dict(_text(numbers_of(bytes(data)), elements))
+
+
+def _text(numbers: Double, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
+    at = 0
+    for element in elements:
+        _check_room(element, element.count * len(element.properties), len(numbers) - at)
+        if not element.properties:
+            continue
+        sizes = _row_sizes_alike(element, numbers[at:])
+        if sizes is not None:
+            width = sum(sizes)
+            rows = numbers[at : at + element.count * width].reshape(element.count, width)
+            yield element.name, _of_rows(element, rows, sizes)
+            at += element.count * width
+        else:
+            table, at = _chased(element, numbers, at)
+            yield element.name, table
+
+
+def _row_sizes_alike(element: Element, numbers: Double) -> list[int] | None:
+    """Return how many numbers each property takes, where it is as many in every row."""
+    sizes = []
+    at = 0
+    for one in element.properties:
+        length = _length(numbers, at) if one.count and element.count else 0
+        sizes.append(1 + length)
+        at += 1 + length
+    if at * element.count > len(numbers):
+        return None
+    rows = numbers[: at * element.count].reshape(element.count, at)
+    begin = 0
+    for one, size in zip(element.properties, sizes, strict=True):
+        if one.count and not (rows[:, begin] == size - 1).all():
+            return None
+        begin += size
+    return sizes
+
+
+def _of_rows(element: Element, rows: Double, sizes: list[int]) -> Table:
+    columns: dict[str, Double] = {}
+    lists: dict[str, Lists] = {}
+    begin = 0
+    for one, size in zip(element.properties, sizes, strict=True):
+        if one.count:
+            lengths = np.full(len(rows), size - 1, np.int64)
+            lists[one.name] = Lists(lengths, whole(rows[:, begin + 1 : begin + size].ravel()))
+        else:
+            columns[one.name] = rows[:, begin]
+        begin += size
+    return Table(columns, lists)
+
+
+def _chased(element: Element, numbers: Double, at: int) -> tuple[Table, int]:
+    """Read rows of different lengths, one after another."""
+    places: dict[str, list[int]] = {one.name: [] for one in element.properties}
+    lengths: dict[str, list[int]] = {one.name: [] for one in element.lists}
+    for _ in range(element.count):
+        for one in element.properties:
+            places[one.name].append(at)
+            if one.count:
+                length = _length(numbers, at)
+                lengths[one.name].append(length)
+                at += length
+            at += 1
+    if at > len(numbers):
+        raise _truncated(element)
+    lists = {}
+    for name, counts in lengths.items():
+        begins = np.array(places.pop(name), np.int64) + 1
+        picked = numbers[_ranges(begins, np.array(counts, np.int64))]
+        lists[name] = Lists(np.array(counts, np.int64), whole(picked))
+    return Table({name: numbers[where] for name, where in places.items()}, lists), at
+
+
+def _length(numbers: Double, at: int) -> int:
+    """Return the length of the list that begins there."""
+    if at >= len(numbers):
+        raise UnreadableError("truncated: it ends within a list: get the whole file")
+    length = numbers[at]
+    if not (0 <= length <= len(numbers) and length == int(length)):
+        raise UnreadableError(f"a list of {length:g} numbers: the file is damaged")
+    return int(length)
+
+
+def _binary(
+    data: memoryview, order: str, elements: tuple[Element, ...]
+) -> Iterator[tuple[str, Table]]:
+    for element in elements:
+        least = sum(np.dtype(one.count or one.kind).itemsize for one in element.properties)
+        _check_room(element, element.count * least, len(data))
+        if not element.properties:
+            continue
+        rows, data = _rows_alike(data, order, element)
+        if rows is not None:
+            yield element.name, _of_records(element, rows)
+        else:
+            table, data = _chased_bytes(data, order, element)
+            yield element.name, table
+
+
+def _rows_alike(
+    data: memoryview, order: str, element: Element
+) -> tuple[npt.NDArray[Any] | None, memoryview]:
+    """Read rows whose lists are all as long as those of the first row."""
+    fields: list[Any] = []
+    at = 0
+    for one in element.properties:
+        kind = np.dtype(order + one.kind)
+        if one.count and element.count:
+            count = np.dtype(order + one.count)
+            length = _length_at(data, at, count)
+            fields += [(f"#{one.name}", count), (one.name, kind, (length,))]
+            at += count.itemsize + length * kind.itemsize
+        else:
+            fields.append((one.name, kind))
+            at += kind.itemsize
+        if at > len(data) and element.count:
+            raise _truncated(element)
+    row = np.dtype(fields)
+    if row.itemsize * element.count > len(data):
+        return None, data
+    rows = np.frombuffer(data, row, element.count)
+    for one in element.lists if element.count else ():
+        if not (rows[f"#{one.name}"] == rows[one.name].shape[1]).all():
+            return None, data
+    return rows, data[row.itemsize * element.count :]
+
+
+def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
+    columns: dict[str, Double] = {}
+    lists: dict[str, Lists] = {}
+    for one in element.properties:
+        if one.count:
+            values = rows[one.name].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))
+            lengths = np.full(len(rows), values.shape[1], np.int64)
+            lists[one.name] = Lists(lengths, whole(values.ravel()))
+        else:
+            columns[one.name] = rows[one.name].astype(np.float64)
+    return Table(columns, lists)
+
+
+def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table, memoryview]:
+    """Read rows of different lengths, one after another."""
+    kinds = {one.name: np.dtype(order + one.kind) for one in element.properties}
+    places: dict[str, list[int]] = {one.name: [] for one in element.properties}
+    lengths: dict[str, list[int]] = {one.name: [] for one in element.lists}
+    steps = [
+        (one.name, kinds[one.name].itemsize, np.dtype(order + one.count) if one.count else None)
+        for one in element.properties
+    ]
+    at = 0
+    for _ in range(element.count):
+        for name, size, count in steps:
+            if count is not None:
+                length = _length_at(data, at, count)
+                at += count.itemsize
+                lengths[name].append(length)
+                places[name].append(at)
+                at += size * length
+            else:
+                places[name].append(at)
+                at += size
+    if at > len(data):
+        raise _truncated(element)
+    content = np.frombuffer(data, np.uint8)
+
+    def values(name: str, counts: Whole) -> npt.NDArray[Any]:
+        size = kinds[name].itemsize
+        picked = content[_ranges(np.array(places[name], np.int64), counts * size)]
+        return picked.view(kinds[name])
+
+    lists = {
+        name: Lists(np.array(counts, np.int64), whole(values(name, np.array(counts, np.int64))))
+        for name, counts in lengths.items()
+    }
+    once = np.ones(element.count, np.int64)
+    columns = {
+        one.name: values(one.name, once).astype(np.float64)
+        for one in element.properties
+        if not one.count
+    }
+    return Table(columns, lists), data[at:]
+
+
+def _length_at(data: memoryview, at: int, kind: np.dtype[Any]) -> int:
+    """Return the length of the list that begins there."""
+    head = data[at : at + kind.itemsize]
+    if len(head) < kind.itemsize:
+        raise UnreadableError("truncated: it ends within a list: get the whole file")
+    order = "big" if kind.str[0] == ">" else "little"
+    length = int.from_bytes(head, order, signed=kind.kind == "i")
+    if not 0 <= length <= len(data):
+        raise UnreadableError(f"a list of {length} numbers: the file is damaged or cut short")
+    return length
+
+
+def whole(values: npt.NDArray[Any]) -> Whole:
+    """Return values as whole numbers; an UnreadableError if they are none."""
+    if values.dtype.kind in "iu":
+        return values.astype(np.int64)
+    # Beyond, a double leaves out whole numbers.
+    if not (np.abs(values) < 2.0**53).all() or (values != np.rint(values)).any():
+        raise UnreadableError("a list of vertices with a number that is not whole")
+    return values.astype(np.int64)
+
+
+def _ranges(begins: Whole, lengths: Whole) -> Whole:
+    """Return begin, begin + 1, ... of so many, for each in turn."""
+    ends = np.cumsum(lengths)
+    total = int(ends[-1]) if len(ends) else 0
+    return np.arange(total) + np.repeat(begins - (ends - lengths), lengths)
+
+
+def _check_room(element: Element, wanted: int, held: int) -> None:
+    if wanted > held:
+        raise _truncated(element)
+
+
+def _truncated(element: Element) -> UnreadableError:
+    return UnreadableError(
+        f"truncated: its header promises {element.count} {element.name} elements, it holds fewer: "
+        "get the whole file"
+    )

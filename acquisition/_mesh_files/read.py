@@ -1,0 +1,126 @@
+"""One reader for every format of meshes and point clouds."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from acquisition._errors import DataError, declared
+from acquisition._mesh_files.glb import shape_of_glb
+from acquisition._mesh_files.mesh_file import MeshFile
+from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.ply import read_ply
+from acquisition._mesh_files.stl import read_stl
+from acquisition._text_files import text_of
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, refusing
+
+MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
+# Beyond, areas and lengths would overflow.
+_LARGEST: Final = 1e30
+_LONG_NUMBER = re.compile(rb"\d{300}")
+
+
+def read_mesh_file(path: str | Path) -> MeshFile:
+    """Read a triangle mesh or a point cloud as its file has it.
+
+    Parameters
+    ----------
+    path
+        OBJ, PLY, STL, GLB or OFF; or XYZ, a text of ``x y z`` or ``x y z nx ny nz`` lines.
+
+    Returns
+    -------
+    MeshFile
+        Polygons and triangle strips are cut into triangles.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is of another kind, damaged or truncated, or holds coordinates above 1e30.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in MESH_SUFFIXES:
+        raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")
+    with declared(file):
+        data = read_bounded(file, MAX_BINARY_BYTES)
+        match suffix:
+            case ".ply":
+                mesh = read_ply(data)
+            case ".stl":
+                mesh = read_stl(data)
+            case ".xyz":
+                mesh = _xyz(data)
+            case ".glb":
+                mesh = _by_library(shape_of_glb(data), suffix)
+            case _:
+                _check_text(data, suffix)
+                # Of other encodings the library asks a package that is not here.
+                mesh = _by_library(text_of(data).encode(), suffix)
+        far = np.abs(mesh.vertices) > _LARGEST
+        if (far & np.isfinite(mesh.vertices)).any():
+            raise UnreadableError(
+                f"vertex {int(far.any(axis=1).argmax())} lies beyond {_LARGEST:g}"
+            )
+    return mesh
+
+
+def _by_library(data: bytes, suffix: str) -> MeshFile:
+    # The library takes long to import.
+    import trimesh
+
+    with refusing("not readable as a mesh, is it whole?"), np.errstate(all="ignore"):
+        # From memory: a file name would let it look for materials beside the file.
+        loaded: Any = trimesh.load(
+            io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True
+        )
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_mesh()
+        vertices = np.asarray(loaded.vertices, np.float64).reshape(-1, 3)
+        faces = np.asarray(getattr(loaded, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)
+    return MeshFile(vertices, faces if len(faces) else None)
+
+
+def _check_text(data: bytes, suffix: str) -> None:
+    """Refuse an OBJ or OFF with numbers that are none, or an OFF of too few lines."""
+    if b"\0" in data or _LONG_NUMBER.search(data):
+        raise UnreadableError("not a text of vertices and faces")
+    if suffix != ".off":
+        return
+    lines = [words for line in data.splitlines() if (words := line.partition(b"#")[0].split())]
+    head = [word for words in lines[:2] for word in words]
+    counts = [word for word in head if word.upper() != b"OFF"][:2]
+    if len(counts) < 2 or not all(re.fullmatch(rb"[0-9]{1,10}", count) for count in counts):
+        raise UnreadableError("its header has no counts of vertices and faces")
+    promised = int(counts[0]) + int(counts[1])
+    held = len(lines) - (2 if lines[0] == [b"OFF"] else 1)
+    if held < promised:
+        raise UnreadableError(
+            f"truncated: its header promises {promised} lines of vertices and faces, it holds "
+            f"{held}: get the whole file"
+        )
+
+
+def _xyz(data: bytes) -> MeshFile:
+    lines = [line for line in data.replace(b",", b" ").splitlines() if line.strip()]
+    lines = [line for line in lines if not line.startswith(b"#")]
+    if not lines:
+        raise UnreadableError("the point cloud holds no point")
+    columns = len(lines[0].split())
+    if columns < 3:
+        raise UnreadableError(f"lines of {columns} numbers, expected x y z or x y z nx ny nz")
+    wrong = next((line for line in lines if len(line.split()) != columns), None)
+    if wrong is not None:
+        shown = wrong[:40].decode("ascii", "backslashreplace")
+        raise UnreadableError(f"not a table of x y z lines: {shown!r} has not {columns} numbers")
+    try:
+        table = numbers_of(b"\n".join(lines)).reshape(-1, columns)
+    except UnreadableError as error:
+        raise UnreadableError(f"not a table of x y z lines: {error}") from error
+    return MeshFile(table[:, :3], None, table[:, 3:6] if columns >= 6 else None)

@@ -1,0 +1,165 @@
+"""Numbers and matrices from the YAML and XML files that OpenCV's FileStorage writes.
+
+FileStorage itself follows any nesting down, until the process ends. This module reads the few nodes
+that a camera file has and passes over all others.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+from xml.parsers import expat
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+from rig import UnreadableError
+
+Array = npt.NDArray[np.float64]
+
+_ROOT = "opencv_storage"
+# A camera matrix has 9 numbers, the longest distortion 14.
+_MOST_NUMBERS: Final = 1000
+_MOST_DEPTH: Final = 32
+_KEY = re.compile(r"(?P<key>[A-Za-z_][\w-]*)[ \t]*:(?P<rest>[^\n]*)")
+_SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
+
+
+def read_storage(text: str, path: Path) -> dict[str, str | dict[str, str]]:
+    """Return the nodes at the top of a file: the text of a plain one, the parts of a matrix.
+
+    Raises
+    ------
+    DataError
+        If it is neither of the two formats; the message names ``path``.
+    """
+    try:
+        return _xml(text) if text.lstrip().startswith("<") else _yaml(text)
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}: write it by OpenCV's FileStorage") from error
+
+
+def number_of(node: str | dict[str, str] | None) -> float | None:
+    """Return a plain node as a number, None where it is none."""
+    if not isinstance(node, str):
+        return None
+    try:
+        return float(_SPECIAL.get(node.strip().lower(), node))
+    except ValueError:
+        return None
+
+
+def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Array | None:
+    """Return a node as a matrix ``(rows, cols)``; None where there is no such node.
+
+    Raises
+    ------
+    DataError
+        If it is no matrix of numbers; the message names ``path`` and ``name``.
+    """
+    if node is None:
+        return None
+    parts = node if isinstance(node, dict) else {}
+    words = parts.get("data", "").replace(",", " ").split()
+    rows, columns = number_of(parts.get("rows")), number_of(parts.get("cols"))
+    if not words or len(words) > _MOST_NUMBERS or rows is None or columns is None:
+        raise DataError(f"{path}: {name} is no matrix: write it by OpenCV's FileStorage")
+    values = [number_of(word) for word in words]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values) or rows * columns != len(known) or rows != int(rows):
+        raise DataError(
+            f"{path}: {name} is not {rows:g} x {columns:g} numbers: write it by OpenCV's "
+            "FileStorage"
+        )
+    return np.array(known, np.float64).reshape(int(rows), int(columns))
+
+
+def _yaml(text: str) -> dict[str, str | dict[str, str]]:
+    """Read the keys that begin in the first column, and the block that is indented below each."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("%", "#"))]
+    if not text.startswith("%YAML") and not any(_KEY.match(line) for line in lines):
+        raise UnreadableError("not a camera file of OpenCV")
+    nodes: dict[str, str | dict[str, str]] = {}
+    block: list[str] = []
+    key = rest = ""
+
+    def close() -> None:
+        if key:
+            nodes[key] = _block(block) if block and not rest.startswith('"') else rest
+
+    for line in lines:
+        if line.rstrip() in ("---", "..."):
+            continue
+        if line[0] in " \t":
+            block.append(line)
+            continue
+        close()
+        found = _KEY.match(line)
+        if found is None:
+            raise UnreadableError(f"not a camera file of OpenCV ({line[:40]!r})")
+        key, rest, block = found["key"], found["rest"].strip(), []
+    close()
+    return nodes
+
+
+def _block(lines: list[str]) -> dict[str, str]:
+    """Read the indented keys of a matrix; a list may go on over several lines."""
+    parts: dict[str, str] = {}
+    key = ""
+    pieces: list[str] = []
+    for line in lines:
+        found = _KEY.match(line.strip())
+        if found is not None:
+            parts[key] = " ".join(pieces)
+            key, pieces = found["key"], [found["rest"]]
+        else:
+            pieces.append(line)
+    parts[key] = " ".join(pieces)
+    return {name: _unbracketed(value.strip()) for name, value in parts.items() if name}
+
+
+def _unbracketed(value: str) -> str:
+    if value[:1] != "[":
+        return value
+    if value[-1] != "]":
+        raise UnreadableError("a list without its end: it was cut short")
+    return value[1:-1]
+
+
+def _xml(text: str) -> dict[str, str | dict[str, str]]:
+    """Read elements of the first and the second level below the root."""
+    path: list[str] = []
+    pieces: dict[tuple[str, ...], list[str]] = {}
+
+    def begin(name: str, _: dict[str, str]) -> None:
+        path.append(name)
+        if len(path) > _MOST_DEPTH:
+            raise UnreadableError(f"nested more than {_MOST_DEPTH} deep")
+        pieces.setdefault(tuple(path[1:3]), [])
+
+    def refuse(*_: object) -> None:
+        raise UnreadableError("a document type, which no camera file has")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: path.pop()
+    parser.CharacterDataHandler = lambda said: pieces[tuple(path[1:3])].append(said)
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        # Python has decoded it already, whatever its first line says.
+        parser.Parse(re.sub(r"^\s*<\?xml[^>]*\?>", "", text).encode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise UnreadableError(f"not a camera file of OpenCV ({error})") from error
+    nodes: dict[str, str | dict[str, str]] = {}
+    for place, said in pieces.items():
+        words = "".join(said).strip()
+        if len(place) == 1:
+            nodes.setdefault(place[0], words)
+        elif len(place) == 2:
+            parent = nodes.get(place[0])
+            parts = parent if isinstance(parent, dict) else {}
+            parts[place[1]] = words
+            nodes[place[0]] = parts
+    return nodes

@@ -1,0 +1,360 @@
+"""Damage files and see whether every reader refuses them as it declares, quickly, in little memory.
+
+python benchmarks/fuzz_readers.py [--files 10000] [--seed 0] [--only image,mesh] [--case image/17]
+
+Every reader of a file that somebody else may have written is given files with flipped bits, numbers
+that are often mishandled, deep nesting, pieces cut out, repeated and swapped. Each file is read in
+a process forked for it, so that a crash is seen and costs nothing. Read means: accepted, or refused
+with an error that the reader declares, with no warning, in less than 5 s of processor time and with
+less than 1 GB of memory more than before.
+
+A case is named by reader and number, and depends on these and the seed alone: `--case image/17`
+makes its file again, leaves it under `--keep` and reads it in this process, with a stack trace.
+
+Exit code 1 where a file was not read so.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Threads do not survive a fork. Before any library is loaded that starts some.
+os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+os.environ["NUMBA_THREADING_LAYER"] = "workqueue"
+
+import argparse
+import resource
+import select
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+
+import cv2
+import OpenImageIO as oiio  # noqa: N813 - its own name for itself
+from fuzz_seeds import Seed, drawn, seeds
+
+from acquisition import (
+    DataError,
+    MissingPathError,
+    Session,
+    Source,
+    read_camera,
+    read_image,
+    read_import,
+    read_lights,
+    read_mask,
+    read_plan,
+    read_raw,
+    read_source,
+    verify_session,
+)
+from acquisition._import.image import read_for_import
+from processing import read_geometry, read_normals
+from rig import RigConfigError, read_rig_config
+from simulator import MeshBody, read_scene
+
+SECONDS = 5.0
+MEGABYTES = 1000
+# By the clock a reader may take longer, where the machine has other work.
+_PATIENCE_S = 20.0
+# Stops what would take the machine's memory.
+_ADDRESSES = 6 << 30
+
+
+def _session(path: Path) -> None:
+    verify_session(path)
+    session = Session.open(path)
+    for frame in session.frames:
+        frame.read()
+    _ = (session.lights, session.camera_model, session.sensor)
+
+
+def _all_of(source: Source) -> None:
+    for frame in source.frames:
+        frame.read()
+
+
+def _source(path: Path) -> None:
+    _all_of(read_source(path))
+
+
+def _import(path: Path) -> None:
+    _all_of(read_import(path))
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader, the kind of seed it takes, and the errors it declares."""
+
+    read: Callable[[Path], object]
+    kind: str
+    declared: tuple[type[Exception], ...] = (DataError, MissingPathError)
+
+
+READERS: dict[str, Reader] = {
+    "image": Reader(read_image, "image"),
+    "import": Reader(read_for_import, "image"),
+    "mask": Reader(read_mask, "mask"),
+    "raw": Reader(read_for_import, "raw"),
+    "raw-pixels": Reader(read_raw, "raw"),
+    "lights": Reader(read_lights, "lights"),
+    "camera": Reader(lambda path: read_camera(path, (24, 32)), "camera"),
+    "plan": Reader(lambda path: read_plan(path).shots(), "plan"),
+    "rig": Reader(read_rig_config, "rig", (RigConfigError,)),
+    "scene": Reader(read_scene, "scene"),
+    "normals": Reader(read_normals, "normals"),
+    "mesh": Reader(read_geometry, "mesh"),
+    "scene-mesh": Reader(lambda path: MeshBody.read(path, radius_mm=20), "mesh"),
+    "diligent": Reader(_source, "diligent"),
+    "stack": Reader(_import, "stack"),
+    "session": Reader(_session, "session"),
+    "session-source": Reader(_source, "session"),
+    "export": Reader(_source, "export"),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One damaged file: the reader's number of it, what it was made of and which file differs."""
+
+    reader: str
+    number: int
+    seed: Seed
+    target: str
+    data: bytes
+
+    @property
+    def name(self) -> str:
+        return f"{self.reader}/{self.number}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a file was read: ``read``, ``refused``, or what was wrong; its cost; the last words."""
+
+    verdict: str
+    seconds: float
+    megabytes: float
+    words: str = ""
+
+    @property
+    def bad(self) -> bool:
+        return self.verdict not in ("read", "refused")
+
+
+@dataclass
+class Tally:
+    """What a reader made of its files."""
+
+    verdicts: Counter[str] = field(default_factory=Counter)
+    seconds: float = 0.0
+    megabytes: float = 0.0
+
+    def add(self, outcome: Outcome) -> None:
+        self.verdicts[outcome.verdict] += 1
+        self.seconds = max(self.seconds, outcome.seconds)
+        self.megabytes = max(self.megabytes, outcome.megabytes)
+
+
+class Place:
+    """A folder with every seed laid out, one file of which is damaged for a moment."""
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._laid: set[Path] = set()
+
+    def lay(self, case: Case) -> Path:
+        """Lay out a case; return what the reader is given."""
+        folder = self._root / case.reader / case.seed.name
+        for name, data in case.seed.files.items() if folder not in self._laid else ():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(data)
+        self._laid.add(folder)
+        (folder / case.target).write_bytes(case.data)
+        return folder / case.seed.entry
+
+    def clean(self, case: Case) -> None:
+        """Put the whole file back."""
+        folder = self._root / case.reader / case.seed.name
+        (folder / case.target).write_bytes(case.seed.files[case.target])
+
+
+def case_of(made: dict[str, list[Seed]], seed: int, reader: str, number: int) -> Case:
+    """Make a case; the same seed, reader and number give the same file."""
+    dice = Random(f"{seed} {reader} {number}")
+    whole = dice.choice(made[READERS[reader].kind])
+    target, data = drawn(whole, dice)
+    return Case(reader, number, whole, target, data)
+
+
+def in_child(reader: Reader, path: Path) -> Outcome:
+    """Read a file in a process forked for it."""
+    receive, send = os.pipe()
+    begun = time.monotonic()
+    child = os.fork()
+    if not child:
+        os.close(receive)
+        _child(reader, path, send)
+    os.close(send)
+    words = b""
+    late = False
+    while True:
+        left = _PATIENCE_S - (time.monotonic() - begun)
+        if not select.select([receive], [], [], max(left, 0))[0]:
+            late = True
+            os.kill(child, signal.SIGKILL)
+            break
+        piece = os.read(receive, 65536)
+        if not piece:
+            break
+        words += piece
+    os.close(receive)
+    _, status, usage = os.wait4(child, 0)
+    seconds = usage.ru_utime + usage.ru_stime
+    before_kb, _, answer = words.decode("utf-8", "replace").partition("\n")
+    megabytes = max(0, usage.ru_maxrss - int(before_kb or 0)) / 1000
+    verdict, _, said = answer.partition("\n")
+    if late or os.WIFSIGNALED(status) or verdict == "":
+        code = os.WTERMSIG(status) if os.WIFSIGNALED(status) else os.WEXITSTATUS(status)
+        slow = late or code == signal.SIGXCPU
+        verdict, said = ("slow", "") if slow else ("crashed", f"ended by {code}")
+    elif verdict in ("read", "refused") and seconds > SECONDS:
+        verdict = "slow"
+    elif verdict in ("read", "refused") and megabytes > MEGABYTES:
+        verdict = "large"
+    return Outcome(verdict, seconds, megabytes, said)
+
+
+def _child(reader: Reader, path: Path, send: int) -> None:
+    try:
+        quiet = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(quiet, 1)
+        os.dup2(quiet, 2)
+        # Less than its parent has: of libraries only what is used again.
+        os.write(send, f"{_resident_kb()}\n".encode())
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_CPU, (int(SECONDS) * 2, int(SECONDS) * 2 + 1))
+        size = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * 4096
+        resource.setrlimit(resource.RLIMIT_AS, (size + _ADDRESSES, size + _ADDRESSES))
+        try:
+            reader.read(path)
+            answer = "read\n"
+        except reader.declared as error:
+            answer = "refused\n" if "\n" not in str(error) else f"undeclared\nlines: {error}"
+        except BaseException as error:  # noqa: BLE001 - this is what is looked for
+            where = traceback.extract_tb(error.__traceback__)
+            place = next(
+                (f for f in reversed(where) if "site-packages" not in f.filename), where[-1]
+            )
+            answer = (
+                f"undeclared\n{type(error).__name__}: {str(error)[:150]!r} at "
+                f"{Path(place.filename).name}:{place.lineno}"
+            )
+        os.write(send, answer.encode("utf-8", "replace")[:4000])
+    finally:
+        os._exit(0)
+
+
+def _resident_kb() -> int:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4
+
+
+def again(case: Case, keep: Path) -> int:
+    """Read one case in this process, with a stack trace."""
+    path = Place(keep).lay(case)
+    print(f"{case.name}: {case.seed.name}, {case.target}, {len(case.data)} bytes, in {path}")
+    try:
+        print("read:", repr(READERS[case.reader].read(path))[:200])
+    except READERS[case.reader].declared as error:
+        print("refused:", error)
+    return 0
+
+
+def run(names: list[str], files: int, seed: int) -> int:
+    """Read so many damaged files; print a table and what was read badly."""
+    made = seeds()
+    tallies = {name: Tally() for name in names}
+    bad: list[tuple[Case, Outcome]] = []
+    with tempfile.TemporaryDirectory(prefix="sgp-fuzz-", dir=_fast()) as root:
+        place = Place(Path(root))
+        _warm(names, made, place)
+        for index in range(files):
+            name = names[index % len(names)]
+            case = case_of(made, seed, name, index // len(names))
+            outcome = in_child(READERS[name], place.lay(case))
+            place.clean(case)
+            tallies[name].add(outcome)
+            if outcome.bad:
+                bad.append((case, outcome))
+            if (index + 1) % 1000 == 0:
+                print(f"{index + 1} files, {len(bad)} read badly", file=sys.stderr, flush=True)
+    _print(tallies, bad)
+    print(f"{files} files, seed {seed}: {len(bad)} read badly")
+    print("failed" if bad else "passed")
+    return bool(bad)
+
+
+def _fast() -> str | None:
+    memory = Path("/dev/shm")
+    return str(memory) if os.access(memory, os.W_OK) else None
+
+
+def _warm(names: list[str], made: dict[str, list[Seed]], place: Place) -> None:
+    """Read every whole file once: each must be accepted, and what is loaded late is loaded."""
+    for name in names:
+        for seed in made[READERS[name].kind]:
+            target = seed.targets[0]
+            path = place.lay(Case(name, 0, seed, target, seed.files[target]))
+            try:
+                READERS[name].read(path)
+            except READERS[name].declared as error:
+                # A point cloud is no mesh, an EXR no frame.
+                print(f"{name}: {seed.name} is refused undamaged: {error}"[:150])
+
+
+def _print(tallies: dict[str, Tally], bad: list[tuple[Case, Outcome]]) -> None:
+    verdicts = ("read", "refused", "undeclared", "crashed", "slow", "large")
+    print(
+        f"{'reader':<15}" + "".join(f"{verdict:>11}" for verdict in verdicts) + "    max s  max MB"
+    )
+    for name, tally in tallies.items():
+        counts = "".join(f"{tally.verdicts[verdict]:>11}" for verdict in verdicts)
+        print(f"{name:<15}{counts}{tally.seconds:>9.2f}{tally.megabytes:>8.0f}")
+    for case, outcome in bad[:100]:
+        print(
+            f"{case.name}: {outcome.verdict}, {case.seed.name} {case.target}, "
+            f"{outcome.seconds:.1f} s, {outcome.megabytes:.0f} MB {outcome.words}"
+        )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--files", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default=",".join(READERS), help="readers, with commas between")
+    parser.add_argument("--case", help="reader/number of one case to read again")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-case"), help="where its file stays")
+    options = parser.parse_args()
+    oiio.attribute("threads", 1)
+    oiio.attribute("exr_threads", -1)
+    cv2.setNumThreads(0)
+    # A warning that reaches a person is an error nobody declared.
+    warnings.simplefilter("error")
+    if options.case:
+        reader, _, number = options.case.partition("/")
+        shutil.rmtree(options.keep, ignore_errors=True)
+        return again(case_of(seeds(), options.seed, reader, int(number)), options.keep)
+    return run(options.only.split(","), options.files, options.seed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,81 @@
+"""Arrays of numbers from .npy files, read strictly.
+
+Format: NumPy Enhancement Proposal 1. numpy's own reader evaluates the header as Python and makes an
+array of whatever size it declares, before it looks at the file.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, MissingPathError
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
+
+_MAGIC: Final = b"\x93NUMPY"
+_KEYS: Final = {
+    "descr": re.compile(r"""['"]descr['"]\s*:\s*['"]([<>|=][a-zA-Z][0-9]{1,2})['"]"""),
+    "order": re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)"""),
+    "shape": re.compile(r"""['"]shape['"]\s*:\s*\(([0-9, L]{0,100})\)"""),
+}
+
+
+def read_npy(path: Path, max_numbers: int) -> npt.NDArray[Any]:
+    """Read an array of numbers.
+
+    Parameters
+    ----------
+    path
+        The file.
+    max_numbers
+        The most that it may hold.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is no array of whole numbers or floats, or its size is not the one it declares.
+    """
+    try:
+        return _array(read_bounded(path, MAX_BINARY_BYTES), max_numbers)
+    except FileNotFoundError as error:
+        raise MissingPathError(f"{path}: no such file") from error
+    except UnreadableError as error:
+        raise DataError(f"{path}: not a readable array of numbers ({error})") from error
+
+
+def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
+    version, width = data[6:7], 2 if data[6:7] == b"\x01" else 4
+    if data[:6] != _MAGIC or version not in (b"\x01", b"\x02", b"\x03"):
+        raise UnreadableError("it does not begin as a .npy file")
+    begin = 8 + width
+    end = begin + int.from_bytes(data[8:begin], "little")
+    # numpy refuses longer headers, too.
+    if not begin < end <= min(len(data), 10_000):
+        raise UnreadableError("its header is cut short or damaged")
+    text = data[begin:end].decode("latin-1")
+    found = {name: pattern.search(text) for name, pattern in _KEYS.items()}
+    descr, order, shape = (found[name] for name in ("descr", "order", "shape"))
+    if descr is None or order is None or shape is None:
+        raise UnreadableError("its header is damaged, or it holds no plain numbers")
+    kind = descr[1]
+    if kind[1] not in "iuf" or kind[2:] not in ("1", "2", "4", "8") or kind[1:] == "f1":
+        name = {"c": "complex", "b": "bool", "O": "object"}.get(kind[1], kind)
+        raise UnreadableError(f"numbers of type {name}")
+    dtype = np.dtype(kind)
+    sides = [int(side) for side in re.findall(r"[0-9]+", shape[1][:60])]
+    count = math.prod(sides)
+    if count > max_numbers:
+        raise UnreadableError(f"{count} numbers, {max_numbers} are allowed")
+    if len(data) - end != count * dtype.itemsize:
+        raise UnreadableError(
+            f"{len(data) - end} bytes for the shape {tuple(sides)}: cut short or damaged"
+        )
+    values = np.frombuffer(data, dtype, count, end)
+    return values.reshape(sides, order="F" if order[1] == "True" else "C").copy()
