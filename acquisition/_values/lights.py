@@ -46,6 +46,10 @@ def light_id(name: str) -> str:
         stem = shorter
 
 
+# Lengths beyond this have no square, or no meaning in millimetres.
+_LARGEST = 1e12
+
+
 @dataclass(frozen=True, eq=False)
 class Lights:
     """N lights, either all distant (directions) or all near (positions).
@@ -270,7 +274,9 @@ def _finite(value: npt.ArrayLike, what: str) -> Array:
     array = np.array(value, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise DataError(f"{what}s of lights must be N x 3 numbers, not {array.shape}")
-    bad = ~np.isfinite(array).all(axis=1)
+    bad = ~(np.abs(array) <= _LARGEST).all(axis=1)
     if bad.any():
-        raise DataError(f"the {what} of light {int(np.argmax(bad))} is not finite")
+        raise DataError(
+            f"the {what} of light {int(np.argmax(bad))} is not finite, or larger than {_LARGEST:g}"
+        )
     return array
