@@ -34,6 +34,8 @@ def frame_damage(frame: SessionFrame, camera: CameraRecord) -> Damage | None:
 
 
 def _file_reason(frame: SessionFrame) -> str | None:
+    if frame.path.exists() and not frame.path.is_file():
+        return "is not a regular file"
     try:
         size = frame.path.stat().st_size
         data = read_file(frame.path) if size == frame.bytes else b""

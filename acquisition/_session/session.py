@@ -22,7 +22,7 @@ from acquisition._session.layout import (
     leaves,
 )
 from acquisition._session.manifest import Manifest, parse_manifest
-from acquisition._session.recorded import Recorded, SetAsideFrame, recorded_frames
+from acquisition._session.recorded import SetAsideFrame, recorded_frames
 from acquisition._session.session_frame import SessionFrame
 from acquisition._storage import is_part, read_file, sha256_of
 from acquisition._values.camera_model import CameraModel
@@ -60,6 +60,9 @@ class Session:
         Planned shots without a frame that counts whose LED died: they are not demanded.
     warnings
         What was tolerated, one line each.
+    lost_lines
+        Why the journal seems to have lost its last lines; empty where it does not. It is one of
+        the warnings.
     """
 
     folder: Path
@@ -73,6 +76,7 @@ class Session:
     missing: tuple[PlannedShot, ...]
     left_out: tuple[PlannedShot, ...]
     warnings: tuple[str, ...]
+    lost_lines: str = ""
 
     @classmethod
     def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
@@ -205,8 +209,11 @@ def _examine(folder: Path) -> Examination:
             f"{folder / COMPLETE}: is there although {len(missing)} planned frames are not, "
             f"first {missing[0].file}"
         )
+    lost_lines = ""
     if not complete and journal.lines and journal.damage is None:
-        warnings += _unrecorded_hint(folder, recorded)
+        hint, many = _unrecorded_hint(folder, recorded.names)
+        warnings += [hint] if hint else []
+        lost_lines = hint if many else ""
     session = Session(
         folder=folder,
         manifest=manifest,
@@ -219,6 +226,7 @@ def _examine(folder: Path) -> Examination:
         missing=missing,
         left_out=tuple(shot for shot in absent if shot.lit_led in dead),
         warnings=tuple(warnings),
+        lost_lines=lost_lines,
     )
     names = frozenset(recorded.names)
     return Examination(session, journal, names, toml_sha256, tuple(problems), recorded.flaws)
@@ -238,23 +246,22 @@ def _links(folder: Path) -> Iterator[str]:
             yield f"{path}: is a link that leaves the session; put what it names in its place"
 
 
-def _unrecorded_hint(folder: Path, recorded: Recorded) -> Iterator[str]:
-    """Tell of files without a line: an interruption explains a few, lost lines explain them all."""
-    files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded.names]
+def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[str, bool]:
+    """Tell of files without a line, and whether they are more than an interruption explains."""
+    files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded]
     if not files:
-        return
-    few = len(files) <= WRITERS
-    yield (
-        f"{folder / FRAMES}: {_counted(len(files), 'file')} without a line in the journal, first "
-        f"{files[0]}: "
-        + (
-            "written when the recording was interrupted; such a file does not count"
-            if few
-            else f"an interruption leaves {WRITERS} at most, so the journal may have lost its "
-            f"last lines: restore {JOURNAL} and {COMPLETE} from a copy before going on; they do "
-            "not count without their lines"
-        )
+        return "", False
+    many = len(files) > WRITERS
+    explained = "written when the recording was interrupted; such a file does not count"
+    lost = (
+        f"an interruption leaves {WRITERS} at most, so the journal may have lost its last lines: "
+        f"restore {JOURNAL} and {COMPLETE} from a copy before going on; without their lines the "
+        "files do not count"
     )
+    return (
+        f"{folder / FRAMES}: {_counted(len(files), 'file')} without a line in the journal, first "
+        f"{files[0]}: {lost if many else explained}"
+    ), many
 
 
 def _counted(number: int, noun: str) -> str:

@@ -12,7 +12,7 @@ from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 
-Size = Annotated[int, Field(ge=1)]
+Size = Annotated[int, Field(ge=1, lt=2**31)]
 _Vector = tuple[float, float, float]
 
 
@@ -28,7 +28,7 @@ class SensorRecord(Table):
     electrons_per_dn: float
     read_noise_e: float
     black_level_dn: float
-    bit_depth: int
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
     quantum_efficiency: float | None = None
     full_well_e: float | None = None
     dark_current_e_per_s: float | None = None

@@ -19,7 +19,6 @@ _SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
 _OF_LED = re.compile(r"l([0-9]{1,9})(?:_e[0-9]+)?(?:_r[0-9]+)?(?:\.z[0-9]*)?")
 # Where a point coincides with a light, so that no direction leads to it.
 _TOUCHING_MM = 1e-9
-_LARGEST = 1e100
 
 
 def led_id(led: int) -> str:
@@ -45,6 +44,10 @@ def light_id(name: str) -> str:
         if not shorter or f".{suffix}" not in _SUFFIXES:
             return stem
         stem = shorter
+
+
+# Lengths beyond this have no square, or no meaning in millimetres.
+_LARGEST = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,10 +274,9 @@ def _finite(value: npt.ArrayLike, what: str) -> Array:
     array = np.array(value, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         raise DataError(f"{what}s of lights must be N x 3 numbers, not {array.shape}")
-    # Of the square of a length too, or it would become infinite.
-    bad = ~(np.abs(array) < _LARGEST).all(axis=1)
+    bad = ~(np.abs(array) <= _LARGEST).all(axis=1)
     if bad.any():
         raise DataError(
-            f"the {what} of light {int(np.argmax(bad))} is not finite or above {_LARGEST:g}"
+            f"the {what} of light {int(np.argmax(bad))} is not finite, or larger than {_LARGEST:g}"
         )
     return array

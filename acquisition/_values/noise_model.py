@@ -95,7 +95,8 @@ class NoiseModel:
             return self.converter_end_dn
         noise_e = math.hypot(self.read_noise_e, self.dsnu_e)
         full = (self.full_well_e - 4 * noise_e) / self.electrons_per_dn
-        return min(self.converter_end_dn, math.floor(self.black_level_dn + full))
+        # Of absurd numbers the difference is infinite, which no whole number is.
+        return math.floor(min(self.converter_end_dn, max(self.black_level_dn + full, 0.0)))
 
     def variance_dn(self, grey_dn: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the temporal variance (grey values squared) at mean grey values.

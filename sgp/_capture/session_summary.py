@@ -32,6 +32,7 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
         "frames": len(session.frames),
         "missing": [shot.file for shot in session.missing],
         "rejected": [f.line.file for f in session.recorded if f.line.status == "rejected"],
+        "set_aside": [aside.frame.line.file for aside in session.set_aside],
         "events": dict(events),
         "started_utc": manifest.started_utc.isoformat(),
         **{name: getattr(manifest, name) for name in ("object", "operator", "place", "rights")},
@@ -49,7 +50,8 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
         f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
         f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
         + (f", colour filter {camera.cfa}" if camera.cfa else ""),
-        f"frames    {len(session.frames)}, {missing}{len(metrics['rejected'])} rejected",
+        f"frames    {len(session.frames)}, {missing}{len(metrics['rejected'])} rejected"
+        + (f", {len(session.set_aside)} damaged and set aside" if session.set_aside else ""),
     ]
     if events:
         summary.append(f"events    {', '.join(f'{n} x {name}' for name, n in events.items())}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -170,9 +171,7 @@ def resume(
     """
     asked = None if plan is None else read_plan(plan)
     # What is no session is refused before the rig is opened.
-    begun = Session.open(session, damaged_frames=retake_damaged)
-    for warning in begun.warnings:
-        note(f"note: {warning}")
+    begun = _opened(session, retake_damaged=retake_damaged)
     damaged = _damaged(session) if retake_damaged else None
     if begun.complete and asked is None and not damaged:
         nothing = "nothing was missing" if damaged is None else "no frame is damaged"
@@ -181,6 +180,8 @@ def resume(
         _, recorded, missing = check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
+        if begun.lost_lines:
+            note(f"note: {begun.lost_lines}")
         told = Told()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
@@ -286,6 +287,18 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
+
+
+def _opened(session: Path, *, retake_damaged: bool) -> Session:
+    """Open a session to go on with; where single frames are damaged, an error says what helps."""
+    try:
+        return Session.open(session, damaged_frames=retake_damaged)
+    except DataError as error:
+        if not retake_damaged:
+            with suppress(DataError):
+                Session.open(session, damaged_frames=True)
+                error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
+        raise
 
 
 def _damaged(session: Path) -> tuple[Damage, ...]:

@@ -190,7 +190,7 @@ def read_by_all(folder: Path, work: Path) -> list[str]:
     if session is None:
         if found is not None and found.ok:
             wrong.append("verify finds nothing wrong with what cannot be opened")
-        if not refused["source"]:
+        if refused.get("source") is False:
             wrong.append("source reads what cannot be opened")
     else:
         tried("info", lambda: describe(session))

@@ -146,7 +146,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
         runs.append(list(leds))
         for number, led in enumerate(leds):
             shot = real(led, exposure_us, gain_db, trigger="software")
-            yield replace(shot, led=0) if (len(runs), number) == (2, 1) else shot
+            yield replace(shot, led=0) if (len(runs), number) == (1, 2) else shot
 
     monkeypatch.setattr(rig, "sequence", sequence)
     rig.config = rig.config.model_copy(update={"trigger": "board"})
@@ -155,8 +155,8 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
     session = record(rig, plan, tmp_path / "s", **TOLD)
     assert session.complete
-    # After the dark frame: LED 3 is kept, the frame of LED 1 is not, and the rest comes anew.
-    assert runs == [[None], [3, 1, 5, 2], [1, 5, 2]]
+    # The dark frame and that of LED 3 are kept, the next is not, and the rest comes anew.
+    assert (runs[0], runs[1]) == ([None, 3, 1, 5, 2], [1, 5, 2])
     assert verify_session(tmp_path / "s").ok
 
 

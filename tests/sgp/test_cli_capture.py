@@ -16,6 +16,7 @@ import pytest
 
 from acquisition import Session, read_image
 from acquisition._session.writer import SessionWriter
+from tests.acquisition.mutants import rows_of, seal
 
 RIG = """
 name = "small"
@@ -355,6 +356,95 @@ def test_verify_names_the_frame_that_one_bit_changed(sgp, rig, plan, tmp_path):
     problems = json.loads(answer.out)["metrics"]["problems"]
     assert len(problems) == 1
     assert "L03_E0.tif" in problems[0]
+
+
+def flip(path):
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+
+
+def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2  # the card is not there
+    flip(out / "frames" / "L01_E0.tif")
+    (out / "frames" / "L02_E0.tif").unlink()
+    damaged = (out / "frames" / "L01_E0.tif").read_bytes()
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    answer = sgp(*words)
+    assert answer.code == 4
+    error = answer.err.splitlines()[-1]
+    assert error.startswith(f"error: {out / 'frames' / 'L01_E0.tif'}: was changed since")
+    assert "2 frames are damaged" in error
+    assert (
+        f"damaged: {out / 'frames' / 'L02_E0.tif'}: is in the journal but not there" in answer.err
+    )
+    assert f"`capture resume {out} --retake-damaged` takes" in answer.err
+    assert not (out / "COMPLETE").exists()
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    answer = sgp(*words, "--retake-damaged", "--dry-run", "--json")
+    assert (answer.code, json.loads(answer.out)["metrics"]["shots"]) == (0, 2)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    answer = sgp(*words, "--retake-damaged", "--json")
+    assert answer.code == 0
+    told = json.loads(answer.out)["metrics"]
+    assert told["complete"]
+    assert told["set_aside"] == ["frames/L01_E0.tif", "frames/L02_E0.tif"]
+    assert "set aside: frames/L01_E0.tif, kept as derived/set_aside/000_L01_E0.tif" in answer.err
+    assert (out / "derived/set_aside/000_L01_E0.tif").read_bytes() == damaged
+    assert sgp("capture", "verify", out).code == 0
+    assert "2 damaged and set aside" in sgp("capture", "info", out).out
+
+
+def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    assert "no frame is damaged" in sgp(*words, "--retake-damaged").err
+    flip(out / "frames" / "D_5000us.tif")
+    answer = sgp("capture", "verify", out)
+    assert answer.code == 4
+    assert f"`capture resume {out} --retake-damaged`" in answer.out
+    assert "nothing was missing" in sgp(*words).err
+    assert sgp(*words, "--retake-damaged").code == 0
+    assert sgp("capture", "verify", out).code == 0
+
+
+def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    rows = rows_of(out)
+    next(row for row in rows if row.get("led") == 3)["echo"]["led"] = 5
+    seal(out, rows)
+    said = "L03_E0.tif was planned with LED 3, but the LED board reports LED 5"
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    for command in (
+        ("capture", "info", out),
+        ("sgp", "normals", out, "--out", tmp_path / "n"),
+        words,
+    ):
+        line = sgp(*command[command[0] == "sgp" :]).error_line(4)
+        assert said in line
+    assert line.endswith(f"`capture resume {out} --retake-damaged` takes it again")
+    assert sgp(*words, "--retake-damaged").code == 0
+    assert sgp("capture", "verify", out).code == 0
+
+
+def test_lines_that_are_gone_are_hinted_at(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    seal(out, rows_of(out)[:4], complete=False)
+    hint = "4 files without a line in the journal"
+    for words in (
+        ("verify", out),
+        ("info", out),
+        ("resume", out, "--rig", rig, "--skip-check"),
+    ):
+        answer = sgp("capture", *words)
+        assert hint in answer.err + answer.out
+        assert "restore journal.jsonl and COMPLETE from a copy before going on" in (
+            answer.err + answer.out
+        )
+    assert len(list((out / "derived" / "unrecorded").iterdir())) == 4
 
 
 def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan, tmp_path):
