@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sgp._printable import printable_json
+
 
 @dataclass
 class Result:
@@ -54,7 +56,8 @@ class Result:
 
 def dumps(value: Mapping[str, Any]) -> str:
     """Return strict JSON: numpy scalars become numbers, what is not finite becomes null."""
-    return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
+    return printable_json(text)
 
 
 def plain(value: Any) -> Any:

@@ -20,6 +20,7 @@ from processing import (
     object_mask,
     photometric_stereo,
 )
+from rig import MAX_PIXELS
 from sgp._console import progress
 from sgp._options import SourceOptions
 
@@ -55,7 +56,12 @@ class NormalsStage:
 
 
 def open_source(
-    path: Path, *, lights: Path | None = None, camera: Path | None = None, mask: Path | None = None
+    path: Path,
+    *,
+    lights: Path | None = None,
+    camera: Path | None = None,
+    mask: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
 ) -> tuple[Source, list[Path]]:
     """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
 
@@ -65,7 +71,10 @@ def open_source(
         If a file is missing, not understood, or does not fit the images.
     """
     source = read_source(
-        path, lights=None if lights is None else read_lights(lights), mask_path=mask
+        path,
+        lights=None if lights is None else read_lights(lights),
+        mask_path=mask,
+        max_pixels=max_pixels,
     )
     if camera is not None:
         source = replace(source, camera=read_camera(camera, source.size))

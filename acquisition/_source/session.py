@@ -79,7 +79,7 @@ def read_session(
         kind="session",
         frames=frames,
         lights=session.lights,
-        mask=read_mask(mask_path, size, max_pixels=max_pixels) if mask_path else None,
+        mask=read_mask(mask_path, size) if mask_path else None,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
         cfa=_upright_cfa(session, folder),

@@ -16,9 +16,10 @@ from calibration import (
     calibrate_spheres,
     linear_stack,
 )
+from rig import MAX_PIXELS
 from sgp._console import progress
 from sgp._exit import UsageError
-from sgp._options import Positive, numbers
+from sgp._options import Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
 from sgp._stages import open_source
@@ -32,6 +33,7 @@ def spheres(
     camera: Path | None = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
@@ -60,6 +62,8 @@ def spheres(
         the spheres are found.
     sphere
         Rough outline x,y,radius in pixels; may be given more than once.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Replace files that exist.
     """
@@ -69,7 +73,7 @@ def spheres(
     if mask and sphere:
         raise UsageError("--mask and --sphere both say where the spheres are: give one of them")
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
-    opened, files = open_source(source, camera=camera)
+    opened, files = open_source(source, camera=camera, max_pixels=max_pixels)
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
     if any(radius > largest for _, _, radius in given):
@@ -116,6 +120,7 @@ def intensities(
     out: Path,
     camera: Path | None = None,
     mask: Path | None = None,
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate how strong the lights are, and how they spread, from a matte card.
@@ -139,11 +144,13 @@ def intensities(
         Camera of the images; default: that of the session.
     mask
         Image of the card; default: the whole frame, where what is no card is left out as outliers.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Replace a file that exists.
     """
     check_file(out, ".json", force=force)
-    opened, files = open_source(source, camera=camera, mask=mask)
+    opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
     if opened.camera is None:
         raise DataError(f"{source}: no camera is known for these images: give --camera")
     stack = _undivided(opened)
