@@ -92,9 +92,7 @@ def read_normals(
     beside = file.parent / "mask.png"
     mask_file = Path(mask_path) if mask_path is not None else beside if beside.exists() else None
     height, width = pixels.shape[:2]
-    mask = (
-        None if mask_file is None else read_mask(mask_file, (height, width), max_pixels=max_pixels)
-    )
+    mask = None if mask_file is None else read_mask(mask_file, (height, width))
     vectors, encoded = _decode(pixels)
     notes: list[str] = []
     if alpha is not None:

@@ -10,11 +10,12 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from sgp._printable import printable
 from sgp._stderr import STDERR
 
 Advance = Callable[[int, int], None]
 
-_stderr = Console(file=STDERR, highlight=False)
+_stderr = Console(file=STDERR, highlight=False, emoji=False)
 
 # Between two lines of progress where there is no terminal for a bar.
 _LINE_EVERY_S = 10.0
@@ -22,7 +23,7 @@ _LINE_EVERY_S = 10.0
 
 def note(text: str) -> None:
     """Say one line to the person at the terminal."""
-    _stderr.print(text, markup=False, soft_wrap=True)
+    _stderr.print(printable(text), markup=False, soft_wrap=True)
 
 
 @contextmanager
@@ -32,13 +33,13 @@ def progress(what: str) -> Iterator[Advance]:
         yield _Lines(what)
         return
     columns = (
-        TextColumn("{task.description:<24}"),
+        TextColumn("{task.description:<24}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=_stderr, transient=True) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(printable(what), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 

@@ -6,7 +6,7 @@ import difflib
 import re
 from typing import TYPE_CHECKING, Any
 
-from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError
+from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError
 from cyclopts.help import DefaultFormatter, HelpPanel, InlineText
 
 if TYPE_CHECKING:
@@ -83,6 +83,10 @@ def _complaint(error: CycloptsError, words: str) -> str:
     ):
         positional = argument.field_info.is_positional
         return f"{argument.name.lstrip('-').upper() if positional else argument.name} is missing"
+    if isinstance(error, CoercionError) and argument is not None and error.token is not None:
+        # The parser names an option, and not an argument.
+        named = error.token.keyword is not None
+        return str(error) if named else f"{argument.name.lstrip('-').upper()}: {error}"
     return str(error)
 
 

@@ -2,37 +2,68 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter, Token
+from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
 from processing import MAX_PROJECTED_PIXELS, Method
+from rig import MAX_PIXELS
 from sgp._exit import UsageError
 
 
 def _whole(kind: object, tokens: Sequence[Token]) -> int:
     """Read a whole number; the parser's own reading would round 1.5."""
-    try:
-        return int(tokens[0].value)
-    except ValueError as error:
-        raise ValueError(f"{tokens[0].value} is not a whole number") from error
+    text = tokens[0].value
+    if not re.fullmatch(r"\s*[-+]?[0-9]{1,30}\s*", text):
+        raise CoercionError(msg=f"{_short(text)} is not a whole number", token=tokens[0])
+    return int(text)
 
+
+def _real(kind: object, tokens: Sequence[Token]) -> float:
+    """Read a finite number: of NaN no bound would be true, and infinity is no measure."""
+    try:
+        return _finite(tokens[0].value)
+    except ValueError as error:
+        raise CoercionError(msg=str(error), token=tokens[0]) from error
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise ValueError(f"{_short(text)} is not a number") from error
+    if not math.isfinite(value):
+        raise ValueError(f"{_short(text)} is not a finite number")
+    return value
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+# Words of a command line that a message repeats.
+_LONGEST = 40
 
 Whole = Annotated[int, Parameter(converter=_whole)]
+Real = Annotated[float, Parameter(converter=_real)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
 Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=65536))]
 Order = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=64))]
 Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=100))]
-Positive = Annotated[float, Parameter(validator=Number(gt=0, lte=1e6))]
+Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
+Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
+Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
 # What a camera can do is the camera's to say: this is a day.
-Microseconds = Annotated[float, Parameter(validator=Number(gt=0, lte=8.64e10))]
-Gamma = Annotated[float, Parameter(validator=Number(gte=0.1, lte=10))]
-Factor = Annotated[float, Parameter(validator=Number(gte=-1000, lte=1000))]
+Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
+Gamma = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.1, lte=10))]
+Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
+Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
 
 @Parameter(name="*")
@@ -54,6 +85,8 @@ class SourceOptions:
         Take lights with positions as directions.
     gamma
         Exponent that makes the images linear (2.2 for display-ready ones); default: linear already.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     """
 
     lights: Path | None = None
@@ -62,6 +95,7 @@ class SourceOptions:
     method: Method = "cauchy"
     distant: bool = False
     gamma: Gamma | None = None
+    max_pixels: Pixels = MAX_PIXELS
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:
@@ -70,14 +104,14 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     Raises
     ------
     UsageError
-        If there are not ``count`` numbers.
+        If there are not ``count`` finite numbers.
     """
     try:
-        values = [float(part) for part in text.split(",")]
+        values = [_finite(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) != count:
-        raise UsageError(f"{option} {text}: give {count} numbers with commas between")
+        raise UsageError(f"{option} {_short(text)}: give {count} numbers with commas between")
     return values
 
 
@@ -91,7 +125,9 @@ def image_size(option: str, text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", text)
     if match is None:
-        raise UsageError(f"{option} {text}: give width and height in pixels, such as 640x512")
+        raise UsageError(
+            f"{option} {_short(text)}: give width and height in pixels, such as 640x512"
+        )
     width, height = int(match[1]), int(match[2])
     if width * height > MAX_PROJECTED_PIXELS:
         raise UsageError(

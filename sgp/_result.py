@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sgp._printable import printable_json
+
 
 @dataclass
 class Result:
@@ -58,7 +60,7 @@ def dumps(value: Mapping[str, Any]) -> str:
     Bytes of names that are not UTF-8 become escapes, from which Python reads the same name.
     """
     text = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
-    return text.encode("utf-8", "backslashreplace").decode()
+    return printable_json(text).encode("utf-8", "backslashreplace").decode()
 
 
 def plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from acquisition import Source, read_camera, read_lights, read_source
 from processing import Reconstruction, reconstruct
+from rig import MAX_PIXELS
 from sgp._console import Stages
 from sgp._options import SourceOptions
 
@@ -21,6 +22,7 @@ def open_source(
     camera: Path | None = None,
     mask: Path | None = None,
     others: Sequence[Path] = (),
+    max_pixels: int = MAX_PIXELS,
 ) -> tuple[Source, list[Path]]:
     """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
 
@@ -32,7 +34,10 @@ def open_source(
         If a file is missing, not understood, or does not fit the images.
     """
     source = read_source(
-        path, lights=None if lights is None else read_lights(lights), mask_path=mask
+        path,
+        lights=None if lights is None else read_lights(lights),
+        mask_path=mask,
+        max_pixels=max_pixels,
     )
     if camera is not None:
         source = replace(source, camera=read_camera(camera, source.size))

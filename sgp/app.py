@@ -15,6 +15,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from sgp import __version__
 from sgp._help import HelpPage, flowing, page, usage_complaint
+from sgp._printable import printable, printable_lines
 from sgp._stderr import STDERR
 
 # Idle threads of numba's OpenMP pool would spin, which costs several times the work itself.
@@ -210,17 +211,18 @@ def _show(result: Any, as_json: bool) -> int:
         for warning in result.warnings:
             note(f"note: {warning}")
         for line in result.summary:
-            print(line)
+            print(printable(line))
     return 0 if result.ok else result.failing_code
 
 
 def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
     # Notes were added to the error on its way, such as LEDs that are not confirmed off.
-    line = " ".join("; ".join([text, *getattr(error, "__notes__", ())]).split())
+    said = "; ".join([text, *getattr(error, "__notes__", ())])
+    line = printable(" ".join(said.split()))
     if debug:
         import traceback
 
-        traceback.print_exc(file=STDERR)
+        print(printable_lines(traceback.format_exc()), file=STDERR, end="")
     if as_json:
         from sgp._result import dumps
 

@@ -125,7 +125,7 @@ class _Watcher:
         self._on_frame = on_frame
         self._texts = texts
         self._said: dict[str, None] = {}
-        self._files = WatchedFolder(watch.folder, watch.settle_s, self._say)
+        self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
         self._recorded: dict[str, int] = {}
         self._first: ImportedImage | None = None
         self._writer: SessionWriter | None = None

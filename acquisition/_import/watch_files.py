@@ -14,6 +14,7 @@ from acquisition._import.image import ImportedImage, ShotData, read_for_import, 
 from acquisition._import.watch_match import Arrival, in_order
 from acquisition._pixels.raw import is_raw
 from acquisition._suffixes import IMAGE_SUFFIXES
+from rig import MAX_PIXELS
 
 # Images kept in memory between the check that they decode and their recording.
 _KEPT: Final = 3
@@ -42,12 +43,21 @@ class WatchedFolder:
         How long a file must stay as it is.
     say
         Called with one line for each file that is waited for.
+    max_pixels
+        The most that an image may have.
     """
 
-    def __init__(self, folder: Path, settle_s: float, say: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        settle_s: float,
+        say: Callable[[str], None],
+        max_pixels: int = MAX_PIXELS,
+    ) -> None:
         self.folder = folder
         self._settle_s = settle_s
         self._say = say
+        self._max_pixels = max_pixels
         self._files: dict[str, _File] = {}
 
     @property
@@ -118,7 +128,7 @@ class WatchedFolder:
                 if name in recorded:
                     file.arrival = _arrival(name, file, read_shot_data(path))
                 elif settled:
-                    image = read_for_import(path)
+                    image = read_for_import(path, max_pixels=self._max_pixels)
                     file.arrival = _arrival(name, file, image.data)
                     if sum(other.image is not None for other in self._files.values()) < _KEPT:
                         file.image = image
@@ -139,7 +149,7 @@ class WatchedFolder:
         image, file.image = file.image, None
         file.taken = True
         try:
-            return image or read_for_import(path)
+            return image or read_for_import(path, max_pixels=self._max_pixels)
         except MissingPathError as error:
             raise DataError(str(error)) from error
 

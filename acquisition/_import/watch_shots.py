@@ -9,6 +9,7 @@ from pathlib import Path
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._values.lights import Lights, led_id
+from rig import MAX_PIXELS
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Watch:
         How long to wait for the next image.
     settle_s
         How long a file must stay as it is to count as whole.
+    max_pixels
+        The most that an image may have.
     """
 
     folder: Path
@@ -41,6 +44,7 @@ class Watch:
     gaps: bool = True
     timeout_s: float = 600.0
     settle_s: float = 1.0
+    max_pixels: int = MAX_PIXELS
 
 
 def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:

@@ -42,7 +42,7 @@ def read_mask_shares(
     size
         (height, width) that the mask must have.
     max_pixels
-        The most that it may have.
+        The most that it may have; a mask of the ``size`` that is given always may.
 
     Returns
     -------
@@ -59,6 +59,7 @@ def read_mask_shares(
     """
     path = Path(path)
     if size is not None:
+        max_pixels = max(max_pixels, size[0] * size[1])
         (height, width, *_), _ = image_form(path, max_pixels=max_pixels)
         if (height, width) != size:
             raise DataError(

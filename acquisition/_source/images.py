@@ -121,7 +121,7 @@ def images_source(
         path=path,
         kind="images",
         frames=frames,
-        mask=read_mask(masks[0], (shape[0], shape[1]), max_pixels=max_pixels) if masks else None,
+        mask=read_mask(masks[0], (shape[0], shape[1])) if masks else None,
         mask_path=masks[0] if masks else None,
         cfa=cfa,
         black_level=black,

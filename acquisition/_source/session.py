@@ -80,7 +80,7 @@ def read_session(
         kind="session",
         frames=frames,
         lights=session.lights,
-        mask=read_mask(mask_path, size, max_pixels=max_pixels) if mask_path else None,
+        mask=read_mask(mask_path, size) if mask_path else None,
         mask_path=mask_path,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,

@@ -14,12 +14,13 @@ from acquisition import meter as meter_plan
 from rig import Rig, RigError
 from sgp._console import progress
 from sgp._exit import UsageError
+from sgp._options import Real
 from sgp._result import Result
 
 Metering = Literal["each", "one"]
-_Percentile = Annotated[float, Parameter(validator=Number(gt=0, lte=100))]
-_Level = Annotated[float, Parameter(validator=Number(gt=0, lte=0.95))]
-_Share = Annotated[float, Parameter(validator=Number(gte=0, lte=1))]
+_Percentile = Annotated[Real, Parameter(validator=Number(gt=0, lte=100))]
+_Level = Annotated[Real, Parameter(validator=Number(gt=0, lte=0.95))]
+_Share = Annotated[Real, Parameter(validator=Number(gte=0, lte=1))]
 
 
 @Parameter(name="*")

@@ -17,9 +17,10 @@ from calibration import (
     calibrate_spheres,
     linear_stack,
 )
+from rig import MAX_PIXELS
 from sgp._console import progress
 from sgp._exit import UsageError
-from sgp._options import Positive, numbers
+from sgp._options import Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
 from sgp._stages import open_source
@@ -33,6 +34,7 @@ def spheres(
     camera: Path | None = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
@@ -62,6 +64,8 @@ def spheres(
         source shows the object and is not used.
     sphere
         Rough outline x,y,radius in pixels; may be given more than once.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Replace files that exist.
     """
@@ -73,7 +77,9 @@ def spheres(
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
     # A folder may hold one mask for each sphere; with one given, the reader need not choose.
     first, others = (mask[0], mask[1:]) if mask else (None, ())
-    opened, files = open_source(source, camera=camera, mask=first, others=others)
+    opened, files = open_source(
+        source, camera=camera, mask=first, others=others, max_pixels=max_pixels
+    )
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
     if any(radius > largest for _, _, radius in given):
@@ -124,6 +130,7 @@ def intensities(
     out: Path,
     camera: Path | None = None,
     mask: Path | None = None,
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate how strong the lights are, and how they spread, from a matte card.
@@ -148,11 +155,13 @@ def intensities(
     mask
         Image of the card; default: the whole frame, where what is not the card is left out as
         outliers. The source's own mask, which shows an object or a sphere, is not used.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Replace a file that exists.
     """
     check_file(out, ".json", force=force)
-    opened, files = open_source(source, camera=camera, mask=mask)
+    opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
     if opened.camera is None:
         raise DataError(f"{source}: no camera is known for these images: give --camera")
     stack = _undivided(opened)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,16 +24,17 @@ from acquisition import (
     read_plan,
     watch_folder,
 )
+from rig import MAX_PIXELS
 from sgp._console import note, progress
 from sgp._exit import UsageError
-from sgp._options import Count, Positive
+from sgp._options import Leds, Pixels, Positive, Whole
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp.commands.capture import info
 
 _RECORD = "export.json"
 
-Bracket = Annotated[int, Parameter(validator=Number(gte=0, lte=1000))]
+Bracket = Annotated[Whole, Parameter(validator=Number(gte=0, lte=1000))]
 
 
 def compact(session: Path) -> Result:
@@ -155,11 +157,12 @@ def import_(
     notes: str = "",
     rights: str = "",
     watch: bool = False,
-    leds: Count | None = None,
+    leds: Leds | None = None,
     plan: Path | None = None,
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
     timeout_s: Positive = 600.0,
+    max_pixels: Pixels = MAX_PIXELS,
 ) -> Result:
     """Bring photographs into a session.
 
@@ -206,6 +209,8 @@ def import_(
         With --watch: --no-gaps matches by order alone.
     timeout_s
         With --watch: how long to wait for the next image.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     """
     texts = {
         "operator": operator,
@@ -218,13 +223,14 @@ def import_(
         if mask is not None:
             raise UsageError("--mask goes with images that are there: leave it out with --watch")
         asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
+        asked = replace(asked, max_pixels=max_pixels)
         return _import_watched(asked, out, lights, texts)
     for option, given in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
         if given is not None:
             raise UsageError(f"{option} is for --watch: add that, or leave it out")
     check_folder(out)
     chosen = None if lights is None else read_lights(lights)
-    opened = read_import(source, lights=chosen, mask_path=mask)
+    opened = read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
     del texts["object"]
     with progress("importing") as advance:
         import_frames(

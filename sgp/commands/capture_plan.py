@@ -13,21 +13,21 @@ from cyclopts.validators import Number
 from acquisition import CapturePlan, DataError, estimate_plan, preflight, read_plan
 from rig import RigConfig, open_rig, read_rig_config
 from sgp._console import progress
-from sgp._options import Count
+from sgp._options import Count, Leds, Real
 from sgp._result import Result
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25
 _MOST_ROWS = 12
 
-Milliseconds = Annotated[float, Parameter(validator=Number(gte=0, lte=60_000))]
+Milliseconds = Annotated[Real, Parameter(validator=Number(gte=0, lte=60_000))]
 
 
 def plan(
     plan: Path | None = None,
     *,
     rig: Path | None = None,
-    leds: Count = 36,
+    leds: Leds = 36,
     width: Count = 2448,
     height: Count = 2048,
     frame_ms: Milliseconds = 70.0,

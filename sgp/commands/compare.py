@@ -9,6 +9,8 @@ import numpy as np
 
 from acquisition import DataError, read_mask, write_exr
 from processing import angular_error, read_normals, ssim
+from rig import MAX_PIXELS
+from sgp._options import Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
@@ -21,6 +23,7 @@ def compare(
     mask: Path | None = None,
     green: Literal["up", "down"] = "up",
     out: Path | None = None,
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Compare two normal maps: angular error, SSIM, error map.
@@ -43,10 +46,15 @@ def compare(
         Which way the green channel of image files points.
     out
         Folder for error.exr, error.png and compare.json.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
-    first, second = read_normals(a, green=green), read_normals(b, green=green)
+    first, second = (
+        read_normals(a, green=green, max_pixels=max_pixels),
+        read_normals(b, green=green, max_pixels=max_pixels),
+    )
     counted = None if mask is None else read_mask(mask, second.normal_map.size)
     error = angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:

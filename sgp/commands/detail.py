@@ -8,7 +8,8 @@ from typing import Literal
 from processing import FilterKind, read_normals, write_normals
 from processing import combine as combine_maps
 from processing import separate as separate_map
-from sgp._options import Count, Order
+from rig import MAX_PIXELS
+from sgp._options import Count, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_separation
@@ -25,6 +26,7 @@ def separate(
     order: Order = 8,
     w: Count = 5,
     green: Green = "up",
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Split a normal map into its shape component and its detail component.
@@ -50,10 +52,12 @@ def separate(
         Half width of the filter's window in pixels; sigma is w / 2.
     green
         Which way the green channel of an image file points.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
-    read = read_normals(normals, green=green)
+    read = read_normals(normals, green=green, max_pixels=max_pixels)
     parts = separate_map(read.normal_map, filter=filter, order=order, w=w)
     result = write_separation(claim_folder(out, "detail.json"), parts)
     result.warnings += read.warnings
@@ -67,6 +71,7 @@ def combine(
     detail: Path,
     *,
     out: Path,
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Put a detail component onto a shape component of the same size.
@@ -83,10 +88,12 @@ def combine(
         The detail component, edited or not.
     out
         Folder for normals.exr, normals.png, mask.png and normals.json.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
-    first, second = read_normals(shape), read_normals(detail)
+    first, second = (read_normals(path, max_pixels=max_pixels) for path in (shape, detail))
     combined = combine_maps(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     known = int(combined.mask.sum())

@@ -22,7 +22,8 @@ from processing import (
     ssim,
     transfer_chain,
 )
-from sgp._options import Count, Order
+from rig import MAX_PIXELS
+from sgp._options import Count, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
 from sgp._result import Result
@@ -37,6 +38,7 @@ def properties(
     order: Order = 8,
     w: Count = 5,
     green: Literal["up", "down"] = "up",
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Measure what the paper claims of a map's detail.
@@ -66,10 +68,12 @@ def properties(
         Half width of the filter's window in pixels; sigma is w / 2.
     green
         Which way the green channel of image files points.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
-    read = [read_normals(path, green=green) for path in (normals, *targets)]
+    read = [read_normals(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
     normal_map, *others = (one.normal_map for one in read)
     parts = separate(normal_map, filter=filter, order=order, w=w)
     result = Result(

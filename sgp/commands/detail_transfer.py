@@ -22,8 +22,9 @@ from processing import (
 )
 from processing import transfer as transfer_detail
 from processing import transfer_local as transfer_part
+from rig import MAX_PIXELS
 from sgp._exit import UsageError
-from sgp._options import Count, Factor, Order, Positive, Steps, numbers
+from sgp._options import Count, Degrees, Factor, Order, Pixels, Positive, Steps, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import map_panel, normals_panel, write_overview
 from sgp._result import Result
@@ -57,7 +58,7 @@ class LocalOptions:
     source_mask: Path | None = None
     target_mask: Path | None = None
     scale: Positive = 1.0
-    rotate_deg: float = 0.0
+    rotate_deg: Degrees = 0.0
     mirror: bool = False
 
 
@@ -78,6 +79,7 @@ def transfer(
     profile: bool = False,
     source_green: Green = "up",
     target_green: Green = "up",
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     r"""Carry the detail of one normal map onto the shape of another, all over or in a part.
@@ -122,6 +124,8 @@ def transfer(
         Which way the green channel of the source points.
     target_green
         Which way the green channel of the target points.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
@@ -129,8 +133,8 @@ def transfer(
     is_local = local != LocalOptions()
     if is_local and (keep_target_detail or refine):
         raise UsageError("--keep-target-detail and --refine are not for a part of the source")
-    first = read_normals(source, green=source_green)
-    second = read_normals(target, green=target_green)
+    first = read_normals(source, green=source_green, max_pixels=max_pixels)
+    second = read_normals(target, green=target_green, max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
     done: TransferResult | LocalTransferResult
     if is_local:

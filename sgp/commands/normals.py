@@ -36,7 +36,11 @@ def normals(
         Write into a folder that holds files already.
     """
     opened, files = open_source(
-        source, lights=options.lights, camera=options.camera, mask=options.mask
+        source,
+        lights=options.lights,
+        camera=options.camera,
+        mask=options.mask,
+        max_pixels=options.max_pixels,
     )
     stage = compute_normals(opened, options)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage)

@@ -41,7 +41,11 @@ def run(
     """
     watch = Stopwatch()
     opened, files = open_source(
-        source, lights=options.lights, camera=options.camera, mask=options.mask
+        source,
+        lights=options.lights,
+        camera=options.camera,
+        mask=options.mask,
+        max_pixels=options.max_pixels,
     )
     outcome = process(opened, files, out, watch, options)
     result = outcome.result

@@ -7,7 +7,8 @@ from typing import Literal
 
 from acquisition import read_camera, read_mask
 from processing import NormalMap, integrate, read_normals
-from sgp._options import Positive
+from rig import MAX_PIXELS
+from sgp._options import Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_surface
@@ -25,6 +26,7 @@ def surface(
     glb: bool = False,
     stl: bool = False,
     obj: bool = False,
+    max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Integrate a normal map to height, depth and a mesh.
@@ -53,10 +55,12 @@ def surface(
         Write surface.stl too.
     obj
         Write surface.obj too.
+    max_pixels
+        Refuse images of more pixels, before they are decoded.
     force
         Write into a folder that holds files already.
     """
-    read = read_normals(normals, green=green)
+    read = read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map
     if mask is not None:
         inside = read_mask(mask, normal_map.size) & normal_map.mask

@@ -1,0 +1,132 @@
+"""Numeric options of every command, found by asking the parser, given what is no number."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+from cyclopts import App
+from cyclopts.argument import Argument
+
+import sgp.commands
+from sgp.app import build
+
+NOT_FINITE = ("nan", "inf", "-inf", "1e400")
+NO_NUMBERS = ("x", "1,5", "9" * 5000)
+ODD = ("1e308", "-1e308", "1.5", "-1", "0")
+
+
+def leaves(app: App, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], App]]:
+    names = [name for name in app if not name.startswith("-")]
+    if not names:
+        yield path, app
+    for name in names:
+        yield from leaves(app[name], (*path, name))
+
+
+def numeric(hint: Any) -> bool:
+    return hint in (int, float) or any(numeric(one) for one in get_args(hint))
+
+
+def options() -> Iterator[Any]:
+    for path, leaf in leaves(build()):
+        for argument in leaf.assemble_argument_collection():
+            if numeric(argument.hint):
+                yield pytest.param(path, argument, id=f"{'-'.join(path)}{argument.name}")
+
+
+ALL = list(options())
+
+
+def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
+    """What else a command needs, of the right kind and not there."""
+    leaf = app
+    for name in path:
+        leaf = leaf[name]
+    needed = []
+    for other in leaf.assemble_argument_collection():
+        if other.required and other.name != argument.name:
+            positional = other.field_info.is_positional
+            chosen = next(iter(get_args(other.hint)), "nowhere")
+            value = chosen if isinstance(chosen, str) else "1" if numeric(other.hint) else "nowhere"
+            needed += [value] if positional else [f"{other.name}={value}"]
+    return needed
+
+
+def test_options_are_found() -> None:
+    """Those that there are today: were the search to fail, nothing would be tested."""
+    found = {f"{' '.join(case.values[0])} {case.values[1].name}" for case in ALL}
+    assert {
+        "detail transfer --amplitude",
+        "detail transfer --rotate-deg",
+        "capture run --meter-fraction",
+        "normals --gamma",
+        "calibrate spheres --radius-mm",
+        "rig light --led",
+        "simulate --exposure-us",
+        "capture plan --frame-ms",
+    } <= found
+    assert len(found) >= 45
+
+
+def test_text_options_of_numbers_are_known() -> None:
+    """Numbers inside text are not found by type: who adds one is to add it below."""
+    source = re.compile(r'(?:numbers|image_size)\("(--[a-z-]+)"')
+    named = {
+        match[1]
+        for file in Path(sgp.commands.__path__[0]).glob("*.py")
+        for match in source.finditer(file.read_text(encoding="utf-8"))
+    }
+    assert named == {"--at", "--look", "--rotate-deg", "--sphere", "--size"}
+
+
+@pytest.mark.parametrize(("path", "argument"), ALL)
+def test_what_is_no_finite_number_is_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
+    monkeypatch.chdir(tmp_path)
+    rest = complete(build(), path, argument)
+    for value in NOT_FINITE:
+        line = sgp(*path, *rest, f"{argument.name}={value}").error_line(2)
+        assert value in line
+        assert re.search(r"is not a (finite|whole) number", line), line
+        assert argument.name.lstrip("-").upper() in line.upper()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("path", "argument"), ALL)
+def test_no_number_is_a_fault_of_the_program(sgp, tmp_path, monkeypatch, path, argument) -> None:
+    """Refused in one short line, or taken: then what is not there is missed."""
+    monkeypatch.chdir(tmp_path)
+    rest = complete(build(), path, argument)
+    for value in NO_NUMBERS:
+        line = sgp(*path, *rest, f"{argument.name}={value}").error_line(2)
+        assert re.search(r"is not a (finite |whole )?number", line), line
+        assert len(line) < 300
+    # Others may be what a command takes: of those that would do their work then, only the worst.
+    works = path[0] in ("rig", "demo", "bench", "simulate") or path == ("capture", "plan")
+    for value in ODD[:2] if works else ODD:
+        assert len(sgp(*path, *rest, f"{argument.name}={value}").error_line(2)) < 300
+
+
+@pytest.mark.parametrize("value", ["nan,1,2", "1,inf,2", "1,1e400,2", "1,2", "1,2,3,4", "", ",,"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("calibrate", "spheres", "nowhere", "--out=l.json", "--sphere={}"),
+        ("project", "nowhere.obj", "--out=o", "--look={}"),
+        ("project", "nowhere.obj", "--out=o", "--rotate-deg={}"),
+        ("detail", "transfer", "a", "b", "--out=o", "--at={}"),
+        ("project", "nowhere.obj", "--out=o", "--size={}"),
+        ("simulate", "coin", "--out=o", "--size={}"),
+    ],
+    ids=lambda words: "-".join(words[:1] + words[-1:]),
+)
+def test_numbers_inside_text(sgp, tmp_path, monkeypatch, command, value) -> None:
+    if "--at={}" in command and value == "1,2":
+        return
+    monkeypatch.chdir(tmp_path)
+    line = sgp(*(word.format(value) for word in command)).error_line(2)
+    assert re.search(r"give (\d numbers|width)", line), line
+    assert list(tmp_path.iterdir()) == []
