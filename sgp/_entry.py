@@ -83,8 +83,8 @@ def _place(name: str) -> list[Path] | None:
     """Return where a package lies, or where the file of a module does."""
     try:
         spec = importlib.util.find_spec(name)
-    except ValueError:  # it was put there by hand
-        return []
+    except ValueError:  # a module without a spec, which somebody has put there
+        return [Path(getattr(sys.modules[name], "__file__", None) or name)]
     if spec is None:
         return None
     folders = [Path(place) for place in spec.submodule_search_locations or ()]

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from sgp._entry import foreign_package
+
 if TYPE_CHECKING:
     from rig import Rig
     from simulator import Rendering, Scene, Truth
@@ -135,6 +137,9 @@ def _sgp_studio(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFa
 @pytest.fixture
 def _sgp_bench(request: pytest.FixtureRequest) -> _Bench:
     """Put together what the ini file and the test's markers say; the closest marker wins."""
+    # pytest puts the folders of tests on the search path, and a rig.py may lie there.
+    if (complaint := foreign_package()) is not None:
+        pytest.fail(f"sgp: {complaint}", pytrace=False)
     stated = {name: request.config.getini(f"sgp_{name}") for name in _OPTIONS}
     said: dict[str, Any] = {name: text for name, text in stated.items() if text}
     for name in ("leds", "seed"):
