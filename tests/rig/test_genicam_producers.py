@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 import zipfile
 from pathlib import Path
 
@@ -53,6 +54,48 @@ def test_viky_is_grabbed_from(serial):
         # A ball on a white ground.
         assert len(set(frame.pixels.ravel().tolist())) > 1
         assert frame.pixels.max() == 255
+
+
+def grab_ahead(cti, serial, needs, most_bytes):
+    """Have several frames under way at once; return them and how many buffers there were."""
+    camera = open_genicam(
+        cti, serial=serial, pixel_format="Mono8", needs=needs, most_bytes=most_bytes
+    )
+    try:
+        camera.arm("software", 37)
+        frames = []
+        for _ in range(4):
+            ids = [camera.trigger()]
+            # TLSimu takes no trigger while it exposes.
+            time.sleep(0.3)
+            ids.append(camera.trigger())
+            frames += [camera.fetch(frame_id, 10.0) for frame_id in ids]
+        return frames, camera._acquisition.counts()["buffers"]
+    finally:
+        camera.close()
+
+
+ROOMS = [
+    pytest.param(None, 39, id="a buffer for each"),
+    pytest.param(1_000_000, 4, id="a thread empties them"),
+]
+
+
+@pytest.mark.parametrize(("most_bytes", "buffers"), ROOMS)
+def test_viky_gets_room_for_a_sequence(most_bytes, buffers):
+    frames, announced = grab_ahead(VIKY, "0", (), most_bytes)
+    assert announced == buffers
+    assert [frame.frame_id for frame in frames] == list(range(8))
+    assert all(frame.pixels.max() == 255 for frame in frames)
+
+
+@pytest.mark.parametrize(("most_bytes", "buffers"), ROOMS)
+def test_tlsimu_gets_room_for_a_sequence(tlsimu, most_bytes, buffers):
+    frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes)
+    assert announced == buffers
+    assert [frame.frame_id for frame in frames] == list(range(8))
+    # Its clock starts anew every second.
+    assert len({frame.timestamp_ns for frame in frames}) == 8
 
 
 def test_viky_is_no_camera_for_a_rig():
