@@ -165,3 +165,8 @@ def test_an_exposure_that_is_missing_among_others_is_named(wrong):
 def test_without_a_light_there_is_no_stack():
     with pytest.raises(DataError, match="no images under a light"):
         linear_stack(source([frame("D", even(70), "dark", 10.0)]))
+
+
+def test_where_no_dark_frame_was_taken_none_is_missed():
+    frames = [frame("a", even(1000), exposure_us=100.0), frame("b", even(900), exposure_us=200.0)]
+    assert linear_stack(source(frames)).warnings == ()

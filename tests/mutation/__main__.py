@@ -71,6 +71,8 @@ def _drawn(trial: Trial, modules: list[str], args: argparse.Namespace) -> int:
         if plain.verdict != "survived":
             print(plain.said, file=sys.stderr)
             sys.exit(f"{module}: its tests fail without any fault ({plain.verdict})")
+        # An endless loop is known by much less than the limit.
+        limit_s = min(args.limit_s, 5 + 3 * plain.seconds)
         every = mutants_of(text)
         draw = random.Random(f"{args.seed} {module}")
         drawn = sorted(
@@ -79,7 +81,7 @@ def _drawn(trial: Trial, modules: list[str], args: argparse.Namespace) -> int:
         left = []
         used_s = 0.0
         for mutant in drawn:
-            outcome = trial.run(module, mutant.source, tests, args.limit_s)
+            outcome = trial.run(module, mutant.source, tests, limit_s)
             used_s += outcome.seconds
             if outcome.verdict == "survived":
                 left.append(mutant)

@@ -28,6 +28,7 @@ _OPTIONS = (
 )  # fmt: skip
 # Wall clock against processor time: a busy host is no endless loop.
 _WAITING = 6
+_MOST_MEMORY = 8 << 30
 _STRANGE = 97
 
 
@@ -128,6 +129,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     os.dup2(stream, 1)
     os.dup2(stream, 2)
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit_s) + 1, int(limit_s) + 5))
+    resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     code = int(pytest.main([*_OPTIONS, *(f"tests/{name}" for name in tests)]))
     loaded = sys.modules.get(module.removesuffix(".py").replace("/", "."))
     # An import that fails is a fault that was noticed.
