@@ -109,6 +109,15 @@ class _Retake(_AtLeast):
     failures: _Count | None = None
 
 
+class _FramesLost(_AtLeast):
+    file: str
+    led: Index | None
+    started: _Count | None = None
+    delivered: _Count | None = None
+    underrun: _Count | None = None
+    buffers: _Count | None = None
+
+
 class _NoLightSeen(_AtLeast):
     led: Index
     exposure_us: _Exposure
@@ -164,6 +173,7 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     "checked": (_Checked, 3),
     "metered": (_Metered, 3),
     "retake": (_Retake, 3),
+    "frames_lost": (_FramesLost, 3),
     "no_light_seen": (_NoLightSeen, 3),
     "paused": (_Paused, 3),
     "resumed": (_Resumed, 3),
