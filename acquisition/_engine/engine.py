@@ -16,9 +16,10 @@ from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.damage import Damage
+from acquisition._session.event_details import check_event
 from acquisition._session.frame_proofs import OnChecked
 from acquisition._session.journal import LEFT_OUT
-from acquisition._session.manifest import Manifest
+from acquisition._session.manifest import FORMAT_VERSION, Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.camera_model import CameraModel
@@ -80,8 +81,8 @@ def record(
     ------
     DataError
         If the plan does not fit the rig, a calibration does not fit the camera, lights are missing
-        for an LED of the plan, a frame is not what the camera announced, or too much of it is
-        clipped.
+        for an LED of the plan, an event is not as the format has it, a frame is not what the
+        camera announced, or too much of it is clipped.
     StorageError
         If the folder is not empty or is being recorded into, or the disk refuses or is stuck.
     RigError
@@ -98,6 +99,7 @@ def record(
     stays behind whole and incomplete, with an ``interrupted`` or ``failed`` event where the disk
     still takes one; `resume` finishes it.
     """
+    _check_events(events, folder)
     plan, left_out = plan.without(rig.config.dead_leds)
     plan.check(rig.config.leds)
     check_exposures(rig.camera.info, plan)
@@ -182,6 +184,7 @@ def resume(
         As for `record`.
     """
     folder = Path(folder)
+    _check_events(events, folder)
     _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
     hooks = Hooks(on_frame, on_event, on_stop, on_checked, on_damage, before_flats)
     with SessionWriter.reopen(
@@ -254,6 +257,12 @@ def _fitting(
     check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
     recorded.without(rig.config.dead_leds)
     return begun, recorded
+
+
+def _check_events(events: Iterable[tuple[str, Mapping[str, Any]]], folder: str | Path) -> None:
+    """Refuse events that could not be written, before anything is recorded."""
+    for event, details in events:
+        check_event(event, details, FORMAT_VERSION, Path(folder))
 
 
 def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:

@@ -177,8 +177,14 @@ class _Watcher:
         indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
         # Now that no other watch can add to it.
         for frame in Session.open(self._out).frames:
-            if frame.line.origin is not None:
-                self._recorded[frame.line.origin] = indices[frame.line.key]
+            if frame.line.origin is None:
+                continue
+            if frame.line.key not in indices:
+                raise DataError(
+                    f"{frame.path}: is of none of the shots that this session was begun for; "
+                    "restore the session from a copy, or choose a new folder"
+                )
+            self._recorded[frame.line.origin] = indices[frame.line.key]
         self._say(f"{self._out}: taken up with {len(self._recorded)} images")
 
     def _match(self, *, decide: bool) -> Match:

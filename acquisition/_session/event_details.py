@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from acquisition._errors import DataError
 from acquisition._session.journal import (
     COMPACTED,
     LEFT_OUT,
@@ -205,3 +208,26 @@ def details_complaint(event: str, details: dict[str, Any], version: int) -> str 
     except ValidationError as error:
         return complaints(error)
     return None
+
+
+def check_event(event: str, details: Mapping[str, Any], version: int, folder: Path) -> None:
+    """Refuse an event that may not be written into a session, or not like this.
+
+    Parameters
+    ----------
+    event, details, version
+        As for `details_complaint`.
+    folder
+        The session, for the message.
+
+    Raises
+    ------
+    DataError
+        If its details are not as the format says, or only a repair, a compaction or the reopening
+        of a session may write it.
+    """
+    if event in RESERVED:
+        raise DataError(f"{folder}: the event {event!r} is not one to be written by hand")
+    complaint = details_complaint(event, dict(details), version)
+    if complaint is not None:
+        raise DataError(f"{folder}: the event {event!r} does not fit: {complaint}")

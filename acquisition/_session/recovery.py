@@ -71,11 +71,13 @@ def take_up(
     try:
         found = examine(folder)
         session = found.sound(but_for_frames=set_aside_damaged)
+        if session.complete and not set_aside_damaged:
+            raise DataError(f"{folder}: is complete; record into a new folder")
         session.manifest.check_current(folder)
         proofs = FrameProofs(session.manifest.camera, session.recorded)
         damaged = damaged_frames_of(found, proofs, on_checked) if set_aside_damaged else ()
         if session.complete and not damaged:
-            raise DataError(f"{folder}: is complete; record into a new folder")
+            raise DataError(f"{folder}: is complete and no frame is damaged; leave it as it is")
         events: tuple[EventLine, ...] = ()
         journal = _reopened(found, session)
         if damaged:

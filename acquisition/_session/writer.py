@@ -19,7 +19,7 @@ from acquisition._pixels.quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.creation import begin
 from acquisition._session.damage import Damage
-from acquisition._session.event_details import RESERVED, details_complaint
+from acquisition._session.event_details import check_event
 from acquisition._session.frame_check import measure_frame
 from acquisition._session.frame_names import FrameNames
 from acquisition._session.frame_proofs import FrameProofs, OnChecked
@@ -253,17 +253,17 @@ class SessionWriter:
             "led": shot.led,
             "bracket": shot.bracket,
             "repeat": shot.repeat,
-            "exposure_us": shot.exposure_us if exposure_us is None else exposure_us,
-            "gain_db": gain_db,
+            "exposure_us": _number(shot.exposure_us if exposure_us is None else exposure_us),
+            "gain_db": _number(gain_db),
             "frame_id": frame_id,
             "timestamp_ns": timestamp_ns,
-            "temperature_c": temperature_c,
+            "temperature_c": _number(temperature_c),
             "echo": echo,
             "clipped_fraction": quality.clipped_fraction,
             "percentiles_dn": quality.percentiles_dn,
             "sharpness": quality.sharpness,
             "mean_dn": quality.mean_dn,
-            "above_dark": above_dark,
+            "above_dark": _number(above_dark),
             "status": status,
             "origin": origin,
         }
@@ -291,12 +291,8 @@ class SessionWriter:
         StorageError
             If the disk refuses.
         """
-        if event in RESERVED:
-            raise DataError(f"{self.folder}: events {event!r} are not written by hand")
         with self._used():
-            complaint = details_complaint(event, details, self._version)
-            if complaint is not None:
-                raise DataError(f"{self.folder}: the event {event!r} does not fit: {complaint}")
+            check_event(event, details, self._version, self.folder)
             return self._append(EventLine, {"event": event, "details": details})
 
     def complete(self) -> None:
@@ -365,3 +361,8 @@ class SessionWriter:
                 self._sound = self._journal.sound
         self._shots.note(line)
         return line
+
+
+def _number(value: float | None) -> float | None:
+    """Return a plain number: what cameras and arrays give may be of other kinds."""
+    return None if value is None else float(value)

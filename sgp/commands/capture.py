@@ -186,7 +186,8 @@ def resume(
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
             accept(preflight_resume(opened, alive, session, len(missing)), told)
-        only_flats = bool(missing) and all(shot.role == "flat" for shot in missing)
+        # Who goes on where flats are missing has put the card there; not so for damaged flats.
+        only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
         with CaptureTalk(session, card_is_there=only_flats) as talk:
             finished = resume_recording(
                 opened,
@@ -238,7 +239,7 @@ def verify(session: Path) -> Result:
     if found.problems:
         several = "s" if len(found.problems) > 1 else ""
         result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problem{several}")
-        if len(found.damaged) == len(found.problems):
+        if len(found.damaged) == len(found.problems) and _can_be_retaken(session):
             result.summary.append(
                 f"while the object lies as it did, `capture resume {session} --retake-damaged` "
                 "takes these frames again"
@@ -294,11 +295,16 @@ def _opened(session: Path, *, retake_damaged: bool) -> Session:
     try:
         return Session.open(session, damaged_frames=retake_damaged)
     except DataError as error:
-        if not retake_damaged:
-            with suppress(DataError):
-                Session.open(session, damaged_frames=True)
-                error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
+        if not retake_damaged and _can_be_retaken(session):
+            error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
         raise
+
+
+def _can_be_retaken(session: Path) -> bool:
+    """Tell whether damaged frames are all that is wrong, and a rig took them."""
+    with suppress(DataError):
+        return Session.open(session, damaged_frames=True).manifest.rig is not None
+    return False
 
 
 def _damaged(session: Path) -> tuple[Damage, ...]:
