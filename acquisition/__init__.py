@@ -36,7 +36,7 @@ from acquisition._software import SOFTWARE, software_version
 from acquisition._source.reader import read_source
 from acquisition._source.source import Frame, Source
 from acquisition._staging import staged
-from acquisition._storage import make_folder, refusal, write_durably
+from acquisition._storage import make_folder, refusal, remove_rests, write_durably
 from acquisition._value_files.camera import read_camera, write_camera
 from acquisition._value_files.lights import read_lights, write_lights
 from acquisition._values.camera_model import CameraModel
@@ -99,6 +99,7 @@ __all__ = [
     "record",
     "refusal",
     "rehearse",
+    "remove_rests",
     "resume",
     "software_version",
     "staged",
