@@ -61,6 +61,7 @@ from ._source.source import Source as Source
 from ._staging import staged as staged
 from ._storage import make_folder as make_folder
 from ._storage import refusal as refusal
+from ._storage import remove_rests as remove_rests
 from ._storage import write_durably as write_durably
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera

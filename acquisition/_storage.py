@@ -14,7 +14,7 @@ import stat
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from acquisition._errors import DataError, SessionInUseError, StorageError
@@ -106,14 +106,12 @@ class Part:
                     f"{path}: another process is writing it: wait for it to end, or choose another "
                     "name"
                 )
-            if not self._clear():
+            if not _clear(self.path):
                 time.sleep(_PAUSE_S)
 
     def is_there(self) -> bool:
         """Tell whether the file still has its name."""
-        with suppress(FileNotFoundError):
-            return os.path.samestat(os.fstat(self.descriptor), self.path.lstat())
-        return False
+        return self.descriptor >= 0 and _is_at(self.descriptor, self.path)
 
     def close(self) -> None:
         """Close the file, which ends the lock; harmless when repeated."""
@@ -133,33 +131,56 @@ class Part:
         self.close()
         return False
 
-    def _clear(self) -> bool:
-        """Remove what has the name; return False if another process is writing it."""
-        with suppress(FileNotFoundError):
-            kind = self.path.lstat().st_mode
-            if stat.S_ISDIR(kind):
-                raise StorageError(
-                    f"{self.path}: this folder is in the way of a temporary file: move it away"
-                )
-            if stat.S_ISREG(kind):
-                return self._clear_rest()
-            self.path.unlink()
-        return True
 
-    def _clear_rest(self) -> bool:
-        try:
-            self.descriptor = os.open(self.path, os.O_WRONLY | _NO_LINK | _BINARY)
-        except PermissionError:  # to remove it takes a permission of the folder alone
-            self.path.unlink()
-            return True
-        try:
-            # The name is another file's now if a third process was faster.
-            free = _lock(self.descriptor)
-            if free and self.is_there():
-                self.path.unlink()
-            return free
-        finally:
-            self.close()
+def remove_rests(folder: Path) -> None:
+    """Remove the temporary files in a folder that no process is writing any more.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses.
+    """
+    with disk(folder, "clear up"):
+        for path in folder.iterdir():
+            if path.name.startswith(_PART) and (path.is_symlink() or not path.is_dir()):
+                _clear(path)
+
+
+def _clear(part: Path) -> bool:
+    """Remove what has the name of a temporary file; return False if a process is writing it."""
+    with suppress(FileNotFoundError):
+        kind = part.lstat().st_mode
+        if stat.S_ISDIR(kind):
+            raise StorageError(
+                f"{part}: this folder is in the way of a temporary file: move it away"
+            )
+        if stat.S_ISREG(kind):
+            return _clear_rest(part)
+        part.unlink()
+    return True
+
+
+def _clear_rest(part: Path) -> bool:
+    try:
+        descriptor = os.open(part, os.O_WRONLY | _NO_LINK | _BINARY)
+    except PermissionError:  # to remove it takes a permission of the folder alone
+        part.unlink()
+        return True
+    try:
+        # The name is another file's now if a third process was faster.
+        free = _lock(descriptor)
+        if free and _is_at(descriptor, part):
+            part.unlink()
+        return free
+    finally:
+        os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Tell whether a name is that of an open file."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    return False
 
 
 @contextmanager
@@ -168,17 +189,16 @@ def temporary(path: Path) -> Iterator[Part]:
 
     Raises
     ------
-    StorageError
-        If it cannot be created.
+    StorageError, OSError
+        As `Part`.
     """
-    with disk(path, "write"):
-        part = Part(path)
+    part = Part(path)
     try:
         yield part
     finally:
         # Of a process that is killed here the rest is removed when the path is written again.
         with suppress(OSError):
-            if part.descriptor >= 0 and part.is_there():
+            if part.is_there():
                 part.path.unlink()
         part.close()
 
@@ -191,7 +211,9 @@ def published(path: Path) -> Iterator[Part]:
     part of it. After an error inside the block nothing new is there. Where the name is a link, the
     link is replaced, not the file that it points to.
     """
-    with temporary(path) as part:
+    with ExitStack() as kept:
+        with disk(path, "write"):
+            part = kept.enter_context(temporary(path))
         yield part
         with disk(path, "write"):
             os.fsync(part.descriptor)

@@ -58,4 +58,4 @@ def to_toml(model: BaseModel) -> bytes:
         return text.encode("utf-8")
     except UnicodeEncodeError as error:
         around = text[: error.start].rpartition("\n")[2] + ascii(error.object[error.start])
-        raise DataError(f"not a text that UTF-8 can hold: {around}") from error
+        raise DataError(f"{around}: the text is not UTF-8: enter it again") from error

@@ -13,7 +13,14 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from acquisition import SOFTWARE, make_folder, refusal, software_version, write_durably
+from acquisition import (
+    SOFTWARE,
+    make_folder,
+    refusal,
+    remove_rests,
+    software_version,
+    write_durably,
+)
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -62,6 +69,7 @@ def claim_folder(out: Path, record: str) -> Path:
         If the disk refuses.
     """
     make_folder(out)
+    remove_rests(out)
     for path in earlier_files(out, record):
         try:
             path.unlink(missing_ok=True)

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
 from pathlib import Path
 
 from acquisition._errors import StorageError
 from acquisition._preflight.check import Check
-from acquisition._storage import disk, sync_folder
+from acquisition._storage import disk, read_back, sync_folder, temporary, write_whole
 
 NAME = "disk"
 # Room asked for, relative to the estimate: retakes, and what else writes to the disk.
@@ -56,20 +55,13 @@ def check_disk(folder: Path, estimate_bytes: int) -> Check:
 def _probe(place: Path) -> float:
     """Write, flush, read back and remove a file; return megabytes per second."""
     data = os.urandom(_PROBE_BYTES)
-    with disk(place, "write a file here"):
+    with disk(place, "write a file here"), temporary(place / "sgp-probe") as part:
         began_s = time.monotonic()
-        descriptor, name = tempfile.mkstemp(prefix=".sgp-probe-", dir=place)
-        path = Path(name)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            sync_folder(place)
-            seconds = time.monotonic() - began_s
-            same = path.read_bytes() == data
-        finally:
-            path.unlink(missing_ok=True)
+        write_whole(part.descriptor, data)
+        os.fsync(part.descriptor)
+        sync_folder(place)
+        seconds = time.monotonic() - began_s
+        same = read_back(part.path) == data
     if not same:
         raise StorageError(
             f"{place}: a file read back differs from what was written: do not use this disk"

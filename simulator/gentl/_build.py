@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from acquisition import StorageError, make_folder, write_durably
 from rig import RigError
 
 _SOURCES = Path(__file__).parent
@@ -55,12 +56,12 @@ def build() -> Path:
     if cti.exists():
         return cti
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        make_folder(folder)
+        with tempfile.TemporaryDirectory(prefix="sgp-build-") as scratch:
             built = Path(scratch) / cti.name
             _run([*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES])
-            built.replace(cti)
-    except OSError as error:
+            write_durably(cti, built.read_bytes())
+    except (OSError, StorageError) as error:
         raise CompilerError(
             f"{folder}: the virtual camera cannot be built there ({error}); "
             "set XDG_CACHE_HOME to a folder that can be written"

@@ -294,7 +294,7 @@ def test_a_disk_that_refuses_to_flush_or_lies(
         assert found.state == "failed"
         assert "Input/output error; the disk fails" in found.text
     with monkeypatch.context() as patched:
-        patched.setattr(Path, "read_bytes", lambda path: b"something else")
+        patched.setattr("acquisition._preflight.disk.read_back", lambda path: b"something else")
         found = check_disk(tmp_path, 1)
         assert found.state == "failed"
         assert "differs from what was written" in found.text

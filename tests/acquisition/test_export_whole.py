@@ -1,0 +1,275 @@
+"""Exports are whole or refused: killed at any call to the disk, refused by it, two at once."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition import _staging
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._export.export import prepare_export
+from acquisition._import.frames import read_import
+from acquisition._pixels.images import write_exr
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.manifest import Manifest
+from acquisition._session.value_records import LightsRecord
+from acquisition._session.writer import SessionWriter
+from acquisition._source.reader import read_source
+from acquisition._staging import staged
+from acquisition._storage import make_folder
+from acquisition._values.lights import Lights
+
+SIZE = (12, 16)
+LIGHTS = Lights(directions=np.array([[0.0, 0, 1], [0.6, 0, 0.8]]), ids=("L00", "L01"))
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    """Two lights, a black level of 64, known normals."""
+    folder = tmp_path / "session"
+    camera = {"width": SIZE[1], "height": SIZE[0], "bit_depth": 12, "black_level_dn": 64}
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        camera=camera,
+        lights=LightsRecord.of(LIGHTS),
+    )
+    with SessionWriter.create(folder, manifest) as writer:
+        for led in range(2):
+            pixels = np.random.default_rng(led).integers(0, 4096, SIZE).astype(np.uint16)
+            writer.write_frame(PlannedShot("light", led, 0, 0, 100.0), pixels)
+        writer.complete()
+    make_folder(folder / "derived" / "truth")
+    normals = np.zeros((*SIZE, 3), np.float32)
+    normals[..., 2] = 1
+    write_exr(folder / "derived" / "truth" / "normals.exr", normals)
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def refused(folder: Path) -> bool:
+    """Tell whether both readers refuse a folder; they must agree, and know the black level."""
+    for read in (read_source, read_import):
+        try:
+            source = read(folder)
+        except (DataError, MissingPathError):
+            continue
+        assert source.black_level == 64
+        return False
+    return True
+
+
+SERVER = """
+import json, os, sys
+from pathlib import Path
+from acquisition._export.export import prepare_export
+
+def deadly(name, calls, dies_at):
+    real = getattr(os, name)
+    def call(*arguments, **options):
+        calls[0] += 1
+        if calls[0] == dies_at:
+            if name == "write":
+                real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+            os.kill(os.getpid(), 9)
+        return real(*arguments, **options)
+    setattr(os, name, call)
+
+print("ready", flush=True)
+for line in sys.stdin:
+    session, layout, out, replaced, dies_at = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        calls = [0]
+        for name in ("open", "write", "fsync", "replace", "unlink", "mkdir", "rmdir"):
+            deadly(name, calls, dies_at)
+        try:
+            prepare_export(session, layout).write(Path(out), replaced=map(Path, replaced))
+        finally:
+            os._exit(0)
+    print(os.waitpid(pid, 0)[1], flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Callable[..., int]]:
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", SERVER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    stdin, stdout = process.stdin, process.stdout
+    assert stdout.readline() == "ready\n"
+
+    def export(session: Path, layout: str, out: Path, earlier: list[Path], dies_at: int) -> int:
+        words = [str(session), layout, str(out), [str(path) for path in earlier], dies_at]
+        stdin.write(json.dumps(words) + "\n")
+        stdin.flush()
+        return int(stdout.readline())
+
+    yield export
+    stdin.close()
+    stdout.close()
+    process.wait(10)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
+@pytest.mark.parametrize("layout", ["diligent", "lp"])
+@pytest.mark.parametrize("before", ["none", "empty", "earlier"])
+def test_killed_at_any_call_to_the_disk(
+    server: Callable[..., int], session: Path, tmp_path: Path, layout: Any, before: str
+) -> None:
+    prepare_export(session, layout).write(tmp_path / "whole")
+    whole = contents(tmp_path / "whole")
+    older = {**whole, "recording.json": whole["recording.json"].replace(b'"coin"', b'"older"')}
+    status, dies_at, cut_off = -1, 0, 0
+    while status != 0:
+        dies_at += 1
+        out = tmp_path / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        if before != "none":
+            out.mkdir()
+        earlier = []
+        if before == "earlier":
+            for name, data in older.items():
+                (out / name).write_bytes(data)
+            earlier = list(out.iterdir())
+        status = server(session, layout, out, earlier, dies_at)
+        assert status in (0, 9)
+        if refused(out):
+            cut_off += 1
+        else:
+            assert contents(out) in (whole, older)
+        if dies_at % 5 == 0:
+            prepare_export(session, layout).write(out, replaced=earlier)
+            assert contents(out) == whole
+            assert sorted(path.name for path in out.iterdir()) == sorted(whole)
+    assert contents(out) == whole
+    assert cut_off > 10 * len(whole) // 2
+    assert dies_at > 40
+
+
+def test_a_disk_that_refuses_while_files_move_leaves_a_folder_that_is_refused(
+    session: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    (out / "002.png").mkdir(parents=True)
+    (out / "002.png" / "theirs").write_bytes(b"x")
+    with pytest.raises(StorageError, match=r"Is a directory|Directory not empty"):
+        prepare_export(session, "diligent").write(out)
+    with pytest.raises(DataError, match=r"out: is not whole: .* make them again"):
+        read_source(out)
+    shutil.rmtree(out / "002.png")
+    prepare_export(session, "diligent").write(out)
+    assert read_source(out).black_level == 64
+
+
+def test_a_failing_export_keeps_the_earlier_one(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    prepare_export(session, "lp").write(out)
+    before = contents(out)
+    export = prepare_export(session, "lp")
+
+    def full(descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(StorageError, match="No space left"):
+            export.write(out, replaced=list(out.iterdir()))
+    assert contents(out) == before
+    assert [path for path in out.iterdir() if path.name.startswith(".")] == []
+    assert read_source(out).black_level == 64
+
+
+def test_an_export_that_is_not_finished_is_refused_by_every_name(
+    session: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    prepare_export(session, "lp").write(out)
+    with staged(out) as building:
+        (building / "recording.json").write_bytes((out / "recording.json").read_bytes())
+        for path in (out, out / "lights.lp", out / "L00.png", building):
+            with pytest.raises(DataError, match="is not whole"):
+                read_source(path)
+    assert read_source(out).black_level == 64
+
+
+def test_one_process_at_a_time_writes_into_a_folder(tmp_path: Path) -> None:
+    with staged(tmp_path / "out") as first:
+        (first / "a").write_bytes(b"1")
+        with pytest.raises(StorageError, match="another process is writing files into it"):
+            staged(tmp_path / "out").__enter__()
+    assert contents(tmp_path / "out") == {"a": b"1"}
+
+
+@pytest.mark.parametrize("planted", ["link", "file", "pipe", "folder"])
+def test_what_has_the_name_of_the_hidden_folder_is_removed_and_not_followed(
+    tmp_path: Path, planted: str
+) -> None:
+    victim, out = tmp_path / "victim", tmp_path / "out"
+    victim.mkdir()
+    (victim / "theirs").write_bytes(b"mine")
+    out.mkdir()
+    name = out / _staging._STAGING
+    if planted == "link":
+        name.symlink_to(victim)
+    elif planted == "file":
+        name.write_bytes(b"x")
+    elif planted == "pipe":
+        os.mkfifo(name)
+    else:
+        name.mkdir()
+        (name / "link").symlink_to(victim)
+    with staged(out) as place:
+        assert place.stat().st_mode & 0o077 == 0
+        (place / "a").write_bytes(b"1")
+    assert contents(out) == {"a": b"1"}
+    assert contents(victim) == {"theirs": b"mine"}
+
+
+def test_an_image_that_the_record_lists_and_the_folder_lacks(session: Path, tmp_path: Path) -> None:
+    """A folder that was copied in part: another layout's tables would not tell."""
+    out = tmp_path / "out"
+    prepare_export(session, "alicevision").write(out)
+    (out / "L01.png").unlink()
+    with pytest.raises(DataError, match=r"1 images that recording\.json lists are missing"):
+        read_source(out)
+
+
+def test_exports_of_one_session_are_equal_to_the_byte(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for layout in ("diligent", "lp", "exr", "alicevision"):
+        made = []
+        for day in (1, 2):
+            # Writers that ask for the time ask for it here, or in C, where no test can set it.
+            clock = time.mktime((2030, 1, day, 3, 4, 5 + day, 0, 0, 0))
+            monkeypatch.setattr(time, "time", lambda clock=clock: clock)
+            monkeypatch.setattr(time, "asctime", lambda *_, clock=clock: time.ctime(clock))
+            out = tmp_path / f"{layout}{day}"
+            prepare_export(session, layout).write(out)
+            made.append(contents(out))
+        assert made[0] == made[1]
+        assert len(made[0]) > 3

@@ -1,0 +1,110 @@
+"""A program that runs commands while somebody plants links at every name that is written.
+
+planting.py ROOT VICTIMS KIND COMMANDS   (JSON: a list of command lines)
+
+Python tells an audit hook of every file that it is about to open and of every rename. The first
+time a name below ROOT comes up for writing, the hook puts something there, in the moment before:
+KIND is ``link`` (to a victim of its own), ``dangling`` (link to a file that must not come to be),
+``hard`` (another name of a victim) or ``pipe``. Printed is one JSON object: exit codes, names
+planted at, opens for writing that would have followed a link, and files that appeared without a
+rename or an open that the hook saw, as a library of C would write them.
+"""
+
+import contextlib
+import io
+import json
+import os
+import sys
+from pathlib import Path
+
+ROOT, VICTIMS, KIND = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+COMMANDS = json.loads(sys.argv[4])
+
+planted: list[str] = []
+followed: list[str] = []
+made: set[str] = set()
+_seen: set[tuple[str, str]] = set()
+_busy = False
+
+
+def plant(path: str) -> None:
+    victim = VICTIMS / str(len(planted))
+    planted.append(path)
+    if os.path.lexists(path):
+        os.unlink(path)
+    if KIND == "pipe":
+        os.mkfifo(path)
+        return
+    if KIND != "dangling":
+        victim.write_bytes(b"mine")
+    if KIND == "hard":
+        os.link(victim, path)
+    else:
+        os.symlink(victim, path)
+
+
+def watch(event: str, values: tuple[object, ...]) -> None:
+    global _busy
+    if _busy or event not in ("open", "os.rename"):
+        return
+    place = values[1] if event == "os.rename" else values[0]
+    if not isinstance(place, str | bytes | os.PathLike):
+        return
+    path = os.path.abspath(os.fsdecode(place))
+    if not path.startswith(f"{ROOT}/"):
+        return
+    _busy = True
+    try:
+        if event == "os.rename":
+            made.add(path)
+            if os.path.isdir(path) or os.path.isdir(os.fsdecode(values[0])):
+                return
+        else:
+            flags = values[2]
+            if not flags & (os.O_WRONLY | os.O_RDWR):
+                return
+            if not flags & os.O_NOFOLLOW:
+                followed.append(path)
+            if not flags & os.O_CREAT:
+                return
+            if not flags & os.O_EXCL:
+                followed.append(path)
+            made.add(path)
+        if (event, path) not in _seen:
+            _seen.add((event, path))
+            plant(path)
+    finally:
+        _busy = False
+
+
+def files() -> set[str]:
+    return {str(p) for p in ROOT.rglob("*") if p.is_symlink() or not p.is_dir()}
+
+
+def main() -> None:
+    from sgp.app import build, run
+
+    global _busy
+    before = files()
+    sys.addaudithook(watch)
+    ended = []
+    for words in COMMANDS:
+        if words[0] == "python":  # what happens to the files between two commands
+            _busy = True
+            exec(words[1], {"ROOT": ROOT})
+            _busy = False
+            before |= files()
+            continue
+        said = io.StringIO()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+            code = run(build(), words)
+        ended.append([" ".join(words[:3]), code, said.getvalue()[-600:]])
+        if code != 0:
+            break
+    unseen = sorted(files() - before - made)
+    found = {"ended": ended, "planted": planted, "followed": followed, "unseen": unseen}
+    sys.stdout.write(json.dumps(found))
+
+
+if __name__ == "__main__":
+    main()

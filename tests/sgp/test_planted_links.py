@@ -1,0 +1,115 @@
+"""Whoever plants links in an output folder reaches no other file: every command, every name."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from acquisition import verify_session
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs links, pipes and a rig")
+
+RIG = """
+name = "small"
+driver = "simulated"
+leds = 4
+[options]
+scene = "coin"
+width = 64
+height = 52
+"""
+PLAN = "leds = [0, 1, 2, 3]\nexposures_us = [5000.0]\n"
+# A complete session loses its COMPLETE and its last line: its last frame lies there without a line.
+CUT_OFF = """
+import shutil
+shutil.copytree(ROOT / "s", ROOT / "cut")
+(ROOT / "cut/COMPLETE").unlink()
+lines = (ROOT / "cut/journal.jsonl").read_bytes().splitlines(True)
+last = max(n for n, line in enumerate(lines) if b'"kind":"frame"' in line)
+(ROOT / "cut/journal.jsonl").write_bytes(b"".join(lines[:last]))
+"""
+# Call every writer; what one line makes the next ones read.
+CORE = """
+    capture run {root}/s --rig {root}/rig.toml --plan {root}/plan.toml
+    CUT OFF
+    capture resume {root}/cut --rig {root}/rig.toml
+    capture compact {root}/s
+    simulate coin --out {root}/sim --size 64x52 --lights 6
+    capture export {root}/sim --lights {lights} --format diligent --out {root}/diligent
+    capture export {root}/sim --lights {lights} --format diligent --out {root}/diligent --force
+    capture import {root}/diligent --out {root}/imported
+    normals {root}/sim --lights {lights} --out {root}/normals
+    surface {root}/normals --out {root}/surface --obj --stl --glb
+"""
+REST = """
+    capture info {root}/s --sheet {root}/sheet.png
+    capture compact {root}/s
+    simulate coin --out {root}/plain --size 64x52 --lights 6 --format diligent
+    capture export {root}/sim --lights {lights} --format lp --out {root}/lp
+    capture export {root}/sim --format exr --out {root}/exr
+    capture export {root}/sim --lights {lights} --format alicevision --out {root}/alicevision
+    calibrate intensities {root}/sim --lights {lights} --out {root}/card.json
+    simulate spheres --out {root}/spheres --size 320x256 --lights 6 --exposure-us 9000
+    calibrate spheres {root}/spheres --out {root}/lights.json
+    run {root}/sim --lights {lights} --out {root}/run
+    normals {root}/sim --lights {lights} --out {root}/normals --force
+    detail separate {root}/normals --out {root}/parts
+    detail combine {root}/parts/shape.exr {root}/parts/detail.exr --out {root}/back
+    detail transfer {root}/normals {root}/normals --out {root}/transfer
+    detail properties {root}/normals --out {root}/properties
+    compare {root}/normals {root}/back --out {root}/compare
+    project {root}/surface/surface.ply --out {root}/project
+    rig snap --rig {root}/rig.toml --led 1 --out {root}/snap.tif
+"""
+
+
+def commands(text: str, root: Path) -> list[list[str]]:
+    lights = root / "sim/derived/truth/lights.json"
+    lines = [line.strip() for line in text.format(root=root, lights=lights).split("\n")]
+    return [["python", CUT_OFF] if line == "CUT OFF" else line.split() for line in lines if line]
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "names"),
+    [
+        pytest.param("link", CORE, 150, id="link"),
+        *(
+            pytest.param(kind, CORE + REST, 400, id=f"{kind}-everywhere", marks=pytest.mark.slow)
+            for kind in ("link", "dangling", "hard", "pipe")
+        ),
+    ],
+)
+@pytest.mark.timeout(900)
+def test_no_writer_follows_what_is_planted(
+    tmp_path: Path, kind: str, text: str, names: int
+) -> None:
+    root, victims = tmp_path / "root", tmp_path / "victims"
+    root.mkdir()
+    victims.mkdir()
+    (root / "rig.toml").write_text(RIG, encoding="utf-8")
+    (root / "plan.toml").write_text(PLAN, encoding="utf-8")
+    program = Path(__file__).with_name("planting.py")
+    done = subprocess.run(
+        [sys.executable, program, root, victims, kind, json.dumps(commands(text, root))],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=800,
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert [end for end in found["ended"] if end[1] != 0] == []
+    assert found["followed"] == []
+    assert found["unseen"] == []
+    planted = len(found["planted"])
+    assert planted > names
+    whole = {path.name for path in victims.iterdir() if path.read_bytes() == b"mine"}
+    assert whole == (set(map(str, range(planted))) if kind in ("link", "hard") else set())
+    assert list(victims.iterdir()) == [] or whole
+    left = [path for path in root.rglob("*") if path.is_symlink() or path.is_fifo()]
+    assert [*left, *root.rglob(".*")] == []
+    for name in ("s", "cut", "sim", "imported"):
+        found = verify_session(root / name)
+        assert (found.problems, found.complete) == ((), True)
