@@ -3,6 +3,7 @@
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import open_rig, rig_for
+from simulator._owned_folder import OwnedFolder, remove_abandoned
 from simulator._render.chrome import Highlights, find_highlights
 from simulator._render.cramer_rao import cramer_rao_deg
 from simulator._render.render import Rendering, render
@@ -51,6 +52,7 @@ __all__ = [
     "Material",
     "MeshBody",
     "OrenNayar",
+    "OwnedFolder",
     "Paint",
     "Pattern",
     "Plane",
@@ -72,6 +74,7 @@ __all__ = [
     "find_highlights",
     "open_rig",
     "read_scene",
+    "remove_abandoned",
     "render",
     "rig_for",
     "save_truth",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,9 +17,21 @@ from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
 from sgp._simulation import metered_exposures, record_simulated
 from sgp._stages import Stopwatch
-from simulator import SCENES, Rendering, Scene, read_scene, render, save_truth, scene_named
+from simulator import (
+    SCENES,
+    OwnedFolder,
+    Rendering,
+    Scene,
+    read_scene,
+    remove_abandoned,
+    render,
+    save_truth,
+    scene_named,
+)
 
 _SHEET_SIZE = (320, 256)
+# A recording on its way to the DiLiGenT layout.
+_RECORDING = ".recording-"
 
 
 def simulate(
@@ -73,6 +85,8 @@ def simulate(
         raise UsageError("a recording needs a folder: give --out")
     if sheet is not None:
         raise UsageError("--sheet draws all scenes: give it with `sgp simulate list`")
+    # A run that was killed cannot clear up.
+    remove_abandoned(_RECORDING, out)
     check_folder(out)
     watch = Stopwatch()
     made, files = _scene(scene, lights, size, seed)
@@ -118,8 +132,8 @@ def simulate(
         if layout == "diligent":
             place = out / "truth"
             out.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryDirectory(dir=out, prefix=".recording-") as folder:
-                _write_diligent(out, recorded(Path(folder) / "session"), rendering, result)
+            with closing(OwnedFolder(_RECORDING, out)) as folder:
+                _write_diligent(out, recorded(folder.path / "session"), rendering, result)
         else:
             place = out / "derived" / "truth"
             session = recorded(out)

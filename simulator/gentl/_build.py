@@ -7,10 +7,11 @@ import os
 import shlex
 import shutil
 import subprocess
-import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from rig import RigError
+from simulator._owned_folder import OwnedFolder
 
 _SOURCES = Path(__file__).parent
 _FLAGS = tuple(
@@ -56,10 +57,15 @@ def build() -> Path:
         return cti
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
-            built = Path(scratch) / cti.name
-            _run([*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES])
+        scratch = OwnedFolder("build-", folder)
+        try:
+            built = scratch.path / cti.name
+            command = [*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES]
+            # The compiler's own files too: one that is killed leaves them.
+            _run(command, os.environ | {"TMPDIR": str(scratch.path)})
             built.replace(cti)
+        finally:
+            scratch.close()
     except OSError as error:
         raise CompilerError(
             f"{folder}: the virtual camera cannot be built there ({error}); "
@@ -88,10 +94,15 @@ def _version(compiler: list[str]) -> str:
     return _run([*compiler, "--version"])
 
 
-def _run(command: list[str]) -> str:
+def _run(command: list[str], environment: Mapping[str, str] | None = None) -> str:
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired as error:
         raise CompilerError(
