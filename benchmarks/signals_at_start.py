@@ -157,29 +157,37 @@ def run(options, root):
         print(f"{name}: {usual_s[name]:.1f} s with an empty cache", flush=True)
     table = {name: Counter() for name in commands}
     left = Counter()
-    for turn in range(options.signals):
-        name = list(commands)[turn % len(commands)]
-        number = SIGNALS[turn // len(commands) % len(SIGNALS)]
-        after_s = draw.uniform(0.05, usual_s[name])
-        trial = Trial(root, commands[name])
-        time.sleep(after_s)
-        trial.process.send_signal(number)
-        kind = trial.kind(number)
-        table[name][kind] += 1
-        rest = trial.left()
-        left.update(rest_name.rpartition("-")[0] or rest_name for rest_name in rest)
-        if kind not in ("clean", "done", "killed"):
-            print(f"{name}, {number.name} after {after_s:.2f} s: {kind}, exit code "
-                  f"{trial.process.returncode}", flush=True)  # fmt: skip
-            if options.keep is not None:
-                options.keep.mkdir(parents=True, exist_ok=True)
-                (options.keep / f"{turn}-{number.name}.txt").write_text(trial.text())
-        shutil.rmtree(trial.folder, ignore_errors=True)
+    try:
+        for turn in range(options.signals):
+            name = list(commands)[turn % len(commands)]
+            number = SIGNALS[turn // len(commands) % len(SIGNALS)]
+            after_s = draw.uniform(0.05, usual_s[name])
+            table[name][strike(root, commands[name], number, after_s, left, options.keep)] += 1
+    except KeyboardInterrupt:
+        pass  # the table of what there was until now
     print(f"\n{'':22}" + "".join(f"{kind:>9}" for kind in KINDS))
     for name, counts in table.items():
         print(f"{name:22}" + "".join(f"{counts[kind]:9}" for kind in KINDS))
     print("left in the temporary folders:", dict(left) or "nothing")
     return int(any(counts[kind] for counts in table.values() for kind in ("FAULT", "HANG")))
+
+
+def strike(root, words, number, after_s, left, keep):
+    """Start a command, end it by a signal after a time, and return how it ended."""
+    trial = Trial(root, words)
+    time.sleep(after_s)
+    trial.process.send_signal(number)
+    kind = trial.kind(number)
+    left.update(name.rpartition("-")[0] or name for name in trial.left())
+    if kind not in ("clean", "done", "killed"):
+        code = trial.process.returncode
+        print(f"{words[0]}, {number.name} after {after_s:.2f} s: {kind}, exit code {code}")
+        sys.stdout.flush()
+        if keep is not None:
+            keep.mkdir(parents=True, exist_ok=True)
+            (keep / f"{trial.folder.name}-{number.name}.txt").write_text(trial.text())
+    shutil.rmtree(trial.folder, ignore_errors=True)
+    return kind
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@ from ._board.virtual_board import VirtualBoard as VirtualBoard
 from ._camera.virtual_camera import VirtualCamera as VirtualCamera
 from ._open_rig import open_rig as open_rig
 from ._open_rig import rig_for as rig_for
+from ._owned_folder import OwnedFolder as OwnedFolder
+from ._owned_folder import remove_abandoned as remove_abandoned
 from ._render.chrome import Highlights as Highlights
 from ._render.chrome import find_highlights as find_highlights
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg

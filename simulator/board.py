@@ -1,10 +1,10 @@
 """The virtual LED board as a process: real bytes over a pty (POSIX).
 
-``python -m simulator.board [LEDS [events]]`` writes one JSON line, ``{"port": ..., "bench_state":
-...}``, and with ``events`` one more for every edge: ``{"us": 81, "lit": [7], "levels": [4095]}``
-whenever what burns changes, ``{"us": 81, "trigger": 1}`` for the trigger line. Its standard input
-takes lines: a JSON list of `BoardFault`, those that strike from then on; ``active 1`` and ``active
-0``, the level of the exposure-active input; ``reset``.
+``python -P -m simulator.board [LEDS [events]]`` writes one JSON line, ``{"port": ...,
+"bench_state": ...}``, and with ``events`` one more for every edge: ``{"us": 81, "lit": [7],
+"levels": [4095]}`` whenever an LED goes on or off, ``{"us": 81, "trigger": 1}`` for the trigger
+line. Its standard input takes lines: a JSON list of `BoardFault`, those that strike from then on;
+``active 1`` and ``active 0``, the level of the exposure-active input; ``reset``.
 
 The port is a symbolic link, which stays the same when the board is unplugged and comes back. The
 process lives until its standard input closes or its parent dies, and from then to the end of what
@@ -17,9 +17,7 @@ import contextlib
 import json
 import os
 import select
-import shutil
 import sys
-import tempfile
 import time
 import tty
 from pathlib import Path
@@ -29,6 +27,7 @@ from simulator._bench_state import BenchState, BenchWriter
 from simulator._board.faults import BoardFaults, FaultyBoard, PowerCutError
 from simulator._board.firmware import BoardFirmware
 from simulator._board.outputs import ActiveInput, BoardOutputs
+from simulator._owned_folder import OwnedFolder
 
 _STDIN = 0
 # How soon a parent's death is noticed where standard input stays open.
@@ -128,12 +127,12 @@ class _Process:
 
 def serve(leds: int, *, tells_events: bool = False) -> None:
     """Open a pty, say where it is, and be the board until nobody needs it any more."""
-    folder = Path(tempfile.mkdtemp(prefix="sgp-board-"))
+    folder = OwnedFolder("sgp-board-")
     try:
         with contextlib.suppress(KeyboardInterrupt):
-            _Process(leds, folder, tells_events=tells_events).run()
+            _Process(leds, folder.path, tells_events=tells_events).run()
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        folder.close()
 
 
 def _tell(what: object) -> None:

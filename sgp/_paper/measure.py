@@ -10,9 +10,9 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -119,8 +119,10 @@ def measure(
     script
         A script that calls `run_methods`. Default: this module.
     """
-    with tempfile.TemporaryDirectory() as folder:
-        given, made = Path(folder) / "given.npz", Path(folder) / "made.npy"
+    from simulator import OwnedFolder  # not in the process that is measured
+
+    with closing(OwnedFolder("sgp-measure-")) as folder:
+        given, made = folder.path / "given.npz", folder.path / "made.npy"
         mask = source.mask & target.mask
         np.savez(
             given,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +11,9 @@ from acquisition import (
     CapturePlan,
     Lights,
     Session,
-    make_folder,
     read_source,
     record,
     write_camera,
-    write_durably,
     write_lights,
 )
 from calibration import (
@@ -28,28 +24,15 @@ from calibration import (
 )
 from processing import angle_deg, angular_error
 from sgp._console import note, progress
-from sgp._exit import UsageError
+from sgp._demo_folder import DemoFolder, claimed
 from sgp._options import Seed, SourceOptions
-from sgp._output import check_folder, sha256, write_record
+from sgp._output import write_record
 from sgp._overview import map_panel, spheres_panel, write_overview
 from sgp._pipeline import Outcome, overview_panels, process
-from sgp._result import Result, dumps
+from sgp._result import Result
 from sgp._stages import Stopwatch
 from simulator import Rendering, Scene, bench_camera, render, rig_for, scene_named
 
-# What a demo makes; a later demo replaces this and nothing else.
-_MARK = ".made-by-sgp-demo"
-_MADE = (
-    "calibration",
-    "recording",
-    "normals",
-    "detail",
-    "surface",
-    "camera.json",
-    "lights.json",
-    "overview.png",
-    "summary.json",
-)
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 
 
@@ -72,33 +55,35 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
     force
         Write into a folder that holds other files already.
     """
-    _make_room(out, force=force)
-    try:
-        return _demo(out, seed)
-    finally:
-        _write_mark(out)
+    with claimed(out, force=force) as folder:
+        return _demo(out, seed, folder)
 
 
-def _demo(out: Path, seed: int) -> Result:
+def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     watch = Stopwatch()
     with watch.stage("render"):
         note("rendering the scenes")
         scenes = {name: scene_named(name, seed=seed) for name in ("spheres", "coin")}
         truth = {name: render(scene) for name, scene in scenes.items()}
     with watch.stage("capture"):
+        folder.begin("calibration")
         spheres = _capture(
             out / "calibration", scenes["spheres"], truth["spheres"], seed, (_LONG_US, _SHORT_US)
         )
+        folder.begin("recording")
         coin = _capture(out / "recording", scenes["coin"], truth["coin"], seed + 1, (_LONG_US,))
+    folder.begin("camera.json", "lights.json")
     write_camera(out / "camera.json", bench_camera())
     with watch.stage("calibrate"):
         found, lights, stack = _calibrate(spheres, scenes["spheres"])
         write_lights(out / "lights.json", lights)
     source = read_source(coin.folder, lights=lights)
+    folder.begin("normals", "detail", "surface")
     outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
     result = outcome.result
     result.warnings[:0] = found.warnings
     errors = _Errors(lights, outcome, truth["coin"])
+    folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
         panels = overview_panels(outcome, scenes["coin"].lights)
         panels += [
@@ -124,48 +109,6 @@ def _demo(out: Path, seed: int) -> Result:
     result.summary += [*errors.table(), f"look at {out / 'overview.png'}"]
     write_record(out / "summary.json", "sgp demo", {"out": out, "seed": seed}, result)
     return result
-
-
-def _make_room(out: Path, *, force: bool) -> None:
-    """Clear an earlier demo's own files out of the way; refuse whatever else is in their place."""
-    mark = out / _MARK
-    if not mark.is_file():
-        check_folder(out, force=force)
-    known = _read_mark(mark)
-    for path in _made(out):
-        if known.get(str(path.relative_to(out))) != sha256(path):
-            raise UsageError(
-                f"{path} was not made by a demo, or was changed since: move it away, or choose "
-                "another --out"
-            )
-    for name in _MADE:
-        path = out / name
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)
-    make_folder(out)
-    write_durably(mark, b"{}")
-
-
-def _made(out: Path) -> list[Path]:
-    """Return the files that stand where a demo puts its own."""
-    paths = [path for name in _MADE for path in (out / name, *(out / name).rglob("*"))]
-    return [path for path in paths if path.is_file() or path.is_symlink()]
-
-
-def _read_mark(mark: Path) -> dict[str, str]:
-    try:
-        names = json.loads(mark.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {str(name): str(digest) for name, digest in names.items()}
-
-
-def _write_mark(out: Path) -> None:
-    """Note every file this demo made, by its hash, so that the next one can tell them apart."""
-    names = {str(path.relative_to(out)): sha256(path) for path in _made(out)}
-    write_durably(out / _MARK, dumps(names).encode())
 
 
 def _capture(

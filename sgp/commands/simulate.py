@@ -17,9 +17,18 @@ from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
 from sgp._simulation import metered_exposures, record_simulated
 from sgp._stages import Stopwatch
-from simulator import SCENES, Rendering, Scene, read_scene, render, save_truth, scene_named
+from simulator import (
+    SCENES,
+    Rendering,
+    Scene,
+    read_scene,
+    render,
+    save_truth,
+    scene_named,
+)
 
 _SHEET_SIZE = (320, 256)
+# A recording on its way to the DiLiGenT layout.
 
 
 def simulate(

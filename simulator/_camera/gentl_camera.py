@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import tempfile
-import weakref
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +25,7 @@ from simulator._camera.gentl_control import (
     ControlFile,
 )
 from simulator._camera.sensor import fixed_pattern
+from simulator._owned_folder import OwnedFolder
 from simulator._scene.lamps import Lamps
 from simulator._scene.lens import CFAS
 from simulator.gentl import build
@@ -163,8 +162,8 @@ class GentlCamera:
         hidden = "".join(f"{node}," for node in without_nodes).encode()
         self._check(len(hidden) < 256, "too many nodes are left out: 255 letters with their commas")
         library = build()
-        self._folder = Path(tempfile.mkdtemp(prefix="sgp-camera-"))
-        self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+        self._owned = OwnedFolder("sgp-camera-")
+        self._folder = self._owned.path
         self.cti = Path(shutil.copy(library, self._folder))
         self._size = size
         self._write_planes(planes, leds, np.uint16 if precomposed else np.float32)
@@ -257,9 +256,9 @@ class GentlCamera:
 
     def close(self) -> None:
         """Remove the folder; closing twice does nothing. Close what has the camera open before."""
-        if self._remove.alive:
+        if self._owned.open:
             self._control.close()
-            self._remove()
+            self._owned.close()
 
     def __enter__(self) -> Self:
         return self
@@ -269,7 +268,7 @@ class GentlCamera:
 
     @property
     def _fields(self) -> Any:
-        self._check(self._remove.alive, "is closed")
+        self._check(self._owned.open, "is closed")
         return self._control.fields
 
     def _check(self, sound: bool, complaint: str) -> None:

@@ -7,11 +7,12 @@ import os
 import shlex
 import shutil
 import subprocess
-import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 from acquisition import StorageError, make_folder, write_durably
 from rig import RigError
+from simulator._owned_folder import OwnedFolder
 
 _SOURCES = Path(__file__).parent
 _FLAGS = tuple(
@@ -57,10 +58,15 @@ def build() -> Path:
         return cti
     try:
         make_folder(folder)
-        with tempfile.TemporaryDirectory(prefix="sgp-build-") as scratch:
-            built = Path(scratch) / cti.name
-            _run([*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES])
+        scratch = OwnedFolder("build-", folder)
+        try:
+            built = scratch.path / cti.name
+            command = [*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES]
+            # The compiler's own files too: one that is killed leaves them.
+            _run(command, os.environ | {"TMPDIR": str(scratch.path)})
             write_durably(cti, built.read_bytes())
+        finally:
+            scratch.close()
     except (OSError, StorageError) as error:
         raise CompilerError(
             f"{folder}: the virtual camera cannot be built there ({error}); "
@@ -89,10 +95,15 @@ def _version(compiler: list[str]) -> str:
     return _run([*compiler, "--version"])
 
 
-def _run(command: list[str]) -> str:
+def _run(command: list[str], environment: Mapping[str, str] | None = None) -> str:
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_TIMEOUT_S
+            command,
+            env=environment,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_TIMEOUT_S,
         )
     except subprocess.TimeoutExpired as error:
         raise CompilerError(

@@ -47,6 +47,15 @@ def test_nothing_is_written_into_the_sources(tmp_path: Path) -> None:
     assert sorted(builds.FIRMWARE.rglob("*")) == before
 
 
+def test_a_build_without_a_folder_goes_into_the_cache_of_this_user(tmp_path: Path) -> None:
+    builds.need("make")
+    told = builds.run("make", "-n", "-C", builds.FIRMWARE, f"XDG_CACHE_HOME={tmp_path}", "host")
+    assert f"{tmp_path}/sgp/firmware-" in told
+    told = builds.run("make", "-n", "-C", builds.FIRMWARE, "XDG_CACHE_HOME=", "host")
+    assert f"{Path.home()}/.cache/sgp/firmware-" in told
+    assert "/tmp/" not in told.replace(str(builds.FIRMWARE), "")
+
+
 def test_none_of_many_mixed_commands_is_lost(tmp_path: Path) -> None:
     draw = random.Random(7)
     with BoardUnderTest(builds.host(tmp_path), late_us=100_000) as board:

@@ -155,6 +155,54 @@ def test_a_flash_says_how_long_its_pulse_came_after_the_one_before(desk):
     assert since() == "-"
 
 
+def test_the_pulse_before_is_known_whatever_was_lit_between(desk):
+    desk.ask("FLASH", "7", "0", "1000")
+    desk.at_ms(10)
+    for _ in range(300):
+        desk.ask("ON", "3", "60000")
+    desk.ask("FLASH", "7", "0", "1000")
+    (reply,) = desk.at_ms(20)
+    assert reply.args[1] == "10000"
+
+
+def test_lights_that_begin_at_the_same_instant_have_their_own_ends(desk):
+    desk.ask("ON", "7", "300")
+    desk.ask("ON", "8", "300")
+    # A sign of life moves the end of the light, and of no other.
+    desk.ask("STATUS")
+    desk.at_ms(400)
+    events = [event for event in desk.outputs.events(desk.now_ns) if "lit" in event]
+    assert [event["lit"] for event in events] == [[8], []]
+
+
+def test_two_carriage_returns_damage_a_line(desk):
+    whole = encode_command(Command(1, "ON", ("7", "1000")))
+    for end in (b"\r\r\n", b"\r\r\r\n"):
+        desk.board.receive(whole[:-1] + end, desk.now_ns)
+        assert desk.board.advance(desk.now_ns) == b""
+    assert desk.ask("STATUS").split()[1:3] == ["-", "2"]
+
+
+def test_a_reset_forgets_half_a_line_and_what_was_on_its_way(desk):
+    whole = encode_command(Command(1, "ON", ("7", "1000")))
+    desk.board.set_faults([BoardFault(kind="delay-reply", value=50)])
+    assert desk.ask("ID") is None
+    desk.board.receive(whole[:9], desk.now_ns)
+    desk.board.reset(desk.now_ns)
+    desk.board.receive(whole[9:], desk.now_ns)
+    assert desk.at_ms(100) == []
+    assert desk.lit() == []
+
+
+def test_an_input_that_is_raised_twice_falls_once(desk):
+    desk.active.set(True, 10 * MS)
+    desk.active.set(True, 20 * MS)
+    desk.active.set(False, 30 * MS)
+    desk.active.set(False, 40 * MS)
+    spans = [(e.start_ns / MS, e.end_ns / MS) for e in desk.active.exposures()]
+    assert spans == [(10, 30)]
+
+
 def test_a_light_is_dark_a_second_after_the_last_word_even_if_the_board_has_died(desk):
     desk.ask("ON", "7", "60000")
     desk.at_ms(400)

@@ -1,0 +1,162 @@
+"""The folder of a demo: which files in it a demo has made, also one that was killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from acquisition import make_folder, remove_rests, write_durably
+from sgp._exit import UsageError
+from sgp._output import check_folder, sha256
+from sgp._result import dumps
+
+try:
+    import fcntl
+except ImportError:  # Windows: two demos in one folder are not noticed
+    fcntl = None  # type: ignore[assignment]
+
+MARK = ".made-by-sgp-demo"
+# What a demo makes; a later demo replaces this and nothing else.
+_MADE = (
+    "calibration",
+    "recording",
+    "normals",
+    "detail",
+    "surface",
+    "camera.json",
+    "lights.json",
+    "overview.png",
+    "summary.json",
+)
+
+
+class DemoFolder:
+    """The folder in which a demo works.
+
+    A mark in it lists the files of the stages that are done, by hash, and what the stage at work
+    makes. So the next demo can tell the files of one that was killed from those of others.
+
+    Parameters
+    ----------
+    out
+        The folder, claimed by `claimed`.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._known: dict[str, str] = {}
+        self._at_work: tuple[str, ...] = ()
+
+    def begin(self, *names: str) -> None:
+        """Begin a stage that makes these files or folders; what the one before made is done."""
+        self._finish_stage()
+        self._at_work = names
+        self._write()
+
+    def finish(self) -> None:
+        """Note that nothing more is made."""
+        self._finish_stage()
+        self._write()
+
+    def _finish_stage(self) -> None:
+        for path in _files(self._out, self._at_work):
+            self._known[str(path.relative_to(self._out))] = sha256(path)
+        self._at_work = ()
+
+    def _write(self) -> None:
+        mark = {"files": self._known, "unfinished": list(self._at_work)}
+        write_durably(self._out / MARK, dumps(mark).encode())
+
+
+@contextmanager
+def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
+    """Claim a folder for a demo, with the files of earlier ones removed.
+
+    Raises
+    ------
+    UsageError
+        If the folder holds other files and ``force`` is not given, if a file that a demo would
+        replace was not made by one or was changed since, or if another demo works in the folder.
+    """
+    existed = out.is_dir()
+    if not existed:
+        check_folder(out, force=force)
+        make_folder(out)
+    with _locked(out):
+        _make_room(out, force=force)
+        folder = DemoFolder(out)
+        folder.begin()
+        try:
+            yield folder
+        finally:
+            folder.finish()
+
+
+@contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    if fcntl is None:
+        yield
+        return
+    place = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        # Some file systems have no locks.
+        with suppress(OSError):
+            try:
+                fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise UsageError(
+                    f"another demo is at work in {out}: wait until it has ended, or choose "
+                    "another --out"
+                ) from None
+        yield
+    finally:
+        os.close(place)
+
+
+def _make_room(out: Path, *, force: bool) -> None:
+    """Clear an earlier demo's own files out of the way; refuse whatever else is in their place."""
+    mark = out / MARK
+    remove_rests(out)
+    if not mark.is_file() or mark.is_symlink():
+        check_folder(out, force=force)
+    known, at_work = _read(mark)
+    for path in _files(out, _MADE):
+        name = path.relative_to(out)
+        own = name.parts[0] in at_work or (
+            not path.is_symlink() and known.get(str(name)) == sha256(path)
+        )
+        if path.is_symlink() or not own:
+            raise UsageError(
+                f"{path} was not made by a demo, or was changed since: move it away, or choose "
+                "another --out"
+            )
+    for top in _MADE:
+        path = out / top
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
+    """Return the files and links under some names, without following links."""
+    paths = []
+    for name in names:
+        top = out / name
+        below = [] if top.is_symlink() or not top.is_dir() else top.rglob("*")
+        paths += [path for path in (top, *below) if path.is_symlink() or path.is_file()]
+    return paths
+
+
+def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
+    """Return the hashes of a mark, and what the stage makes at which the demo was killed."""
+    try:
+        told = json.loads(mark.read_text(encoding="utf-8"))
+        files, at_work = told.get("files", told), told.get("unfinished", [])
+        return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
+    except (OSError, ValueError, AttributeError, TypeError):
+        return {}, ()

@@ -1,0 +1,198 @@
+"""Signals that strike where an exception would do damage: the program ends later, and cleanly."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import subprocess
+import sys
+import time
+import weakref
+
+import pytest
+
+from rig import _ending as ending
+from rig import end_later, end_program
+
+# Interrupted right after LLVM has linked modules: what was linked is then owned twice.
+LINKED = """
+import faulthandler, gc, os, signal, sys, time
+faulthandler.enable()
+{taken}
+import numba
+from llvmlite.binding import ffi
+link = ffi.lib.LLVMPY_LinkModules
+def struck(*args):
+    linked = link(*args)
+    ffi.lib._fntab["LLVMPY_LinkModules"] = link
+    os.kill(os.getpid(), signal.{name})
+    time.sleep(0)
+    return linked
+ffi.lib._fntab["LLVMPY_LinkModules"] = struck
+@numba.njit
+def more(x):
+    return x + 1
+try:
+    more(1)
+    time.sleep(20)
+except BaseException as error:
+    # As in a program that ends later, with its compiler gone.
+    del error
+    gc.collect()
+    print("ended", flush=True)
+"""
+TAKEN = "from rig import end_program\nsignal.signal(signal.{name}, end_program)"
+
+
+def run(program: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
+    )
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_while_llvm_links_does_not_crash(name, tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    done = run(LINKED.format(taken=TAKEN.format(name=name), name=name))
+    assert "Segmentation" not in done.stderr
+    assert (done.returncode, done.stdout) == (0, "ended\n")
+
+
+@pytest.fixture
+def taken():
+    """SIGINT and SIGTERM handled as by a program of ours."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, end_program) for number in numbers]
+    yield
+    for number, handler in zip(numbers, before, strict=True):
+        signal.signal(number, handler)
+    assert ending._waiting is None
+
+
+def as_module(name: str, body: str) -> dict[str, object]:
+    """Run code whose functions belong to a module of another name."""
+    space: dict[str, object] = {"__name__": name, "signal": signal, "time": time, "after": []}
+    exec(body, space)
+    return space
+
+
+STRIKES = """
+def strikes(number):
+    signal.raise_signal(number)
+    after.append("went on")
+"""
+
+
+@pytest.mark.parametrize("module", ["numba.core.codegen", "llvmlite.binding.ffi", "weakref"])
+@pytest.mark.parametrize(
+    ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
+)
+def test_the_exception_comes_when_the_code_has_been_left(taken, module, number, error):
+    space = as_module(module, STRIKES)
+
+    def struck() -> None:
+        space["strikes"](number)
+        assert space["after"] == ["went on"]
+        time.sleep(5)
+
+    with pytest.raises(error):
+        struck()
+
+
+def test_elsewhere_it_comes_at_once(taken):
+    space = as_module("somewhere", STRIKES)
+    with pytest.raises(KeyboardInterrupt):
+        space["strikes"](signal.SIGINT)
+    assert space["after"] == []
+
+
+def test_a_finalizer_is_not_interrupted(taken):
+    class Held:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+            seen.append("went on")
+
+    def dropped() -> None:
+        held = Held()
+        del held
+        gc.collect()
+        time.sleep(5)
+
+    seen: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        dropped()
+    assert seen == ["went on"]
+
+
+def test_nor_is_a_callback_of_the_garbage_collector(taken):
+    class Held:
+        pass
+
+    def strike() -> None:
+        signal.raise_signal(signal.SIGINT)
+        seen.append("went on")
+
+    def dropped() -> None:
+        held = Held()
+        weakref.finalize(held, strike)
+        del held
+        gc.collect()
+        time.sleep(5)
+
+    seen: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        dropped()
+    assert seen == ["went on"]
+
+
+def test_an_exception_that_was_lost_comes_again(taken):
+    def lost() -> None:
+        end_later(signal.SIGTERM)
+        time.sleep(5)
+
+    with pytest.raises(SystemExit) as ended:
+        lost()
+    assert ended.value.code == 143
+
+
+def test_a_program_inside_an_import_ends_all_the_same(taken, monkeypatch):
+    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.3)
+    body = "def imports(number):\n    signal.raise_signal(number)\n    time.sleep(20)\n"
+    with pytest.raises(KeyboardInterrupt):
+        as_module("importlib._bootstrap", body)["imports"](signal.SIGINT)
+
+
+SECOND = """
+import signal, sys, time
+from rig import end_program
+signal.signal(signal.SIGTERM, end_program)
+space = {"__name__": "numba.core", "time": time}
+exec("def compiles():\\n while True: time.sleep(0.01)", space)
+print("compiling", flush=True)
+space["compiles"]()
+"""
+
+
+def test_a_second_signal_ends_the_process_now():
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", SECOND], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        process.stdout.readline()
+        # The first one waits; one that comes as the wait is renewed passes for that.
+        for _ in range(20):
+            process.send_signal(signal.SIGTERM)
+            time.sleep(0.07)
+            if process.poll() is not None:
+                break
+        assert process.wait(10) == -signal.SIGTERM
+        assert process.stderr.read() == b""
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        process.stderr.close()
