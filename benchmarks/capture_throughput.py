@@ -9,8 +9,9 @@ flushes and the journal are in it. Memory is what the process has of its own (Rs
 had when everything was imported and nothing open yet: queue and camera buffers count, the file
 that the virtual camera plays its frames from does not.
 
-Exit code 1 where a pause was caused by writing, memory grew by 12 frames or more, or a sequence
-took more than 1.15 times the camera's own time.
+Exit code 1 where a pause was caused by writing, memory grew by 12 frames or more (by a sequence's
+own frames and 12, as each has a buffer), or a sequence took more than 1.15 times the camera's own
+time.
 """
 
 import argparse
@@ -134,8 +135,9 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
         f"a frame, {len(pauses)} pauses, memory +{grown:.1f} frames"
     )
     whole = found.ok and found.complete
+    most = MOST_FRAMES + (len(plan.shots()) if mode == "sequence" else 0)
     slow = mode == "sequence" and wall > MOST_TIMES_CAMERA * own_s
-    return not whole or slow or bool(pauses) or grown >= MOST_FRAMES
+    return not whole or slow or bool(pauses) or grown >= most
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from acquisition._session.light_proof import BOARD, RIG, wrong_light
 from acquisition._session.writer import SessionWriter
 from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
 
-# Frames that may wait for the disk; with the camera's own buffers they stay under a dozen.
+# Frames that may wait for the disk, beside those in the camera's buffers.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
 THREADS: Final = WRITERS

@@ -17,17 +17,28 @@ class SignOfLife:
     ----------
     ping
         Asks the board something; what it raises ends the wait.
+    since_s
+        When the board was told something last, on the monotonic clock; now by default.
     """
 
-    def __init__(self, ping: Callable[[], None]) -> None:
+    def __init__(self, ping: Callable[[], None], since_s: float | None = None) -> None:
         self._ping = ping
         self._given_s = time.monotonic()
+        self._sent_s = self._given_s if since_s is None else since_s
+        self._longest_s = 0.0
+
+    @property
+    def silence_s(self) -> float:
+        """For how long at most the board may have heard nothing, up to now."""
+        return max(self._longest_s, time.monotonic() - self._sent_s)
 
     def __call__(self) -> None:
         """Give the sign if it is due."""
-        if time.monotonic() - self._given_s >= _EVERY_S:
+        begun_s = time.monotonic()
+        if begun_s - self._given_s >= _EVERY_S:
             self._ping()
-            self._given_s = time.monotonic()
+            self._longest_s = self.silence_s
+            self._sent_s, self._given_s = begun_s, time.monotonic()
 
     def sleep_until(self, when_s: float) -> None:
         """Wait for a time of the monotonic clock."""

@@ -84,16 +84,19 @@ def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
         If board or camera fail, or the LED did not burn until the frame was there.
     """
     board, camera = bench.board, bench.camera
-    ends_s = math.inf
+    ends_s, begins_s = math.inf, time.monotonic()
     # The wait for the camera is spent before the light burns, but for its settling.
     SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.settle_us / 1e6)
     if led is None:
         board.off()
     else:
         length_ms = hold_ms(bench, exposure)
-        ends_s = time.monotonic() + length_ms / 1000
+        begins_s = time.monotonic()
+        ends_s = begins_s + length_ms / 1000
         board.on(led, length_ms)
-    alive = SignOfLife(lambda: _check_burning(board, led, board.status().led, ends_s))
+    alive = SignOfLife(
+        lambda: _check_burning(board, led, board.status().led, ends_s, alive), begins_s
+    )
     alive.sleep_until(max(bench.ready_s, time.monotonic() + exposure.settle_us / 1e6))
     frame_id = camera.trigger()
     bench.triggered(exposure, time.monotonic())
@@ -102,7 +105,7 @@ def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
     # The port is ours alone and one ON means one spell of light: an LED that burns now has burned
     # since its ON.
     echo = board.off()
-    _check_burning(board, led, echo.led, ends_s)
+    _check_burning(board, led, echo.led, ends_s, alive)
     return Shot(frame, led, echo)
 
 
@@ -186,10 +189,18 @@ def check_light(
         )
 
 
-def _check_burning(board: Board, led: int | None, burned: int | None, ends_s: float) -> None:
+def _check_burning(
+    board: Board, led: int | None, burned: int | None, ends_s: float, alive: SignOfLife
+) -> None:
     if burned == led:
         return
     where = f"LED board on {board.port}"
+    if burned is None and (silence_s := alive.silence_s) >= board.identity.watchdog_ms / 1000:
+        raise FrameLostError(
+            f"{where}: {led_name(led)} went out before its frame was there, because this computer "
+            f"was too busy to speak to the board for up to {silence_s:.1f} s; the frame is thrown "
+            "away, end other programs and shoot again"
+        )
     if burned is None and time.monotonic() >= ends_s:
         raise BoardError(
             f"{where}: the hold of {led_name(led)} ended while its frame was awaited, so the frame "

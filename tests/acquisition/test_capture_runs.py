@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,16 @@ def run(*words: str) -> str:
 def test_kills_lose_nothing() -> None:
     told = run("capture_kill.py", "--kills", "6", "--seed", "5")
     assert "lost: 0, accepted with wrong pixels: 0" in told
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
+@pytest.mark.parametrize("more", [(), ("--buffers", "3", "--lose", "0.1")], ids=["all", "lossy"])
+def test_no_sequence_ends_on_a_busy_host(more: tuple[str, ...]) -> None:
+    small = ("--sequences", "3", "--lights", "9", "--rate", "100", "--size", "32x24", "--busy", "2")
+    said = run("sequence_stress.py", *small, *more)
+    assert re.search(r"recordings ended +0\n  frames kept +30\n", said)
+    assert re.search(r"frames under a wrong LED +0\n", said)
+    assert bool(re.search(r"taken again +[1-9]", said)) == bool(more)
 
 
 def test_flips_are_named() -> None:
@@ -62,6 +73,22 @@ def test_faults_end_dark_and_resumable(fault: str) -> None:
             1,
             "MiB more than after a tenth",
             id="too much memory",
+        ),
+        pytest.param(
+            (
+                "sequence_stress.py",
+                "--sequences",
+                "1",
+                "--lights",
+                "4",
+                "--size",
+                "32x24",
+                "--lose",
+                "1",
+            ),
+            1,
+            "recordings ended                1",
+            id="all frames lost",
         ),
         pytest.param(
             ("rig_pass.py", "--lights", "4", "--size", "64x48", "--rate", "2000"),

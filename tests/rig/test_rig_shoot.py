@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rig._shooting.shooting
-from rig import Board, BoardError, CameraError, CameraFrame, RigError
+from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
 from rig._shooting.exposure import Exposure
 from rig._shooting.flash_chain import FlashChain
 from simulator._board.faults import BoardFault
@@ -54,6 +54,25 @@ def test_a_light_that_goes_dark_in_the_exposure_costs_the_frame(bench):
         with pytest.raises(BoardError, match=r"LED 6 was wanted, but .* no LED burned"):
             rig.shoot(6, 60_000)
         bench.virtual.set_faults()
+        assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
+
+
+@pytest.mark.parametrize("stalled_at", ["fetch", "trigger"])
+def test_a_computer_that_is_too_busy_to_speak_is_told_and_the_shot_may_be_taken_again(
+    bench, monkeypatch, stalled_at
+):
+    with bench.rig(frame_timeout_s=3.0) as rig:
+        real = getattr(rig.camera, stalled_at)
+        stalls = iter([1.2, 0.0])
+
+        def stalled(*words):
+            time.sleep(next(stalls))
+            return real(*words)
+
+        monkeypatch.setattr(rig.camera, stalled_at, stalled)
+        with pytest.raises(FrameLostError, match=r"LED 6 .* too busy .* for up to \d\.\d s"):
+            rig.shoot(6, EXPOSURE_US)
+        assert burning(bench) is None
         assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
 
 
