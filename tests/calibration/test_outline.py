@@ -152,6 +152,10 @@ def test_limb_position(true_offset, limb):
     assert edge_offsets(values[None])[0] == pytest.approx(true_offset, abs=0.06)
 
 
+def test_profiles_reach_as_far_as_the_edge_is_looked_for():
+    np.testing.assert_allclose(profile_offsets(), np.arange(-2.5, 2.51, 0.25), atol=1e-12)
+
+
 @pytest.mark.parametrize(("inside", "outside"), [(0.1, 0.6), (0.7, 0.2)], ids=["dark", "bright"])
 def test_refined_outline_of_a_disc(inside, outside):
     rng = np.random.default_rng(5)

@@ -12,7 +12,8 @@ _SESSION = (
     "acquisition/test_session_faults.py",
     "acquisition/test_resume.py",
 )
-_WHOLE_CALIBRATION = ("calibration/test_spheres_simulated.py",)
+_PARTS = "calibration/test_sphere_parts.py"
+_WHOLE_CALIBRATION = (_PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
@@ -49,24 +50,21 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
-    f"{_SPHERES}/find.py": _WHOLE_CALIBRATION,
-    f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", *_WHOLE_CALIBRATION),
-    f"{_SPHERES}/light_positions.py": (
-        "calibration/test_light_positions.py",
-        *_WHOLE_CALIBRATION,
-    ),
+    f"{_SPHERES}/find.py": (_PARTS,),
+    f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
+    f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
-    f"{_SPHERES}/marked.py": ("calibration/test_outline.py", *_WHOLE_CALIBRATION),
-    f"{_SPHERES}/outline.py": ("calibration/test_outline.py", *_WHOLE_CALIBRATION),
-    f"{_SPHERES}/placed.py": ("calibration/test_light_positions.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/marked.py": (_PARTS,),
+    f"{_SPHERES}/outline.py": ("calibration/test_outline.py", _PARTS),
+    f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
     f"{_SPHERES}/reflection.py": (
         "calibration/test_reflection.py",
         "calibration/test_light_positions.py",
     ),
     f"{_SPHERES}/robust.py": ("calibration/test_robust_fits.py",),
-    f"{_SPHERES}/search.py": _WHOLE_CALIBRATION,
-    f"{_SPHERES}/sphere_calibration.py": _WHOLE_CALIBRATION,
-    f"{_SPHERES}/sphere_image.py": ("calibration/test_highlights.py", *_WHOLE_CALIBRATION),
+    f"{_SPHERES}/search.py": (_PARTS,),
+    f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
+    f"{_SPHERES}/sphere_image.py": (_PARTS,),
     "processing/_stereo/kernels.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",

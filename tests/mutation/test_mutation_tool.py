@@ -62,6 +62,8 @@ def test_what_is_listed_as_surviving_can_still_be_planted() -> None:
         pytest.param("x = -a", {"a"}, id="sign"),
         pytest.param("x = 7", {"8"}, id="whole number"),
         pytest.param("x = 0.25", {"0.5"}, id="number"),
+        pytest.param("x = max(a, 1e-12)", {"min(a, 1e-12)"}, id="a guard"),
+        pytest.param("x = np.random.default_rng(0)", set(), id="a seed"),
         pytest.param("x = True", {"False"}, id="truth"),
         pytest.param("x = np.min(a)", {"np.max(a)"}, id="extremes"),
         pytest.param("x = abs(a)", {"(a)"}, id="size"),

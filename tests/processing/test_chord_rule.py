@@ -112,8 +112,11 @@ def test_edges_end_at_the_mask(seen_from: str) -> None:
     mask = np.array([[1, 1, 0], [0, 1, 1]], bool)
     normals = even(tilted(10.0), (2, 3))
     if seen_from == "far":
-        right, down, *_ = orthographic_edges(normals, mask)
+        right, down, *steps = orthographic_edges(normals, mask)
     else:
-        right, down, *_ = perspective_edges(normals, mask, rays_of((2, 3), 1e3, (1.0, 1.0)))
+        right, down, *steps = perspective_edges(normals, mask, rays_of((2, 3), 1e3, (1.0, 1.0)))
+    assert right.shape == down.shape == (4, 5)
+    assert [step.shape for step in steps] == [(4, 5)] * 2
+    assert (right.dtype, steps[0].dtype) == (np.float32, np.float64)
     assert {(int(r) - 1, int(c) - 1) for r, c in np.argwhere(right)} == {(0, 0), (1, 1)}
     assert {(int(r) - 1, int(c) - 1) for r, c in np.argwhere(down)} == {(0, 1)}

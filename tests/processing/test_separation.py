@@ -196,6 +196,15 @@ def test_higher_orders_are_steeper() -> None:
         assert gain(8, frequency) == pytest.approx(1 - (1 - g) ** 8, abs=0.01)
 
 
+def test_the_filter_that_is_taken_by_itself() -> None:
+    """As `sgp detail separate` and docs/detail.md say: Gaussian, order 8, w 5."""
+    given = random_map(4)
+    parts, told = separate(given), separate(given, filter="gaussian", order=8, w=5)
+    np.testing.assert_array_equal(parts.shape.normals, told.shape.normals)
+    for other in ({"order": 7}, {"w": 6}, {"filter": "box"}):
+        assert (separate(given, **other).shape.normals != parts.shape.normals).any()
+
+
 def test_a_plane_has_no_detail() -> None:
     normal_map = NormalMap.from_vectors(np.broadcast_to((0.48, -0.6, 0.64), (20, 30, 3)))
     parts = separate(normal_map)

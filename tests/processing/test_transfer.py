@@ -14,7 +14,7 @@ from acquisition import DataError
 from processing._detail.placement import fill, largest_rectangle
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer import transfer
+from processing._detail.transfer import scale_slopes, transfer
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 
@@ -169,6 +169,19 @@ def test_amplitude_zero_of_a_horizontal_detail_is_z() -> None:
     np.testing.assert_array_equal(
         result.fidelity.detail.normals[received], [[0, 0, 1]] * mask.sum()
     )
+
+
+def test_slopes_of_a_horizontal_normal_scaled_to_zero_are_z() -> None:
+    vectors = np.array([[[1, 0, 0], [0, -1, 0], [0.6, 0, 0.8], [0, 0, 0]]], np.float32)
+    detail = NormalMap(vectors, np.array([[True, True, True, False]]))
+    assert scale_slopes(detail, 1.0) is detail
+    flat = scale_slopes(detail, 0.0)
+    np.testing.assert_array_equal(flat.normals, [[[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 0]]])
+    np.testing.assert_array_equal(flat.mask, detail.mask)
+    # A slope of 0.6 / 0.8 halved.
+    half = scale_slopes(detail, 0.5).normals[0]
+    np.testing.assert_allclose(half[:2], vectors[0, :2])
+    np.testing.assert_allclose(half[2, 0] / half[2, 2], 0.375, rtol=1e-6)
 
 
 def test_keeping_the_targets_detail_puts_it_onto_the_raw_normals() -> None:

@@ -1,0 +1,343 @@
+"""The parts of a calibration by themselves, and the whole of it on drawn spheres."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from acquisition import DataError
+from calibration import EstimateError, Stack, calibrate_spheres
+from calibration._spheres import search
+from calibration._spheres.cone import fit_cone
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.find import _circles, _expected, _radii, find_spheres, overlap
+from calibration._spheres.highlights import Highlights
+from calibration._spheres.marked import circled_spheres, masked_spheres
+from calibration._spheres.placed import one_radius_each, place
+from calibration._spheres.sphere_calibration import placed_spheres, seen_spheres
+from calibration._spheres.sphere_image import (
+    SphereImage,
+    missing_highlights_warning,
+    places,
+    saturation_warning,
+)
+from tests.calibration.conftest import Bench, dome
+
+SMALL = Bench(focal_px=1200.0, width=420, height=330)
+SPHERES = [((-55.0, 20.0, 20.0), 20.0), ((50.0, 35.0, 16.0), 16.0), ((10.0, -45.0, 20.0), 20.0)]
+LIGHTS = dome(14)
+
+
+def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
+    outline = Ellipse((x, y), (radius, radius))
+    angles = np.linspace(0, 6, 50)
+    offsets = scatter * np.where(np.arange(50) % 2, 1, -1)
+    pixels = np.full((5, 2), np.nan)
+    pixels[:found] = [x, y]
+    clipped = np.arange(5) < saturated
+    points = outline.point(angles, 1 + offsets / radius)
+    return SphereImage(outline, points, 0.75, Highlights(pixels, clipped))
+
+
+def test_what_an_image_tells_of_a_sphere():
+    image = image_of(scatter=0.2)
+    assert image.rms_px == pytest.approx(1.4826 * 0.2, rel=0.02)
+    (sphere,) = seen_spheres([image])
+    assert (sphere.outline, sphere.coverage, sphere.rms_px) == (image.outline, 0.75, image.rms_px)
+    assert (sphere.centre_mm, sphere.radius_mm) == (None, None)
+    (placed,) = placed_spheres([image], np.array([[1.0, 2.0, 3.0]]), np.array([4.0]))
+    assert (placed.centre_mm, placed.radius_mm) == ((1.0, 2.0, 3.0), 4.0)
+    assert replace(placed, centre_mm=None, radius_mm=None) == sphere
+
+
+def test_spheres_are_named_by_their_places():
+    assert places([image_of(9.6, 20.4)]) == "the sphere at (10, 20) px"
+    assert places([image_of(), image_of(300, 4)]) == "the spheres at (10, 20), (300, 4) px"
+
+
+@pytest.mark.parametrize(
+    ("found", "named"), [((5, 5), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")]
+)
+def test_spheres_without_highlights_are_told(found, named):
+    told = missing_highlights_warning([image_of(found=count) for count in found])
+    assert (told == []) if named is None else (f"under any light on {named} at (10, 20)" in told[0])
+
+
+@pytest.mark.parametrize(
+    ("saturated", "said"), [((0, 0), None), ((1, 0), "10 %"), ((5, 5), "100 %")]
+)
+def test_saturated_highlights_are_told_with_their_share(saturated, said):
+    told = saturation_warning([image_of(saturated=count) for count in saturated])
+    assert (told == []) if said is None else told[0].startswith(f"{said} of the highlights")
+
+
+def test_what_was_not_found_is_not_saturated():
+    assert saturation_warning([image_of(found=2, saturated=5)])[0].startswith("100 %")
+
+
+@pytest.mark.parametrize(
+    ("radii", "sizes", "found", "expected"),
+    [
+        pytest.param([20.0], (30, 50, 40), True, [20, 20, 20], id="one for all"),
+        pytest.param([20.0, 30.0, 25.0], (30, 50, 40), True, [20, 30, 25], id="by size"),
+        pytest.param([30.0, 20.0, 25.0], (50, 40, 30), True, [30, 25, 20], id="by size again"),
+        pytest.param([30.0, 20.0, 25.0], (30, 50, 40), False, [30, 20, 25], id="in their order"),
+    ],
+)
+def test_each_sphere_has_one_radius(radii, sizes, found, expected):
+    images = [image_of(radius=size) for size in sizes]
+    assert one_radius_each(np.array(radii), images, found=found).tolist() == expected
+
+
+@pytest.mark.parametrize(("found", "error"), [(True, EstimateError), (False, DataError)])
+def test_another_number_of_radii_is_refused(found, error):
+    with pytest.raises(error, match="radii"):
+        one_radius_each(np.array([1.0, 2.0]), [image_of()] * 3, found=found)
+
+
+def test_spheres_are_placed_by_their_radius(bench):
+    """An outline that is off as a whole by 0.05 px: sideways, and in depth by the half angle."""
+    spheres = [((30.0, -20.0, 12.0), 12.0), ((-100.0, 60.0, 30.0), 30.0)]
+    cones = [fit_cone(bench.camera.rays(bench.outline(*s)), 1 / bench.focal_px)[0] for s in spheres]
+    known = place(cones, np.array([12.0, 30.0]), bench.camera)
+    np.testing.assert_allclose(known.centres_mm, [c for c, _ in spheres], atol=1e-5)
+    assert known.radii_mm.tolist() == [12.0, 30.0]
+    assert not known.covariance_mm2[:3, 3:].any()
+    for k, (cone, (centre, radius)) in enumerate(zip(cones, spheres, strict=True)):
+        own = known.covariance_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        systematic = own - radius**2 * cone.covariance
+        distance = np.linalg.norm(np.asarray(centre) - bench.eye)
+        angle, half = 0.05 / bench.focal_px, np.arcsin(radius / distance)
+        sideways, depth = distance * angle, distance * angle / np.tan(half)
+        along = cone.axis @ systematic @ cone.axis
+        assert along == pytest.approx(sideways**2 + depth**2, rel=1e-3)
+        assert np.trace(systematic) == pytest.approx(3 * sideways**2 + depth**2, rel=1e-3)
+
+
+@pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
+def test_circles_overlap_where_one_holds_the_centre_of_the_other(apart, over):
+    large = Ellipse((100.0, 50.0), (30.0, 30.0))
+    for dx, dy in ((apart, 0), (0, apart), (-0.6 * apart, 0.8 * apart)):
+        small = Ellipse((100.0 + dx, 50.0 + dy), (5.0, 5.0))
+        assert overlap(large, small) == overlap(small, large) == over
+
+
+@pytest.mark.parametrize(
+    ("radius", "radii", "right"),
+    [
+        (100, (), True),
+        (100, (100, 50), True),
+        (57.4, (100, 50), True),
+        (57.6, (100, 50), False),
+        (42.6, (100, 50), True),
+        (42.4, (100, 50), False),
+    ],
+)
+def test_a_circle_has_an_expected_radius_to_15_percent(radius, radii, right):
+    assert _expected(Ellipse((0.0, 0.0), (float(radius), float(radius))), radii) == right
+
+
+def test_radii_are_those_of_edges_that_face_the_centre():
+    angles = np.arange(0, 2 * np.pi, 0.01)
+    side = np.column_stack([np.cos(angles), np.sin(angles)])
+    half = side[angles < np.pi]
+    edges = np.concatenate([50 + 20.3 * side, 50 + 35.3 * half, 50 + 27.3 * side])
+    # Those of the last circle run along it.
+    facing = np.concatenate([side, -half, side[:, ::-1] * [1, -1]])
+    circles = sorted(_radii(edges, facing, (50.0, 50.0), 45.0))
+    assert [radius for radius, _ in circles] == pytest.approx([20.3, 35.3], abs=1.3)
+    assert [coverage for _, coverage in circles] == pytest.approx([1.0, 0.5], abs=0.03)
+
+
+@pytest.mark.parametrize("scale", [1, 3])
+def test_circles_of_a_drawn_disc(scale):
+    """On a large image the search looks at a smaller one: places are those of the large one."""
+    height, width = 330 * scale, 420 * scale
+    x, y, radius = 150.25 * scale, 170.75 * scale, 61.0 * scale
+    rows, columns = np.mgrid[:height, :width]
+    cover = np.clip(radius + 0.5 - np.hypot(columns - x, rows - y), 0, 1)
+    image = (0.2 + 0.5 * cover).astype(np.float32)
+    best = _circles(cv2.GaussianBlur(image, (0, 0), 0.7 * scale))[0]
+    assert best.centre_px == pytest.approx((x, y), abs=1.5 * scale)
+    assert best.radius_px == pytest.approx(radius, abs=2 * scale)
+
+
+def share(centre, radius):
+    """The share of each pixel whose lines of sight meet a sphere, from 8 x 8 of them."""
+    axis = np.asarray(centre) - SMALL.eye
+    cosine = np.sqrt(1 - (radius / np.linalg.norm(axis)) ** 2)
+    fine = (np.arange(8) + 0.5) / 8 - 0.5
+    y = (np.arange(SMALL.height)[:, None] + fine).ravel()[:, None]
+    x = (np.arange(SMALL.width)[:, None] + fine).ravel()
+    right, up = x - (SMALL.width - 1) / 2, (SMALL.height - 1) / 2 - y
+    along = right * axis[0] + up * axis[1] - SMALL.focal_px * axis[2]
+    length = np.sqrt(right**2 + up**2 + SMALL.focal_px**2) * np.linalg.norm(axis)
+    met = along > cosine * length
+    return met.reshape(SMALL.height, 8, SMALL.width, 8).mean(axis=(1, 3))
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """Fourteen images of three mirror spheres on a grey card, and the masks of the spheres."""
+    size = (SMALL.height, SMALL.width)
+    masks = [share(*sphere) for sphere in SPHERES]
+    rows, columns = np.mgrid[: size[0], : size[1]]
+    values = np.zeros((len(LIGHTS), *size))
+    values += 0.5 - 0.4 * np.max(masks, axis=0)
+    for image, light in zip(values, LIGHTS, strict=True):
+        for sphere in SPHERES:
+            x, y = SMALL.highlight(*sphere, light)
+            image += 50 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 2)
+    return values.astype(np.float32), masks
+
+
+RADII = [radius for _, radius in SPHERES]
+
+
+def error_mm(found):
+    return np.linalg.norm(found.lights.positions_mm - LIGHTS, axis=1).max()
+
+
+@pytest.mark.parametrize("marked", ["masks", "one mask", "circles", "found"])
+def test_drawn_spheres_give_the_positions(drawn, marked):
+    values, masks = drawn
+    circles = [(*SMALL.project(np.array(c)), 1200 * r / 590 + 1.5) for c, r in SPHERES]
+    options = {
+        "masks": {"masks": masks},
+        "one mask": {"masks": [np.max(masks, axis=0)]},
+        "circles": {"circles": circles},
+        "found": {},
+    }[marked]
+    radii = RADII
+    if marked == "one mask":  # regions are counted from the top
+        radii = [16.0, 20.0, 20.0]
+    found = calibrate_spheres(values, camera=SMALL.camera, radius_mm=radii, **options)
+    assert found.warnings == ()
+    assert found.lights.ids[:3] == ("L00", "L01", "L02")
+    assert error_mm(found) < (2.0 if "mask" in marked else 6.0)
+    assert found.used.all()
+    assert found.residuals_deg.max() < 0.2
+    assert found.highlights_px.shape == (14, 3, 2)
+    if marked == "masks":
+        for sphere, (centre, radius) in zip(found.spheres, SPHERES, strict=True):
+            assert np.linalg.norm(np.subtract(sphere.centre_mm, centre)) < 0.5
+            assert sphere.radius_mm == radius
+            assert sphere.coverage > 0.95
+
+
+def test_a_mask_gives_outline_and_highlights(drawn):
+    values, masks = drawn
+    images = masked_spheres(values, masks)
+    for image, sphere in zip(images, SPHERES, strict=True):
+        expected = [SMALL.highlight(*sphere, light) for light in LIGHTS]
+        np.testing.assert_allclose(image.highlights.pixels, expected, atol=0.02)
+        assert np.abs(image.outline.distance_px(SMALL.outline(*sphere))).max() < 0.05
+
+
+def test_a_rough_circle_is_refined(drawn):
+    values, _ = drawn
+    x, y = SMALL.project(np.array(SPHERES[0][0]))
+    (image,) = circled_spheres(values, [(x + 3, y - 2, 43.0)])
+    assert np.abs(image.outline.distance_px(SMALL.outline(*SPHERES[0]))).max() < 0.4
+
+
+@pytest.mark.parametrize(
+    ("size", "says"),
+    [
+        ((60, 44), None),
+        ((60, 36), "no disc of a sphere: its ellipse has semi-axes"),
+        ((36, 60), "no disc of a sphere: its ellipse has semi-axes"),
+    ],
+)
+def test_a_long_mask_is_no_sphere(size, says):
+    rows, columns = np.mgrid[:200, :200]
+    mask = ((columns - 100) / size[0]) ** 2 + ((rows - 100) / size[1]) ** 2 < 1
+    values = np.zeros((2, 200, 200), np.float32)
+    if says is None:
+        assert len(masked_spheres(values, [mask])) == 1
+        return
+    with pytest.raises(EstimateError, match=says):
+        masked_spheres(values, [mask])
+
+
+def test_directions_of_one_sphere_without_and_with_a_camera(drawn):
+    values, masks = drawn
+    centre, _ = SPHERES[0]
+    toward = LIGHTS - centre
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    # Seen without perspective, a sphere 55 mm off the axis is turned by 5 degrees.
+    for options, most_deg in (({"camera": SMALL.camera, "radius_mm": 20.0}, 3.0), ({}, 9.0)):
+        found = calibrate_spheres(values, masks=masks[:1], **options)
+        assert found.lights.positions_mm is None
+        assert np.isnan(found.residuals_deg).all()
+        off = np.linalg.norm(np.cross(found.lights.unit_directions, toward), axis=1)
+        assert np.degrees(np.arcsin(off)).max() < most_deg
+        told = [line for line in found.warnings if "positions need two" in line]
+        assert len(told) == bool(options)
+
+
+def test_colour_counts_as_grey_and_the_stack_names_the_lights(drawn):
+    values, masks = drawn
+    names = tuple(f"led{k}" for k in range(len(values)))
+    stack = Stack(np.repeat(values[..., None], 3, axis=3), names, None)
+    options = {"masks": masks, "camera": SMALL.camera, "radius_mm": RADII}
+    found = calibrate_spheres(stack, **options)
+    assert found.lights.ids == names
+    assert error_mm(found) < 2.0
+
+
+def test_search_sorts_from_the_left_and_leaves_out_what_is_known(drawn):
+    values, _ = drawn
+    found = find_spheres(values)
+    centres = [sphere.outline.centre_px for sphere in found]
+    assert len(found) == 3
+    assert centres == sorted(centres)
+    beside = find_spheres(values, beside=found[:1])
+    np.testing.assert_allclose([sphere.outline.centre_px for sphere in beside], centres[1:])
+    assert len(find_spheres(values, [found[1].outline.radius_px])) == 2
+    assert find_spheres(values, [20.0]) == []
+
+
+def searched(monkeypatch, images, camera=None, radii=None, others=()):
+    """Search in a stack in which these spheres are found, and the others beside them."""
+
+    def find(values, radii_px=(), beside=()):
+        return list(others) if beside or (others and not radii_px and radii) else list(images)
+
+    monkeypatch.setattr(search, "find_spheres", find)
+    values = np.zeros((2, 30, 30), np.float32)
+    return search.searched_spheres(values, camera, None if radii is None else np.array(radii))
+
+
+@pytest.mark.parametrize(
+    ("scatters", "left"),
+    [
+        pytest.param((0.01, 0.16), (), id="all sharp enough"),
+        pytest.param((0.01, 0.175), (1,), id="over a quarter of a pixel"),
+        pytest.param((0.1, 0.29), (), id="less than three times the sharpest"),
+        pytest.param((0.1, 0.31, 0.2), (1,), id="more than three times the sharpest"),
+    ],
+)
+def test_outlines_that_scatter_are_left_out(monkeypatch, scatters, left):
+    images = [image_of(100.0 * k, scatter=s) for k, s in enumerate(scatters)]
+    kept, told = searched(monkeypatch, images)
+    assert kept == [image for k, image in enumerate(images) if k not in left]
+    assert len(told) == len(left)
+    for line, k in zip(told, left, strict=True):
+        assert f"({100 * k}, 20) px was left out: its outline scatters by" in line
+
+
+def test_spheres_of_another_size_are_told_with_their_size(monkeypatch):
+    """30 px at 600 mm and 1200 px focal length: 600 x 30 / 1230 = 14.6 mm on the plane."""
+    wanted, other = image_of(100.0, radius=40.0), image_of(300.0)
+    kept, told = searched(monkeypatch, [wanted], SMALL.camera, [20.0], [other])
+    assert kept == [wanted]
+    (line,) = told
+    assert "(300, 20) px was left out: the sharp outline there fits about 14.6 mm, not 20" in line
+    with pytest.raises(EstimateError, match=r"no sphere of 20 mm found, but .* about 14\.6 mm"):
+        searched(monkeypatch, [], SMALL.camera, [20.0], [other])
+    with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
+        searched(monkeypatch, [], SMALL.camera, [20.0])
+    with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
+        searched(monkeypatch, [])
