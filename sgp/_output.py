@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
-import json
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, ParamSpec
 
 from acquisition import SOFTWARE, software_version
+from rig import UnreadableError, parse_json, read_bounded
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -56,13 +56,22 @@ def claim_folder(out: Path, record: str) -> Path:
     Called when the work is done and only writing is left, so that a failing run costs nothing.
     """
     out.mkdir(parents=True, exist_ok=True)
-    with suppress(OSError, ValueError, AttributeError):
-        earlier = json.loads((out / record).read_text(encoding="utf-8"))["outputs"]
-        for name in earlier.values():
-            if Path(name).name == name:
-                (out / name).unlink(missing_ok=True)
+    for name in _earlier_outputs(out / record):
+        with suppress(OSError, ValueError):
+            (out / name).unlink(missing_ok=True)
     (out / record).unlink(missing_ok=True)
     return out
+
+
+def _earlier_outputs(record: Path) -> list[str]:
+    """Return the files that a record names in its own folder; none where it is not understood."""
+    try:
+        found = parse_json(read_bounded(record))
+    except (FileNotFoundError, UnreadableError):
+        return []
+    outputs = found.get("outputs") if isinstance(found, dict) else None
+    names = outputs.values() if isinstance(outputs, dict) else ()
+    return [name for name in names if isinstance(name, str) and Path(name).name == name]
 
 
 def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from calibration import (
     linear_stack,
 )
 from processing import angle_deg, angular_error
+from rig import UnreadableError, parse_json, read_bounded
 from sgp._console import note, progress
 from sgp._exit import UsageError
 from sgp._options import Seed, SourceOptions
@@ -154,8 +154,10 @@ def _made(out: Path) -> list[Path]:
 
 def _read_mark(mark: Path) -> dict[str, str]:
     try:
-        names = json.loads(mark.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        names = parse_json(read_bounded(mark))
+    except (FileNotFoundError, UnreadableError):
+        return {}
+    if not isinstance(names, dict):
         return {}
     return {str(name): str(digest) for name, digest in names.items()}
 
