@@ -336,5 +336,6 @@ def test_far_away(tmp_path: Path, name: str, content: bytes) -> None:
 def test_paths(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError):
         read_mesh_file(tmp_path / "nowhere.ply")
+    (tmp_path / "a.fbx").write_bytes(b"")
     with pytest.raises(DataError, match="give one of"):
         read_mesh_file(tmp_path / "a.fbx")
