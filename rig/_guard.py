@@ -45,7 +45,7 @@ _TOKEN = re.compile(
     r"|(?P<word>[^\s\"'#\[\]{}=,]+)",
     re.DOTALL,
 )
-_LONG_NUMBER = re.compile(rf"\d[\d_]{{{MAX_DIGITS}}}")
+_LONG_NUMBER = re.compile(rf"\d[\da-fx_]{{{MAX_DIGITS}}}", re.IGNORECASE)
 
 # What the parsers at hand have been seen to raise when they were given damaged bytes. Errors of
 # their own classes are named where they are called.

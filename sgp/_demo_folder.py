@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -10,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from acquisition import make_folder, remove_rests, write_durably
+from rig import UnreadableError, parse_json, read_bounded
 from sgp._exit import UsageError
 from sgp._output import check_folder, sha256
 from sgp._result import dumps
@@ -155,8 +155,8 @@ def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
 def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
     """Return the hashes of a mark, and what the stage makes at which the demo was killed."""
     try:
-        told = json.loads(mark.read_text(encoding="utf-8"))
-        files, at_work = told.get("files", told), told.get("unfinished", [])
+        known = parse_json(read_bounded(mark))
+        files, at_work = known.get("files", known), known.get("unfinished", [])
         return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
-    except (OSError, ValueError, AttributeError, TypeError):
+    except (FileNotFoundError, UnreadableError, AttributeError, TypeError):
         return {}, ()

@@ -5,10 +5,8 @@ from __future__ import annotations
 import functools
 import hashlib
 import inspect
-import json
 import os
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
@@ -21,6 +19,7 @@ from acquisition import (
     software_version,
     write_durably,
 )
+from rig import UnreadableError, parse_json, read_bounded
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -80,11 +79,23 @@ def claim_folder(out: Path, record: str) -> Path:
 
 def earlier_files(out: Path, record: str) -> list[Path]:
     """Return what an earlier result with this record left in a folder, the record first."""
-    names = [record]
-    with suppress(OSError, ValueError, AttributeError, TypeError, KeyError):
-        earlier = json.loads((out / record).read_text(encoding="utf-8"))["outputs"]
-        names += [name for name in earlier.values() if Path(name).name == name]
-    return [out / name for name in names if os.path.lexists(out / name)]
+    paths = [out / name for name in (record, *_earlier_outputs(out / record))]
+    return [path for path in paths if os.path.lexists(path)]
+
+
+def _earlier_outputs(record: Path) -> list[str]:
+    """Return the files that a record names in its own folder; none where it is not understood."""
+    try:
+        found = parse_json(read_bounded(record))
+    except (FileNotFoundError, UnreadableError):
+        return []
+    outputs = found.get("outputs") if isinstance(found, dict) else None
+    names = outputs.values() if isinstance(outputs, dict) else ()
+    return [
+        name
+        for name in names
+        if isinstance(name, str) and "\0" not in name and Path(name).name == name
+    ]
 
 
 def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.images import Image, open_image, read_image
 from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
+from acquisition._text_files import text_of
 from rig import MAX_PIXELS, UnreadableError, refusing
 
 # Some cameras measure the black level anew for each frame: how much it may vary, of white.
@@ -188,12 +189,15 @@ def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
 
 
 def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
-    """Return an attribute, None where there is none or its text is in another encoding."""
+    """Return an attribute, None where there is none; text that is no UTF-8 is taken as Latin-1."""
     try:
         with refusing(name):
-            return spec.getattribute(name)
+            value = spec.getattribute(name)
     except UnreadableError:
         return None
+    if not isinstance(value, str) or value.isascii():
+        return value
+    return text_of(value.encode("utf-8", "surrogateescape"))
 
 
 def _number(value: Any) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body
+from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body, whole
 from acquisition._mesh_files.ply_header import Element, read_header
 from rig import UnreadableError
 
@@ -75,7 +75,8 @@ def _corners(element: Element, table: Table) -> Lists:
         raise UnreadableError(
             f"its {element.name} elements have no list of whole numbers called vertex_indices"
         )
-    return table.lists[named[0]]
+    found = table.lists[named[0]]
+    return Lists(found.lengths, whole(found.values))
 
 
 def _fans(polygons: Lists) -> tuple[Whole, int]:

@@ -22,7 +22,7 @@ class Lists:
     """One list property of every row: their lengths, and all values one after another."""
 
     lengths: Whole
-    values: Whole
+    values: npt.NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _of_rows(element: Element, rows: Double, sizes: list[int]) -> Table:
     for one, size in zip(element.properties, sizes, strict=True):
         if one.count:
             lengths = np.full(len(rows), size - 1, np.int64)
-            lists[one.name] = Lists(lengths, whole(rows[:, begin + 1 : begin + size].ravel()))
+            lists[one.name] = Lists(lengths, rows[:, begin + 1 : begin + size].ravel())
         else:
             columns[one.name] = rows[:, begin]
         begin += size
@@ -114,7 +114,7 @@ def _chased(element: Element, numbers: Double, at: int) -> tuple[Table, int]:
     for name, counts in lengths.items():
         begins = np.array(places.pop(name), np.int64) + 1
         picked = numbers[_ranges(begins, np.array(counts, np.int64))]
-        lists[name] = Lists(np.array(counts, np.int64), whole(picked))
+        lists[name] = Lists(np.array(counts, np.int64), picked)
     return Table({name: numbers[where] for name, where in places.items()}, lists), at
 
 
@@ -179,7 +179,7 @@ def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
         if one.count:
             values = rows[one.name].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))
             lengths = np.full(len(rows), values.shape[1], np.int64)
-            lists[one.name] = Lists(lengths, whole(values.ravel()))
+            lists[one.name] = Lists(lengths, values.ravel())
         else:
             columns[one.name] = rows[one.name].astype(np.float64)
     return Table(columns, lists)
@@ -216,7 +216,7 @@ def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table
         return picked.view(kinds[name])
 
     lists = {
-        name: Lists(np.array(counts, np.int64), whole(values(name, np.array(counts, np.int64))))
+        name: Lists(np.array(counts, np.int64), values(name, np.array(counts, np.int64)))
         for name, counts in lengths.items()
     }
     once = np.ones(element.count, np.int64)

@@ -16,7 +16,7 @@ from acquisition._mesh_files.numbers import numbers_of
 from acquisition._mesh_files.ply import read_ply
 from acquisition._mesh_files.stl import read_stl
 from acquisition._text_files import text_of
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, refusing
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head, refusing
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
 # Beyond, areas and lengths would overflow.
@@ -45,6 +45,8 @@ def read_mesh_file(path: str | Path) -> MeshFile:
         If it is of another kind, damaged or truncated, or holds coordinates above 1e30.
     """
     file = Path(path)
+    with declared(file):
+        read_head(file, 0)  # what is not there is missed first
     suffix = file.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")

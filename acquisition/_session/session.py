@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.planned_shot import PlannedShot
@@ -24,10 +25,14 @@ from acquisition._session.layout import (
 from acquisition._session.manifest import Manifest, parse_manifest
 from acquisition._session.recorded import SetAsideFrame, recorded_frames
 from acquisition._session.session_frame import SessionFrame
-from acquisition._storage import is_part, read_file, sha256_of
+from acquisition._storage import is_part, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
+from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, UnreadableError, read_bounded
+
+# Of a million frames.
+_MAX_JOURNAL_BYTES: Final = 1 << 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,20 +273,22 @@ def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _bytes(path: Path) -> bytes | None:
+def _bytes(path: Path, most_bytes: int) -> bytes | None:
     """Return a file's bytes, None where there is none."""
     try:
-        return read_file(path)
+        return read_bounded(path, most_bytes)
     except FileNotFoundError:
         return None
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}") from error
 
 
 def _journal_and_mark(folder: Path) -> tuple[bytes | None, bytes | None]:
     """Return the journal and COMPLETE as they were together: somebody may be writing just now."""
-    data = _bytes(folder / JOURNAL)
+    data = _bytes(folder / JOURNAL, _MAX_JOURNAL_BYTES)
     while True:
-        mark = _bytes(folder / COMPLETE)
-        again = _bytes(folder / JOURNAL)
+        mark = _bytes(folder / COMPLETE, MAX_TEXT_BYTES)
+        again = _bytes(folder / JOURNAL, _MAX_JOURNAL_BYTES)
         if again == data:
             return data, mark
         data = again
@@ -289,7 +296,7 @@ def _journal_and_mark(folder: Path) -> tuple[bytes | None, bytes | None]:
 
 def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
     path = folder / MANIFEST
-    data = _bytes(path)
+    data = _bytes(path, MAX_TOML_BYTES)
     if data is None:
         problems.append(f"{path}: is missing; restore it")
         return None, ""

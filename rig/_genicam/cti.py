@@ -9,6 +9,7 @@ from genicam import gentl
 
 from rig._errors import CameraError
 from rig._genicam.errors import in_words
+from rig._guard import MAX_BINARY_BYTES, UnreadableError, read_bounded
 
 # Every producer exports it, so its name stands in the file.
 _ENTRY_POINT = b"GCInitLib\0"
@@ -25,15 +26,14 @@ def check_cti(path: Path) -> None:
         If there is no such file, it cannot be read, is cut short, or is not a GenTL producer.
     """
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, MAX_BINARY_BYTES)
     except FileNotFoundError as error:
         raise CameraError(
             f"{path}: no such GenTL producer; give the path of the .cti file that came with the "
             "camera's driver"
         ) from error
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise CameraError(f"{path}: cannot be read as a GenTL producer ({reason})") from error
+    except UnreadableError as error:
+        raise CameraError(f"{path}: cannot be read as a GenTL producer ({error})") from error
     if content[:4] == _ELF_MAGIC and _elf_is_cut_short(content):
         raise CameraError(f"{path}: this GenTL producer is cut short; install the driver again")
     if _ENTRY_POINT not in content:

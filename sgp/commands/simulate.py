@@ -28,7 +28,6 @@ from simulator import (
 )
 
 _SHEET_SIZE = (320, 256)
-# A recording on its way to the DiLiGenT layout.
 
 
 def simulate(

@@ -50,8 +50,8 @@ def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
     for other in leaf.assemble_argument_collection():
         if other.required and other.name != argument.name:
             positional = other.field_info.is_positional
-            chosen = next(iter(get_args(other.hint)), "nowhere")
-            value = chosen if isinstance(chosen, str) else "1" if numeric(other.hint) else "nowhere"
+            chosen = next(iter(get_args(other.hint)), None)
+            value = "1" if numeric(other.hint) else chosen if isinstance(chosen, str) else "nowhere"
             needed += [value] if positional else [f"{other.name}={value}"]
     return needed
 

@@ -1,0 +1,341 @@
+"""PLY in all its forms, STL and GLB: one tetrahedron in each, and what is damaged refused."""
+
+from __future__ import annotations
+
+import json
+import struct
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquisition import DataError, MeshFile, MissingPathError, read_mesh_file
+from acquisition._mesh_files.ply import read_ply
+from rig import UnreadableError
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+ORDERS = {"<": "binary_little_endian", ">": "binary_big_endian"}
+
+
+def ply(elements: str, body: bytes | str, form: str = "ascii") -> bytes:
+    head = f"ply\nformat {form} 1.0\ncomment by hand\n{elements}end_header\n"
+    return head.encode() + (body.encode() if isinstance(body, str) else body)
+
+
+def text(rows: npt.ArrayLike) -> str:
+    return "".join(" ".join(f"{value:g}" for value in row) + "\n" for row in np.atleast_2d(rows))
+
+
+def triangles(mesh: MeshFile) -> set[tuple[int, ...]]:
+    """Faces as what they are, whatever corner they begin with: their winding counts."""
+    assert mesh.faces is not None
+    return {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in mesh.faces}
+
+
+@pytest.mark.parametrize("name", ["vertex_indices", "vertex_index", "corners"])
+@pytest.mark.parametrize("kind", ["char", "uchar", "short", "ushort", "int", "uint", "int32"])
+def test_faces_of_any_type_and_name(name: str, kind: str) -> None:
+    elements = f"element vertex 4\n{XYZ}element face 4\nproperty list uchar {kind} {name}\n"
+    rows = text(POINTS) + text(np.insert(FACES, 0, 3, axis=1))
+    assert triangles(read_ply(ply(elements, rows))) == triangles(MeshFile(POINTS, FACES))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize(("count", "code"), [("uchar", "B"), ("int", "i"), ("ushort", "H")])
+def test_both_byte_orders_with_other_elements_between(order: str, count: str, code: str) -> None:
+    """What is not wanted is passed over: other elements, other lists, colours of faces."""
+    elements = (
+        f"element camera 1\nproperty list uchar double pose\n"
+        f"element vertex 4\n{XYZ}property uchar red\n"
+        f"element edge 2\nproperty int a\nproperty list {count} short b\n"
+        f"element face 4\nproperty uchar flag\nproperty list {count} int vertex_indices\n"
+        "property list uchar float texcoord\n"
+    )
+    body = struct.pack(f"{order}B2d", 2, 1.5, 2.5)
+    for point in POINTS:
+        body += struct.pack(f"{order}3fB", *point, 200)
+    body += struct.pack(f"{order}i{code}2h", 7, 2, 8, 9) + struct.pack(f"{order}i{code}h", 7, 1, 8)
+    for number, face in enumerate(FACES):
+        body += struct.pack(f"{order}B{code}3iB", 1, 3, *face, number)
+        body += struct.pack(f"{order}{number}f", *range(number))
+    mesh = read_ply(ply(elements, body, ORDERS[order]))
+    np.testing.assert_array_equal(mesh.vertices, POINTS)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+
+
+@pytest.mark.parametrize("order", ["", "<", ">"])
+@pytest.mark.parametrize(
+    ("sides", "cut"),
+    [
+        ([4, 3], [[0, 1, 2], [0, 2, 3], [4, 5, 6]]),
+        ([3, 5], [[0, 1, 2], [3, 4, 5], [3, 5, 6], [3, 6, 7]]),
+        ([4, 4], [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]),
+        ([2, 3, 1], [[2, 3, 4]]),
+    ],
+)
+def test_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]) -> None:
+    elements = f"element vertex 8\n{XYZ}element face {len(sides)}\n"
+    elements += "property list uchar int vertex_index\n"
+    corners = np.split(np.arange(sum(sides)), np.cumsum(sides)[:-1])
+    points = np.random.default_rng(0).random((8, 3))
+    if order:
+        body = points.astype(order + "f4").tobytes()
+        for face in corners:
+            body += struct.pack(f"{order}B{len(face)}i", len(face), *face)
+        mesh = read_ply(ply(elements, body, ORDERS[order]))
+    else:
+        lines = text(points) + "".join(text([len(face), *face]) for face in corners)
+        mesh = read_ply(ply(elements, lines))
+    np.testing.assert_array_equal(mesh.faces, cut)
+    lost = sum(side < 3 for side in sides)
+    assert len(mesh.warnings) == bool(lost)
+    assert not lost or mesh.warnings[0].endswith(f"corners: {lost}")
+
+
+STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} vertex_indices\n"
+
+
+@pytest.mark.parametrize(
+    ("run", "faces"),
+    [
+        pytest.param([0, 1, 2], [[0, 1, 2]], id="one"),
+        pytest.param([0, 1, 2, 3, 4], [[0, 1, 2], [2, 1, 3], [2, 3, 4]], id="alternating"),
+        pytest.param([0, 1, 2, 3, -1, 1, 3, 4, 5], [[0, 1, 2], [2, 1, 3], [1, 3, 4], [4, 3, 5]],
+                     id="winding begins anew"),
+        pytest.param([0, 1, 2, -1, -1, 2, 3, 4, -1], [[0, 1, 2], [2, 3, 4]], id="empty strips"),
+        pytest.param([0, 1, 2, 2, 3, 4], [[0, 1, 2], [2, 4, 3]], id="stitched"),
+        pytest.param([0, 1], [], id="too short"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("order", ["", "<", ">"])
+def test_triangle_strips(order: str, run: list[int], faces: list[list[int]]) -> None:
+    elements = STRIPS.format("int")
+    points = np.random.default_rng(0).random((6, 3))
+    if order:
+        body = points.astype(order + "f4").tobytes()
+        body += struct.pack(f"{order}{len(run) + 1}i", len(run), *run)
+        mesh = read_ply(ply(elements, body, ORDERS[order]))
+    else:
+        mesh = read_ply(ply(elements, text(points) + text([len(run), *run])))
+    assert mesh.faces is not None
+    assert triangles(mesh) == triangles(MeshFile(points, np.reshape(faces, (-1, 3))))
+    assert len(mesh.faces) == len(faces)
+
+
+def test_a_strip_is_wound_alike_all_along() -> None:
+    """A flat ladder of triangles: every normal points the same way."""
+    ladder = np.array([[i // 2, i % 2, 0] for i in range(40)], np.float64)
+    elements = STRIPS.format("int").replace("vertex 6", "vertex 40")
+    mesh = read_ply(ply(elements, text(ladder) + text([40, *range(40)])))
+    assert mesh.faces is not None
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    assert len(mesh.faces) == 38
+    assert len(np.unique(np.sign(np.cross(b - a, c - a)[:, 2]))) == 1
+
+
+def test_unsigned_strips_end_where_minus_one_would_be() -> None:
+    run = [0, 1, 2, 0xFFFFFFFF, 3, 4, 5]
+    body = np.zeros((6, 3), "<f4").tobytes() + struct.pack("<8I", 7, *run)
+    mesh = read_ply(ply(STRIPS.format("uint"), body, ORDERS["<"]))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [3, 4, 5]])
+
+
+def test_a_large_strip_is_quick() -> None:
+    count = 268_688
+    body = np.zeros((6, 3), ">f4").tobytes()
+    body += np.concatenate([[count], np.arange(count) % 6]).astype(">i4").tobytes()
+    mesh = read_ply(ply(STRIPS.format("int"), body, ORDERS[">"]))
+    assert mesh.faces is not None
+    assert len(mesh.faces) == 268_686
+
+
+WHOLE = f"element vertex 4\n{XYZ}element face 4\nproperty list uchar int vertex_indices\n"
+ROWS = text(POINTS) + text(np.insert(FACES, 0, 3, axis=1))
+
+
+@pytest.mark.parametrize(
+    ("elements", "body", "said"),
+    [
+        pytest.param(
+            WHOLE.replace("vertex 4", "vertex 9"),
+            ROWS,
+            r"list|not whole|truncated",
+            id="fewer vertices",
+        ),
+        pytest.param(WHOLE.replace("face 4", "face 999999999"), ROWS, "truncated", id="huge count"),
+        pytest.param(WHOLE.replace("face 4", "face " + "9" * 5000), ROWS, "header", id="digits"),
+        pytest.param(WHOLE.replace("face 4", "face -4"), ROWS, "header", id="negative count"),
+        pytest.param(WHOLE.replace("float x", "float w"), ROWS, "x, y and z", id="no x"),
+        pytest.param(WHOLE.replace("float y", "float x"), ROWS, "twice", id="x twice"),
+        pytest.param(WHOLE.replace("float", "half"), ROWS, "line 5 of its header", id="type"),
+        pytest.param(WHOLE.replace("uchar int", "float int"), ROWS, "header", id="float lengths"),
+        pytest.param(WHOLE.replace("uchar int", "uchar float"), ROWS, "list of whole", id="floats"),
+        pytest.param(WHOLE, ROWS[:-9], "truncated", id="cut"),
+        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 2.5 1"), "not whole", id="half a vertex"),
+        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "-3 0 2 1"), "damaged", id="negative length"),
+        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "nan 0 2 1"), "damaged", id="NaN length"),
+        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 x 1"), "numbers", id="words"),
+        pytest.param(WHOLE.replace("face", "trifans"), ROWS, "trifans elements", id="fans"),
+        pytest.param("", "", "vertex", id="no element"),
+        pytest.param(XYZ, "", "header", id="property without element"),
+    ],
+)
+def test_damaged_ply(tmp_path: Path, elements: str, body: str, said: str) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply(elements, body))
+    with pytest.raises(DataError, match=said) as caught:
+        read_mesh_file(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+@given(st.binary(max_size=80), st.sampled_from(["ascii", *ORDERS.values()]), st.data())
+def test_no_body_is_a_fault(body: bytes, form: str, data: st.DataObject) -> None:
+    kinds = st.sampled_from(["uchar", "int", "short", "double"])
+    counts = data.draw(st.tuples(st.integers(0, 5), st.integers(0, 3)))
+    elements = (
+        f"element vertex {counts[0]}\n{XYZ}element face {counts[1]}\nproperty list "
+        f"{data.draw(st.sampled_from(['uchar', 'char', 'int']))} {data.draw(kinds)} vertex_index\n"
+        f"property {data.draw(kinds)} more\n"
+    )
+    with suppress(UnreadableError):
+        read_ply(ply(elements, body, form))
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "off", "glb"])
+def test_the_same_ball_as_the_library_reads(tmp_path: Path, suffix: str) -> None:
+    ball = trimesh.creation.icosphere(2)
+    path = tmp_path / f"ball.{suffix}"
+    ball.export(path)
+    mesh = read_mesh_file(path)
+    assert mesh.faces is not None
+    read = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    assert len(mesh.faces) == len(ball.faces)
+    assert read.volume == pytest.approx(ball.volume, rel=1e-5)
+
+
+def test_stl_as_text_and_a_binary_one_that_begins_like_it(tmp_path: Path) -> None:
+    solid = trimesh.Trimesh(POINTS, FACES, process=False)
+    path = tmp_path / "a.stl"
+    path.write_text(trimesh.exchange.stl.export_stl_ascii(solid))
+    np.testing.assert_array_equal(read_mesh_file(path).vertices, POINTS[FACES].reshape(-1, 3))
+    binary = trimesh.exchange.stl.export_stl(solid)
+    path.write_bytes(b"solid by a careless program".ljust(80) + binary[80:])
+    np.testing.assert_array_equal(read_mesh_file(path).vertices, POINTS[FACES].reshape(-1, 3))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    ["solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "solid\nendsolid\n",
+     "solid\nvertex 1 2\nvertex 1 2 3\nvertex 1 2 3\nendfacet\nendsolid"],
+)  # fmt: skip
+def test_damaged_stl(tmp_path: Path, lines: str) -> None:
+    path = tmp_path / "a.stl"
+    path.write_text(lines)
+    with pytest.raises(DataError, match=r"facets|not three numbers|numbers"):
+        read_mesh_file(path)
+
+
+def glb(change: dict[str, object], binary: bytes = b"") -> bytes:
+    indices = FACES.astype("<u2").tobytes()
+    points = POINTS.astype("<f4").tobytes()
+    content: dict[str, object] = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": len(points)},
+            {"buffer": 0, "byteOffset": len(points), "byteLength": len(indices)},
+        ],
+        "buffers": [{"byteLength": len(points + indices)}],
+        **change,
+    }
+    said = json.dumps(content).encode()
+    said += b" " * (-len(said) % 4)
+    data = points + indices
+    chunks = struct.pack("<II", len(said), 0x4E4F534A) + said
+    chunks += struct.pack("<II", len(data), 0x004E4942) + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def test_glb_without_change(tmp_path: Path) -> None:
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb({"images": [{"uri": "/dev/zero"}], "materials": [{"x": 1}]}))
+    assert triangles(read_mesh_file(path)) == triangles(MeshFile(POINTS, FACES))
+
+
+VIEW = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        pytest.param({"accessors": [VIEW | {"count": 10**9}, VIEW]}, "counts go", id="count"),
+        pytest.param({"accessors": [VIEW | {"count": -1}, VIEW]}, "count is to be", id="negative"),
+        pytest.param({"accessors": [VIEW | {"bufferView": 9}, VIEW]}, "damaged", id="no view"),
+        pytest.param({"accessors": [VIEW | {"type": "VEC9"}, VIEW]}, "damaged", id="type"),
+        pytest.param({"accessors": 5}, "damaged", id="no list"),
+        pytest.param({"bufferViews": [{"byteLength": 10**12}]}, "beyond its end", id="view"),
+        pytest.param({"nodes": [{"children": [1]}, {"children": [0]}]}, "circles", id="circle"),
+        pytest.param(
+            {"nodes": [{"children": [1, 2]}, {"children": [2]}, {"mesh": 0}]}, "two", id="two ways"
+        ),
+        pytest.param({"buffers": [{"uri": "file:///etc/passwd"}]}, "another file", id="uri"),
+        pytest.param(
+            {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 1}]}]},
+            "not made of triangles", id="lines",
+        ),
+    ],
+)  # fmt: skip
+def test_damaged_glb(tmp_path: Path, change: dict[str, object], said: str) -> None:
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb(change))
+    with pytest.raises(DataError, match=said):
+        read_mesh_file(path)
+
+
+def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
+    """A device named as material would be read without end."""
+    path = tmp_path / "a.obj"
+    lines = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS.astype(int))
+    path.write_text(f"mtllib /dev/zero\n{lines}usemtl a\nf 1 3 2\nf 1 2 4\n")
+    mesh = read_mesh_file(path)
+    assert mesh.faces is not None
+    assert len(mesh.faces) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.obj", b"v 0 0 0\nv 1e300 0 0\nv 0 1 0\nf 1 2 3\n"),
+        ("a.off", b"OFF\n3 1 0\n0 0 0\n1e300 0 0\n0 1 0\n3 0 1 2\n"),
+        ("a.xyz", b"0 0 0\n1e300 0 0\n"),
+        ("a.ply", ply(f"element vertex 2\n{XYZ}", "0 0 0\n1e300 0 0\n")),
+    ],
+)
+def test_far_away(tmp_path: Path, name: str, content: bytes) -> None:
+    """Areas and lengths of what lies there would overflow."""
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError, match=r"vertex 1 lies beyond 1e\+30"):
+        read_mesh_file(tmp_path / name)
+
+
+def test_paths(tmp_path: Path) -> None:
+    with pytest.raises(MissingPathError):
+        read_mesh_file(tmp_path / "nowhere.ply")
+    (tmp_path / "a.fbx").write_bytes(b"")
+    with pytest.raises(DataError, match="give one of"):
+        read_mesh_file(tmp_path / "a.fbx")
