@@ -32,7 +32,8 @@ FIRST, AGAIN, MEMORY = "time of a first call, s", "time of a repeated call, s", 
 _COST = (
     "A first call starts from two maps, or two surfaces. A repeated one has kept what depends on "
     "the target alone: its shape, or its smooth base with normals. CPU seconds of all threads; "
-    "memory above the inputs, of up to three runs of their own."
+    "memory above the inputs, of up to three runs of their own. The normal domain works on the "
+    "whole frame, the mesh methods on the window around the mask."
 )
 
 
