@@ -189,8 +189,7 @@ def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
 def _not_finite(pixels: Pixels) -> Mask:
     if pixels.dtype.kind != "f":
         return np.zeros(pixels.shape[:2], np.bool_)
-    strange: Mask = ~np.isfinite(pixels).all(axis=2)
-    return strange
+    return np.asarray(~np.isfinite(pixels).all(axis=2), np.bool_)
 
 
 def _share(alpha: Pixels) -> Float:
@@ -231,8 +230,8 @@ def _decode(pixels: Pixels) -> tuple[Float, bool]:
         scale = 2.0 / float(np.iinfo(pixels.dtype).max)
         return (pixels * scale - 1.0).astype(np.float32), True
     # No vector of unit length is so long, and the square of a longer one would overflow.
-    usable = (np.abs(pixels) < _LONGEST).all(axis=2)
-    stored = np.where(usable[..., None], pixels, 0).astype(np.float32)
+    usable = (np.abs(pixels) < _LONGEST).all(axis=2, keepdims=True)
+    stored = np.where(usable, pixels, 0).astype(np.float32)
     encoded = stored * 2 - 1
     # A pixel of zeros is background in either reading and must not vote.
     drawn = stored.any(axis=2)

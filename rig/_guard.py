@@ -49,7 +49,7 @@ _LONG_NUMBER = re.compile(rf"\d[\da-fx_]{{{MAX_DIGITS}}}", re.IGNORECASE)
 
 # What the parsers at hand have been seen to raise when they were given damaged bytes. Errors of
 # their own classes are named where they are called.
-_PROVOKED: Final = (
+_PROVOKED: Final[tuple[type[Exception], ...]] = (
     ArithmeticError,
     AssertionError,
     AttributeError,

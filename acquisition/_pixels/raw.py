@@ -79,16 +79,16 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
             check_pixels(sizes.raw_width, sizes.raw_height, 16, file_bytes, max_pixels)
         with declared(path), refusing(_UNREADABLE, rawpy.LibRawError):
             raw.unpack()
-            mosaic = raw.raw_type == rawpy.RawType.Flat and raw.raw_pattern is not None
-            if mosaic:
+            pattern = raw.raw_pattern if raw.raw_type == rawpy.RawType.Flat else None
+            if pattern is not None:
                 pixels = np.array(raw.raw_image_visible, np.uint16)
-                rows, columns = raw.raw_pattern.shape
+                rows, columns = pattern.shape
                 block = np.array(raw.raw_colors_visible[:rows, :columns]).ravel()
                 colours = raw.color_desc.decode("ascii")
                 levels = np.asarray(raw.black_level_per_channel, np.float64)
                 white = float(raw.white_level)
                 exposure_us, iso, taken = _told(raw)
-    if not mosaic:
+    if pattern is None:
         raise DataError(
             f"{path}: this RAW holds no colour filter mosaic: convert it to 16-bit TIFF"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +107,8 @@ def read_geometry(path: str | Path) -> Geometry:
         raise DataError(f"{path}: {error}") from error
 
 
-def _mesh(mesh: MeshFile, faces: npt.NDArray[np.int64]) -> Geometry:
+def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
+    # Here numbers beyond 32 bits are found.
     checked = Geometry(mesh.vertices, faces)
     joined, corners = _joined(checked.vertices, faces)
     corners, turned, crowded = wind_alike(corners)
@@ -148,8 +150,8 @@ def _cloud(mesh: MeshFile) -> Geometry:
     normals = None if mesh.normals is None else mesh.normals[finite]
     if normals is not None:
         # Before their length, which would overflow.
-        short = (np.abs(normals) < 2).all(axis=1)
-        length = np.linalg.norm(np.where(short[:, None], normals, 0), axis=1)
+        short = (np.abs(normals) < 2).all(axis=1, keepdims=True)
+        length = np.linalg.norm(np.where(short, normals, 0), axis=1)
         off = ~(np.abs(length - 1) < _UNIT_TOLERANCE)
         if off.any():
             warnings.append(
