@@ -36,7 +36,7 @@ from acquisition._software import SOFTWARE, software_version
 from acquisition._source.reader import read_source
 from acquisition._source.source import Frame, Source
 from acquisition._staging import staged
-from acquisition._storage import make_folder, refusal, remove_rests, write_durably
+from acquisition._storage import is_rest, make_folder, refusal, remove_rests, write_durably
 from acquisition._value_files.camera import read_camera, write_camera
 from acquisition._value_files.lights import read_lights, write_lights
 from acquisition._values.camera_model import CameraModel
@@ -78,6 +78,7 @@ __all__ = [
     "compact_session",
     "estimate_plan",
     "import_frames",
+    "is_rest",
     "led_id",
     "light_id",
     "lights_in_order",
