@@ -59,6 +59,7 @@ from ._source.reader import read_source as read_source
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
 from ._staging import staged as staged
+from ._storage import is_rest as is_rest
 from ._storage import make_folder as make_folder
 from ._storage import refusal as refusal
 from ._storage import remove_rests as remove_rests

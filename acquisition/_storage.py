@@ -1,8 +1,8 @@
 """The disk under a capture: writes that survive a power cut, one writer per folder, clear errors.
 
-All that is particular to a system is here: `flock`, the fsync of a folder and opening without
-following links, which Windows does not have in this form and where they are left out, and the flag
-of files that are no text.
+All that is particular to a system is here and in `acquisition._part_files`: locks, the fsync of a
+folder and opening without following links, which Windows does not have in this form and where they
+are left out, and the flag of files that are no text.
 """
 
 from __future__ import annotations
@@ -12,27 +12,18 @@ import hashlib
 import os
 import stat
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from acquisition._errors import DataError, SessionInUseError, StorageError
+from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
+from acquisition._part_files import is_part as is_part
+from acquisition._part_files import is_rest as is_rest
+from acquisition._part_files import part_path as part_path
 
-if sys.platform == "win32":
-    _BINARY = os.O_BINARY
-    _NO_WAIT = _NO_LINK = 0
-else:
+if sys.platform != "win32":
     import fcntl
-
-    _BINARY = 0
-    _NO_WAIT = os.O_NONBLOCK  # a pipe has another end, which may never be opened
-    _NO_LINK = os.O_NOFOLLOW | _NO_WAIT
-
-_PART = ".part-"
-# How long to wait for another process that is writing the same file.
-_TURN_S = 10.0
-_PAUSE_S = 0.01
 
 _HINTS = {
     errno.ENOSPC: "free space on this disk, then try again",
@@ -64,143 +55,6 @@ def disk(path: Path, action: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise refusal(path, action, error) from error
-
-
-def part_path(path: Path) -> Path:
-    """Return the temporary name, in the same folder, of a file that is being written."""
-    return path.with_name(_PART + path.name)
-
-
-def is_part(path: Path) -> bool:
-    """Tell whether a file is the rest of a write that never finished."""
-    return path.name.startswith(".")
-
-
-class Part:
-    """The temporary file of a path: a new file that this process alone writes.
-
-    Whatever has its name is removed first: the rest of a write that was killed, a link, a pipe.
-    Nothing is followed or overwritten, not even what takes the name in the same moment. Another
-    process that is writing the same file holds a lock on it, and is waited for.
-
-    Parameters
-    ----------
-    path
-        The file that is to be.
-
-    Raises
-    ------
-    StorageError
-        If a folder has the name, or the other process does not end.
-    OSError
-        If the system refuses.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = part_path(path)
-        self.descriptor = -1
-        patience = time.monotonic() + _TURN_S
-        while not self._create():
-            if time.monotonic() > patience:
-                raise StorageError(
-                    f"{path}: another process is writing it: wait for it to end, or choose another "
-                    "name"
-                )
-            if not _clear(self.path):
-                time.sleep(_PAUSE_S)
-
-    def is_there(self) -> bool:
-        """Tell whether the file still has its name."""
-        return self.descriptor >= 0 and _is_at(self.descriptor, self.path)
-
-    def close(self) -> None:
-        """Close the file, which ends the lock; harmless when repeated."""
-        if self.descriptor >= 0:
-            os.close(self.descriptor)
-            self.descriptor = -1
-
-    def _create(self) -> bool:
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK | _BINARY
-        try:
-            self.descriptor = os.open(self.path, flags, 0o666)
-        except FileExistsError:
-            return False
-        # Another process may have taken it for a rest before it was locked.
-        if _lock(self.descriptor) and self.is_there():
-            return True
-        self.close()
-        return False
-
-
-def remove_rests(folder: Path) -> None:
-    """Remove the temporary files in a folder that no process is writing any more.
-
-    Raises
-    ------
-    StorageError
-        If the disk refuses.
-    """
-    with disk(folder, "clear up"):
-        for path in folder.iterdir():
-            if path.name.startswith(_PART) and (path.is_symlink() or not path.is_dir()):
-                _clear(path)
-
-
-def _clear(part: Path) -> bool:
-    """Remove what has the name of a temporary file; return False if a process is writing it."""
-    with suppress(FileNotFoundError):
-        kind = part.lstat().st_mode
-        if stat.S_ISDIR(kind):
-            raise StorageError(
-                f"{part}: this folder is in the way of a temporary file: move it away"
-            )
-        if stat.S_ISREG(kind):
-            return _clear_rest(part)
-        part.unlink()
-    return True
-
-
-def _clear_rest(part: Path) -> bool:
-    try:
-        descriptor = os.open(part, os.O_WRONLY | _NO_LINK | _BINARY)
-    except PermissionError:  # to remove it takes a permission of the folder alone
-        part.unlink()
-        return True
-    try:
-        # The name is another file's now if a third process was faster.
-        free = _lock(descriptor)
-        if free and _is_at(descriptor, part):
-            part.unlink()
-        return free
-    finally:
-        os.close(descriptor)
-
-
-def _is_at(descriptor: int, path: Path) -> bool:
-    """Tell whether a name is that of an open file."""
-    with suppress(FileNotFoundError):
-        return os.path.samestat(os.fstat(descriptor), path.lstat())
-    return False
-
-
-@contextmanager
-def temporary(path: Path) -> Iterator[Part]:
-    """Give the temporary file of a path to write to, and remove it in the end.
-
-    Raises
-    ------
-    StorageError, OSError
-        As `Part`.
-    """
-    part = Part(path)
-    try:
-        yield part
-    finally:
-        # Of a process that is killed here the rest is removed when the path is written again.
-        with suppress(OSError):
-            if part.is_there():
-                part.path.unlink()
-        part.close()
 
 
 @contextmanager
@@ -245,6 +99,20 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
             write_whole(part.descriptor, piece)
 
 
+def remove_rests(folder: Path) -> None:
+    """Remove the temporary files in a folder that no process is writing any more.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses.
+    """
+    with disk(folder, "clear up"):
+        for path in folder.iterdir():
+            if is_rest(path) and (path.is_symlink() or not path.is_dir()):
+                clear(path)
+
+
 def read_file(path: Path, *, follow: bool = True) -> bytes:
     """Return the bytes of a regular file.
 
@@ -262,7 +130,7 @@ def read_file(path: Path, *, follow: bool = True) -> bytes:
     """
     if follow and not stat.S_ISREG(path.stat().st_mode):  # to open a device may set it off
         raise _irregular(path)
-    with os.fdopen(_open(path, os.O_RDONLY | (_NO_WAIT if follow else _NO_LINK)), "rb") as file:
+    with os.fdopen(_open(path, os.O_RDONLY | (NO_WAIT if follow else NO_LINK)), "rb") as file:
         return file.read()
 
 
@@ -288,11 +156,11 @@ def open_binary(path: Path, flags: int) -> int:
     OSError
         If it cannot be opened, also where it is a link, a pipe or a device.
     """
-    return _open(path, flags | _NO_LINK)
+    return _open(path, flags | NO_LINK)
 
 
 def _open(path: Path, flags: int) -> int:
-    descriptor = os.open(path, flags | _BINARY, 0o666)
+    descriptor = os.open(path, flags | BINARY, 0o666)
     if stat.S_ISREG(os.fstat(descriptor).st_mode):
         return descriptor
     os.close(descriptor)
@@ -301,18 +169,6 @@ def _open(path: Path, flags: int) -> int:
 
 def _irregular(path: Path) -> OSError:
     return OSError(errno.EINVAL, "not a regular file", str(path))
-
-
-def _lock(descriptor: int) -> bool:
-    """Lock a file for this process alone; False if another one holds it."""
-    if sys.platform != "win32":
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        except OSError:  # a file system that knows no locks
-            pass
-    return True
 
 
 def append_durably(descriptor: int, path: Path, data: bytes) -> None:

@@ -13,6 +13,7 @@ from typing import Any, ParamSpec
 
 from acquisition import (
     SOFTWARE,
+    is_rest,
     make_folder,
     refusal,
     remove_rests,
@@ -158,7 +159,7 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     if os.path.lexists(place) and not place.is_dir():
         below = "" if place == out else f", and {out} cannot lie below it"
         raise UsageError(f"{place} is a file{below}: give --out a folder")
-    if out.is_dir() and not force and any(not _is_rest(path) for path in out.iterdir()):
+    if out.is_dir() and not force and any(not is_rest(path) for path in out.iterdir()):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already holds files: choose another folder{instead}")
 
@@ -188,11 +189,6 @@ def _check_name(out: Path) -> None:
         str(out).encode()
     except UnicodeEncodeError:
         raise UsageError(f"{out}: the name is not UTF-8: choose another one") from None
-
-
-def _is_rest(path: Path) -> bool:
-    """Tell what a process that was killed while writing left: it is replaced."""
-    return path.name.startswith(".part-")
 
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:

@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 
 from acquisition._errors import StorageError
+from acquisition._part_files import temporary
 from acquisition._preflight.check import Check
-from acquisition._storage import disk, read_back, sync_folder, temporary, write_whole
+from acquisition._storage import disk, read_back, sync_folder, write_whole
 
 NAME = "disk"
 # Room asked for, relative to the estimate: retakes, and what else writes to the disk.

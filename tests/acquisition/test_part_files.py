@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from acquisition import _storage
+from acquisition import _part_files
 from acquisition._errors import StorageError
+from acquisition._part_files import Part
 from acquisition._storage import (
-    Part,
     open_binary,
     part_path,
     published,
@@ -163,7 +163,7 @@ def test_writers_of_one_file_take_turns(tmp_path: Path) -> None:
 def test_a_writer_that_does_not_end_is_named_and_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(_storage, "_TURN_S", 0.05)
+    monkeypatch.setattr(_part_files, "_TURN_S", 0.05)
     with published(tmp_path / "a") as part:
         with pytest.raises(StorageError, match="/a: another process is writing it: wait"):
             write_durably(tmp_path / "a", b"other")

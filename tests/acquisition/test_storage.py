@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition import _storage
+from acquisition import _part_files, _storage
 from acquisition._errors import DataError, StorageError
 from acquisition._export.caption import Caption
 from acquisition._export.images import write_captioned_exr, write_captioned_png
@@ -73,7 +73,8 @@ def test_a_folder_whose_fsync_fails_is_told(
 def test_nothing_is_written_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows puts a carriage return before each 10 in a file that was not opened as binary."""
     binary = 0o100000  # O_LARGEFILE here: nothing changes by it
-    monkeypatch.setattr(_storage, "_BINARY", binary)
+    for module in (_storage, _part_files):
+        monkeypatch.setattr(module, "BINARY", binary)
     real = os.open
     asked: list[int] = []
 

@@ -1,0 +1,168 @@
+"""Temporary files: always new ones, whatever lies under their names, and one writer at a time."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from acquisition._errors import StorageError
+
+if sys.platform == "win32":
+    BINARY = os.O_BINARY
+    NO_WAIT = NO_LINK = 0
+else:
+    import fcntl
+
+    BINARY = 0
+    NO_WAIT = os.O_NONBLOCK  # a pipe has another end, which may never be opened
+    NO_LINK = os.O_NOFOLLOW | NO_WAIT
+
+_PART = ".part-"
+# How long to wait for another process that is writing the same file.
+_TURN_S = 10.0
+_PAUSE_S = 0.01
+
+
+def part_path(path: Path) -> Path:
+    """Return the temporary name, in the same folder, of a file that is being written."""
+    return path.with_name(_PART + path.name)
+
+
+def is_part(path: Path) -> bool:
+    """Tell whether a file is the rest of a write that never finished."""
+    return path.name.startswith(".")
+
+
+def is_rest(path: Path) -> bool:
+    """Tell whether a file has the name of a temporary one."""
+    return path.name.startswith(_PART)
+
+
+class Part:
+    """The temporary file of a path: a new file that this process alone writes.
+
+    Whatever has its name is removed first: the rest of a write that was killed, a link, a pipe.
+    Nothing is followed or overwritten, not even what takes the name in the same moment. Another
+    process that is writing the same file holds a lock on it, and is waited for.
+
+    Parameters
+    ----------
+    path
+        The file that is to be.
+
+    Raises
+    ------
+    StorageError
+        If a folder has the name, or the other process does not end.
+    OSError
+        If the system refuses.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = part_path(path)
+        self.descriptor = -1
+        patience = time.monotonic() + _TURN_S
+        while not self._create():
+            if time.monotonic() > patience:
+                raise StorageError(
+                    f"{path}: another process is writing it: wait for it to end, or choose another "
+                    "name"
+                )
+            if not clear(self.path):
+                time.sleep(_PAUSE_S)
+
+    def is_there(self) -> bool:
+        """Tell whether the file still has its name."""
+        return self.descriptor >= 0 and _is_at(self.descriptor, self.path)
+
+    def close(self) -> None:
+        """Close the file, which ends the lock; harmless when repeated."""
+        if self.descriptor >= 0:
+            os.close(self.descriptor)
+            self.descriptor = -1
+
+    def _create(self) -> bool:
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | BINARY
+        try:
+            self.descriptor = os.open(self.path, flags, 0o666)
+        except FileExistsError:
+            return False
+        # Another process may have taken it for a rest before it was locked.
+        if lock_file(self.descriptor) and self.is_there():
+            return True
+        self.close()
+        return False
+
+
+def clear(part: Path) -> bool:
+    """Remove what has the name of a temporary file; return False if a process is writing it."""
+    with suppress(FileNotFoundError):
+        kind = part.lstat().st_mode
+        if stat.S_ISDIR(kind):
+            raise StorageError(
+                f"{part}: this folder is in the way of a temporary file: move it away"
+            )
+        if stat.S_ISREG(kind):
+            return _clear_rest(part)
+        part.unlink()
+    return True
+
+
+def _clear_rest(part: Path) -> bool:
+    try:
+        descriptor = os.open(part, os.O_WRONLY | NO_LINK | BINARY)
+    except PermissionError:  # to remove it takes a permission of the folder alone
+        part.unlink()
+        return True
+    try:
+        # The name is another file's now if a third process was faster.
+        free = lock_file(descriptor)
+        if free and _is_at(descriptor, part):
+            part.unlink()
+        return free
+    finally:
+        os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    """Tell whether a name is that of an open file."""
+    with suppress(FileNotFoundError):
+        return os.path.samestat(os.fstat(descriptor), path.lstat())
+    return False
+
+
+@contextmanager
+def temporary(path: Path) -> Iterator[Part]:
+    """Give the temporary file of a path to write to, and remove it in the end.
+
+    Raises
+    ------
+    StorageError, OSError
+        As `Part`.
+    """
+    part = Part(path)
+    try:
+        yield part
+    finally:
+        # Of a process that is killed here the rest is removed when the path is written again.
+        with suppress(OSError):
+            if part.is_there():
+                part.path.unlink()
+        part.close()
+
+
+def lock_file(descriptor: int) -> bool:
+    """Lock a file for this process alone; False if another one holds it."""
+    if sys.platform != "win32":
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:  # a file system that knows no locks
+            pass
+    return True

@@ -1,0 +1,217 @@
+"""Links and pipes in a session, under the names that are written next: nothing outside is touched.
+
+tests/sgp/test_planted_links.py plants at every name that is written; these are the ones that were
+found first, and those that only a race can reach.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from acquisition._errors import DataError, StorageError
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.compact import compact_session
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
+
+PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+Plant = Callable[[Path, Path], None]
+
+
+def link(name: Path, victim: Path) -> None:
+    name.symlink_to(victim)
+
+
+def hard_link(name: Path, victim: Path) -> None:
+    name.hardlink_to(victim)
+
+
+def pipe(name: Path, victim: Path) -> None:
+    os.mkfifo(name)
+
+
+@pytest.fixture
+def victim(tmp_path: Path) -> Path:
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "victim").write_bytes(b"mine")
+    return folder / "victim"
+
+
+def unharmed(victim: Path) -> bool:
+    return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
+
+
+def picture(seed: int) -> npt.NDArray[np.uint16]:
+    return np.random.default_rng(seed).integers(0, 40, (24, 32)).astype(np.uint16)
+
+
+def manifest() -> Manifest:
+    return Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=PLAN,
+        camera=CameraRecord(width=32, height=24, bit_depth=16),
+    )
+
+
+def begun(folder: Path, frames: int) -> Path:
+    """A session with so many of its three frames."""
+    with SessionWriter.create(folder, manifest()) as writer:
+        for index, shot in enumerate(PLAN.shots()[:frames]):
+            writer.write_frame(shot, picture(index))
+        if frames == 3:
+            writer.complete()
+    return folder
+
+
+def finish(folder: Path) -> None:
+    with SessionWriter.reopen(folder) as writer:
+        for shot in writer.missing:
+            writer.write_frame(shot, picture(PLAN.shots().index(shot)))
+        writer.complete()
+
+
+def whole(folder: Path) -> None:
+    found = verify_session(folder)
+    assert (found.problems, found.complete) == ((), True)
+    for index, frame in enumerate(Session.open(folder).recorded):
+        assert not frame.path.is_symlink()
+        np.testing.assert_array_equal(frame.read(), picture(index))
+
+
+@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@pytest.mark.parametrize(
+    "name",
+    [".part-journal.jsonl", ".part-COMPLETE", "frames/.part-L00_E0.tif", "frames/L00_E0.tif"],
+)
+def test_going_on(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
+    folder = begun(tmp_path / "s", 1)
+    plant(folder / name, victim)
+    finish(folder)
+    whole(folder)
+    assert unharmed(victim)
+
+
+@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+def test_beginning(tmp_path: Path, victim: Path, plant: Plant) -> None:
+    (tmp_path / "s").mkdir()
+    plant(tmp_path / "s" / ".part-session.toml", victim)
+    whole(begun(tmp_path / "s", 3))
+    assert unharmed(victim)
+
+
+@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "frames/.part-L01_E0.z.tif",
+        "frames/L01_E0.z.tif",
+        ".part-COMPLETE",
+        ".part-journal.jsonl",
+        "derived/.part-COMPLETE",
+        "derived/COMPLETE",
+    ],
+)
+def test_compacting(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
+    folder = begun(tmp_path / "s", 3)
+    (folder / "derived").mkdir()
+    plant(folder / name, victim)
+    assert compact_session(folder).compacted == 3
+    whole(folder)
+    assert unharmed(victim)
+
+
+@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+def test_an_original_stays_until_its_copy_was_read_under_its_own_name(
+    tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody puts a link in the place of the new file in the moment after its rename."""
+    folder = begun(tmp_path / "s", 3)
+    originals = {path: path.read_bytes() for path in (folder / "frames").iterdir()}
+    real = os.replace
+
+    def raced(old: Any, new: Any) -> None:
+        real(old, new)
+        if Path(new).name == "L00_E0.z.tif":
+            Path(new).unlink()
+            plant(Path(new), victim)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", raced)
+        with pytest.raises(StorageError, match=r"L00_E0\.z\.tif: "):
+            compact_session(folder)
+    assert (folder / "frames/L00_E0.tif").read_bytes() == originals[folder / "frames/L00_E0.tif"]
+    assert compact_session(folder).compacted == 2
+    whole(folder)
+    assert unharmed(victim)
+
+
+def test_a_link_to_an_equal_file_is_no_copy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The bytes are right, but they lie somewhere else, where nobody looks after them."""
+    folder = begun(tmp_path / "s", 3)
+    real = os.replace
+
+    def raced(old: Any, new: Any) -> None:
+        real(old, new)
+        if Path(new).name == "L00_E0.z.tif":
+            Path(new).rename(tmp_path / "copy.tif")
+            Path(new).symlink_to(tmp_path / "copy.tif")
+
+    monkeypatch.setattr(os, "replace", raced)
+    with pytest.raises(StorageError, match=r"L00_E0\.z\.tif: cannot read back"):
+        compact_session(folder)
+    assert (folder / "frames/L00_E0.tif").is_file()
+
+
+def test_what_a_link_of_derived_points_to_is_never_removed(tmp_path: Path) -> None:
+    """Compacting clears derived/COMPLETE away, which may be another session's."""
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "COMPLETE").write_bytes(b"theirs")
+    folder = begun(tmp_path / "s", 3)
+    (folder / "derived").symlink_to(other)
+    with pytest.raises(DataError, match="derived: is a link that leaves the session"):
+        compact_session(folder)
+    assert (other / "COMPLETE").read_bytes() == b"theirs"
+    assert verify_session(folder).complete
+    (folder / "derived").unlink()
+    compact_session(folder)
+    (folder / "derived").rmdir()
+    (folder / "derived").symlink_to(other)
+    assert compact_session(folder).compacted == 0
+    assert (other / "COMPLETE").read_bytes() == b"theirs"
+
+
+def test_a_journal_that_becomes_a_link_while_it_is_opened_is_not_written(
+    tmp_path: Path, victim: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = begun(tmp_path / "s", 1)
+    real = os.replace
+
+    def raced(old: Any, new: Any) -> None:
+        real(old, new)
+        if Path(new).name == "journal.jsonl":
+            Path(new).rename(tmp_path / "kept")
+            Path(new).symlink_to(victim)
+
+    monkeypatch.setattr(os, "replace", raced)
+    with pytest.raises(StorageError, match=r"journal\.jsonl: cannot open"):
+        SessionWriter.reopen(folder)
+    assert unharmed(victim)
