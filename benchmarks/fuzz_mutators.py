@@ -22,7 +22,8 @@ _NUMBERS = (
 _STRINGS = (
     b"\0", b"\xff\xfe", b"\x1b[2J\x1b]0;owned\x07", "\u202egnp.exe".encode(), b"a" * 300,
     b"../../../etc/passwd", b"/dev/zero", b"/dev/null", b"\xc2\x9b31m", b"'", b'"', b'"""', b"\\",
-    b"\r", b"\n", b"#", b"{", b"]", b":", b"-", b"<", b"&", b"\xed\xa0\x80", b"%s%n", b"a" * 100_000,
+    b"\r", b"\n", b"#", b"{", b"]", b":", b"-", b"<", b"&", b"\xed\xa0\x80", b"%s%n",
+    b"a" * 100_000,
 )  # fmt: skip
 _NESTS = (
     (b"[", b"]"), (b"{", b"}"), (b'{"a":', b"}"), (b"{a = ", b"}"), (b"(", b")"), (b"- ", b""),
