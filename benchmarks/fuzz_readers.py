@@ -23,6 +23,7 @@ os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_T
 os.environ["NUMBA_THREADING_LAYER"] = "workqueue"
 
 import argparse
+import gc
 import resource
 import select
 import shutil
@@ -287,6 +288,7 @@ def run(names: list[str], files: int, seed: int) -> int:
     with tempfile.TemporaryDirectory(prefix="sgp-fuzz-", dir=_fast()) as root:
         place = Place(Path(root))
         _warm(names, made, place)
+        gc.freeze()  # what the children do not touch stays shared
         for index in range(files):
             name = names[index % len(names)]
             case = case_of(made, seed, name, index // len(names))

@@ -12,7 +12,7 @@ from acquisition import Session, staged
 from sgp._console import progress
 from sgp._diligent import write_diligent
 from sgp._exit import UsageError
-from sgp._options import Count, Positive, Seed, image_size
+from sgp._options import Leds, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
 from sgp._simulation import metered_exposures, record_simulated
@@ -34,7 +34,7 @@ def simulate(
     scene: str,
     *,
     out: Path | None = None,
-    lights: Count | None = None,
+    lights: Leds | None = None,
     size: str | None = None,
     seed: Seed | None = None,
     exposure_us: list[Positive] | None = None,

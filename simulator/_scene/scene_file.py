@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from trimesh.exchange.ply import export_ply
 
 from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
-from rig import MAX_TOML_BYTES, UnreadableError, complaints, parse_toml, read_bounded
+from rig import MAX_PIXELS, MAX_TOML_BYTES, UnreadableError, complaints, parse_toml, read_bounded
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import bench_sensor
 from simulator._scene.scene import ChromeSphere, Scene
@@ -26,7 +26,7 @@ from simulator._scene.scene_parts import (
     lens_table,
     resized,
 )
-from simulator._scene.scene_tables import build, build_kind, kind_table, table
+from simulator._scene.scene_tables import build, build_kind, check_range, kind_table, table
 from simulator._shapes.mesh import MeshBody
 
 Table = dict[str, Any]
@@ -116,12 +116,17 @@ class SceneFile(BaseModel):
             if lights.get("kind") not in ("dome", "ring"):
                 raise DataError("[lights]: are given one by one: leave their number open")
             lights = lights | {"count": leds}
+        check_range(self, "scene")
         lens = part(LENSES, self.lens, "lens")
+        lens = lens if size is None else resized(lens, *size)
+        height_px, width_px = lens.size
+        if height_px * width_px > MAX_PIXELS:
+            raise DataError(f"[lens]: {width_px} x {height_px} pixels: {MAX_PIXELS} are the most")
         return Scene(
             **{name: getattr(self, name) for name in _SHARED},
             body=None if self.object is None else part(BODIES, self.object, "object"),
             lights=part(LIGHTS, lights, "lights"),
-            lens=lens if size is None else resized(lens, *size),
+            lens=lens,
             noise=build(NoiseModel, asdict(bench_sensor()) | self.sensor, "sensor"),
             pattern=part(PATTERNS, self.pattern, "pattern"),
             material=part(MATERIALS, self.material, "material"),

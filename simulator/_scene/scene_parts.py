@@ -23,6 +23,8 @@ from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
 _Vector = tuple[float, float, float]
 _FIELD_MM, _DISTANCE_MM = 293.76, 600.0
+# As a rig file allows.
+_MOST_LEDS = 4096
 
 
 def dome(
@@ -34,8 +36,14 @@ def dome(
     seed: int = 0,
 ) -> Lights:
     """Return LEDs on rings of a dome, see `dome_lights`; ``mu`` makes all radiate alike."""
+    _check_count(count)
     lights = dome_lights(count, radius_mm, seed=seed, spread=spread, jitter_mm=jitter_mm)
     return lights if mu is None else replace(lights, mu=np.full(count, mu))
+
+
+def _check_count(count: int) -> None:
+    if count > _MOST_LEDS:
+        raise DataError(f"count is {count}: a board has at most {_MOST_LEDS} LEDs")
 
 
 def ring(
@@ -50,6 +58,7 @@ def ring(
 
     Their intensities have the relative standard deviation ``spread``.
     """
+    _check_count(count)
     if count < 1 or not radius_mm > 0 or not 0 < elevation_deg < 90 or not 0 <= spread < 0.3:
         raise DataError(
             f"a ring of {count} LEDs, radius {radius_mm:g} mm, elevation {elevation_deg:g} deg, "

@@ -19,6 +19,7 @@ from rig import complaints
 
 Kinds = Mapping[str, Callable[..., Any]]
 
+_LARGEST = 1e12
 _CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
@@ -50,10 +51,29 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **gi
     except ValidationError as error:
         complaint = complaints(error, noun="key", known=keys)
         raise DataError(f"[{where}]: {complaint}") from error
+    check_range(read, where)
     try:
         return maker(**{name: getattr(read, name) for name in keys})
     except DataError as error:
         raise DataError(f"[{where}]: {error}") from error
+
+
+def check_range(read: BaseModel, where: str) -> None:
+    """Refuse numbers so large that their squares would overflow.
+
+    Raises
+    ------
+    DataError
+        If there is one; the message names table and key.
+    """
+    for key, value in read:
+        numbers = [value]
+        while numbers:
+            number = numbers.pop()
+            if isinstance(number, (tuple, list)):
+                numbers += number
+            elif isinstance(number, float) and abs(number) > _LARGEST:
+                raise DataError(f"[{where}]: key {key!r}: {number:g} is beyond {_LARGEST:g}")
 
 
 def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **given: Any) -> Any:

@@ -1,0 +1,50 @@
+"""`--max-pixels` on every command that reads images, and NaN vectors said on the console."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from acquisition import write_exr, write_png
+
+
+@pytest.fixture
+def normals(tmp_path):
+    values = np.tile(np.float32([0, 0, 1]), (20, 20, 1))
+    values[0, :3] = np.nan
+    write_exr(tmp_path / "n.exr", values)
+    return tmp_path / "n.exr"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "surface n.exr --out o",
+        "compare n.exr n.exr",
+        "detail separate n.exr --out o",
+        "detail combine n.exr n.exr --out o",
+        "detail transfer n.exr n.exr --out o",
+        "detail properties n.exr --out o",
+        "normals images --out o",
+        "run images --out o",
+        "calibrate spheres images --out l.json",
+        "calibrate intensities images --lights l.json --out c.json",
+        "capture import images --out o",
+    ],
+)
+def test_larger_images_are_refused(sgp, tmp_path, monkeypatch, normals, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "images").mkdir()
+    for i in range(3):
+        write_png(tmp_path / "images" / f"a.{i}.png", np.zeros((20, 20), np.uint8))
+    line = sgp(*command.split(), "--max-pixels", 399).error_line(4)
+    assert "20 x 20 pixels, 399 are allowed" in line
+    assert not (tmp_path / "o").exists()
+    assert "are allowed" not in sgp(*command.split(), "--max-pixels", 400).err
+
+
+def test_vectors_that_are_none_are_told(sgp, tmp_path, normals):
+    answer = sgp("detail", "separate", normals, "--out", tmp_path / "o")
+    assert answer.code == 0
+    assert "note: " in answer.err
+    assert "3 pixels hold a vector that is NaN or infinite" in answer.err
