@@ -23,7 +23,8 @@ _PREFACE = (
     "# The paper's tables\n\n"
     "Surface Geometry Processing: An Efficient Normal-based Detail Representation. Every table "
     "stands beside the one the paper prints. The surfaces are not the paper's, which are not to be "
-    "had, nor is the computer: read the paper's figures as context, the peers' as comparison."
+    "had, nor is the computer: read the paper's figures as context, the peers' as comparison. "
+    "Methods are compared on one footing by the rows 'from the same surfaces' and 'as surfaces'."
 )
 
 
