@@ -412,7 +412,9 @@ def _sessions(root: Path) -> Iterator[Seed]:
         for index, shot in enumerate(writer.missing):
             image = np.random.default_rng(index).integers(0, 4096, (16, 24)).astype(np.uint16)
             writer.write_frame(shot, image)
-        writer.write_event("checked", checks=["disk"])
+        writer.write_event(
+            "checked", checks=[{"name": "disk", "state": "ok", "text": "enough room"}]
+        )
         writer.complete()
     whole = folder(place, "session.toml", "journal.jsonl", "COMPLETE", "frames/*")
     yield whole

@@ -217,7 +217,7 @@ def test_plans(tmp_path: Path, text: str, said: str) -> None:
     [
         pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "are announced", id="lp count"),
         pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "not finite", id="lp digits"),
-        pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "above 1e", id="far"),
+        pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e", id="far"),
         pytest.param("a.txt", "0 0 1\n" * 100_002, "the most", id="lines"),
         pytest.param("a.json", "[" * 50_000, "nested", id="json nested"),
         pytest.param("a.json", '{"version": ' + "9" * 5000, "digits", id="json digits"),

@@ -95,7 +95,10 @@ def test_a_png_that_does_not_read_back_replaces_nothing(
 ) -> None:
     write_captioned_png(tmp_path / "a.png", PIXELS, CAPTION)
     before = (tmp_path / "a.png").read_bytes()
-    monkeypatch.setattr("acquisition._pixels.images.read_image", lambda path: read_image(path) + 1)
+    monkeypatch.setattr(
+        "acquisition._pixels.images.read_image",
+        lambda path, **options: read_image(path, **options) + 1,
+    )
     with pytest.raises(StorageError, match="does not read back"):
         write_captioned_png(tmp_path / "a.png", PIXELS[::-1], CAPTION)
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
@@ -131,7 +134,7 @@ def latin(tmp_path: Path) -> Path:
 
 
 def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
-    (latin / "a.png").write_bytes(b"x")
+    (latin / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     (latin / "a.dng").write_bytes(b"x")
     for read in (
         lambda: read_image(latin / "a.png"),

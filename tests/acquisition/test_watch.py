@@ -399,9 +399,9 @@ def test_few_images_are_kept_in_memory_while_they_wait(
     read: list[str] = []
     real = _watch_files.read_for_import
 
-    def counted(path: Path) -> Any:
+    def counted(path: Path, **options: Any) -> Any:
         read.append(path.name)
-        return real(path)
+        return real(path, **options)
 
     monkeypatch.setattr(_watch_files, "read_for_import", counted)
     assert watch_folder(watch(folder, leds=6), out).session.complete

@@ -65,10 +65,13 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/search.py": (_PARTS,),
     f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
     f"{_SPHERES}/sphere_image.py": (_PARTS,),
-    "processing/_stereo/kernels.py": (
-        "processing/test_photometric_stereo.py",
-        "processing/test_photometric_near.py",
-    ),
+    **{
+        f"processing/_stereo/{name}.py": (
+            "processing/test_photometric_stereo.py",
+            "processing/test_photometric_near.py",
+        )
+        for name in ("cauchy", "least_squares", "light_model", "pixel_algebra")
+    },
     "processing/_stereo/photometric_stereo.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",

@@ -170,7 +170,7 @@ def test_the_stack_never_meets_the_data(uno: BoardUnderTest) -> None:
     for words in ("FLASH 35 1 100", "RUN 48 A", "DID 47", "STATUS", "OFF", longest, "ID"):
         uno.ask(words)
     uno.drain()
-    uno._order("stack")
+    uno.order("stack")
     told = uno.next_event(10)
     assert told is not None
     assert told["untouched"] >= 100

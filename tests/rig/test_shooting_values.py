@@ -325,13 +325,13 @@ def test_the_boards_report_decides_about_the_light(
 
 
 def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
-    """Settling, 101 % of the exposure, 300 us for the clocks, and 2750 ms for repetitions."""
-    longest_us = (10_000 - 2750 - 0.3 - 2) * 1000 / 1.01
+    """Settling, 101 % of the exposure, 300 us for the clocks, and 4000 ms for repetitions."""
+    longest_us = (10_000 - 4000 - 0.3 - 2) * 1000 / 1.01
     assert hold_ms(bench(), Exposure(2000, longest_us - 1, 1.0, 1.0)) == 10_000
     with pytest.raises(RigError, match=r"10000 ms, the LED board on fake gives 10000"):
         hold_ms(bench(), Exposure(2000, longest_us + 1, 1.0, 1.0))
     assert hold_ms(bench(), Exposure(2000, 1000.0, 1.0, 1.0)) == math.ceil(
-        2 + 1.01 + 0.3 + 2750 + 2000
+        2 + 1.01 + 0.3 + 4000 + 2000
     )
 
 

@@ -127,7 +127,7 @@ def test_two_demos_do_not_work_in_one_folder(tmp_path):
 
 
 def test_a_demo_killed_as_it_wrote_its_mark_is_begun_again(tmp_path):
-    (tmp_path / f"{MARK}.part").write_text("{")
+    (tmp_path / f".part-{MARK}").write_text("{")
     with claimed(tmp_path, force=False):
         assert names(tmp_path) == [MARK]
 

@@ -35,7 +35,7 @@ def struck(name: str, module: str, *words: str, hangup: str = "DFL"):
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize(
-    "module", ["sgp.app", "cyclopts", "rig", "numpy._core.multiarray", "scipy"]
+    "module", ["sgp.app", "cyclopts", "rig", "numpy._core.multiarray", "processing"]
 )
 def test_a_signal_while_modules_load_ends_with_one_line(name, module):
     done = struck(name, module)
