@@ -129,6 +129,7 @@ class _Compactor:
         try:
             for index, frame in enumerate(frames):
                 if frame.path.name != Path(frame.line.file).name:
+                    _check_file(frame, follow=False)
                     self._drop_original(frame)
                 elif (size := self._compact(frame)) is not None:
                     after[index] = size
@@ -191,7 +192,6 @@ class _Compactor:
         original = self._folder / frame.line.file
         if not os.path.lexists(original) or leaves(original, self._folder):
             return
-        _check_file(frame, follow=False)
         frame.read()
         with disk(original, "remove"):
             original.unlink()

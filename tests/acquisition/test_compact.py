@@ -121,6 +121,17 @@ def test_a_second_time_changes_nothing(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 
 
+def test_a_frame_that_was_damaged_since_its_compaction_is_named(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s")
+    compact_session(folder)
+    damaged = sorted((folder / "frames").glob("*.z.tif"))[1]
+    data = bytearray(damaged.read_bytes())
+    data[-1] ^= 1
+    damaged.write_bytes(data)
+    with pytest.raises(DataError, match=f"{damaged.name}: was changed since"):
+        compact_session(folder)
+
+
 def test_an_incomplete_session_stays_so_and_can_be_finished(tmp_path: Path) -> None:
     folder = write(tmp_path / "s", complete=False)
     done = compact_session(folder)
