@@ -189,7 +189,7 @@ def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
 
 
 def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
-    """Return an attribute, None where there is none; text that is no UTF-8 is taken as Latin-1."""
+    """Return an attribute, or None if it is absent; text that is not UTF-8 is read as Latin-1."""
     try:
         with refusing(name):
             value = spec.getattribute(name)

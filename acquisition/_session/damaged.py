@@ -12,7 +12,7 @@ from acquisition._session.session import Examination, examine
 def damaged_frames(
     folder: str | Path, on_checked: OnChecked = lambda done, total: None
 ) -> tuple[Damage, ...]:
-    """Read every frame of a session back and tell which ones are damaged; nothing is changed.
+    """Read every frame of a session back and return those that are damaged; nothing is changed.
 
     Parameters
     ----------

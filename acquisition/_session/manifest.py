@@ -162,7 +162,7 @@ class Manifest(Table):
             raise DataError(
                 f"{folder}: was begun in format version {self.format_version}, this program writes "
                 f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that began it "
-                f"({self.software.name} {self.software.version}), or record anew"
+                f"({self.software.name} {self.software.version}), or record again"
             )
 
     @classmethod

@@ -18,7 +18,7 @@ class SignOfLife:
     ping
         Asks the board something; what it raises ends the wait.
     since_s
-        When the board was told something last, on the monotonic clock; now by default.
+        When the last command was sent to the board, on the monotonic clock; now by default.
     """
 
     def __init__(self, ping: Callable[[], None], since_s: float | None = None) -> None:

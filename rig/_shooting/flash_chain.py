@@ -48,7 +48,7 @@ class FlashChain:
         Raises
         ------
         CameraError
-            If the camera tells no time.
+            If the camera reports no time.
         """
         self._frames_us = self._pulses_us = 0.0
         self._link(frame)
@@ -78,7 +78,7 @@ class FlashChain:
         FrameLostError
             If the frame was not exposed as long after the one before.
         CameraError
-            If the camera tells no time, or the board has restarted.
+            If the camera reports no time, or the board has restarted.
         """
         last_ns = self._last_ns
         self.cut()

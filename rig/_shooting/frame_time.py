@@ -19,7 +19,7 @@ def time_ns(frame: CameraFrame, camera: str) -> int:
     Raises
     ------
     CameraError
-        If the camera tells no time.
+        If the camera reports no time.
     """
     if frame.timestamp_ns == 0:
         raise CameraError(

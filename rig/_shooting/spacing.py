@@ -45,7 +45,7 @@ class Spacing:
             If the time from the frame before it, or from the first one, is not that between their
             triggers.
         CameraError
-            If the camera tells no time.
+            If the camera reports no time.
         """
         frame_us = time_ns(frame, self._camera) / 1000
         for frame_id, taken_us, pulsed_us in self._taken:
