@@ -79,18 +79,16 @@ def differences(virtual: Step, other: Step, tolerance: Tolerance, *, at_once: in
     found = []
     late_us = tolerance.late_us + _LINE_US * at_once
     pause_us = tolerance.pause_us + _LINE_US * at_once
-    tolerance = replace(tolerance, late_us=late_us)
+    tolerance = replace(tolerance, late_us=late_us, pause_us=pause_us)
     if len(virtual.replies) != len(other.replies):
         found.append(f"replies {virtual.replies} and {other.replies}")
     else:
         pairs = zip(virtual.replies, other.replies, strict=True)
         found += [f"{a!r} and {b!r}" for a, b in pairs if not _alike(a, b, tolerance)]
     for kind in ("lit", "trigger"):
-        joined_us = pause_us if kind == "lit" else tolerance.low_us
-        spans = [_spans(step.events, kind, joined_us) for step in (virtual, other)]
-        if at_once and kind == "lit":
-            spans = [[s for s in side if not _short(s, late_us)] for side in spans]
-        if not _same_spans(*spans, tolerance):
+        spans = [_spans(step.events, kind) for step in (virtual, other)]
+        shortest_us = late_us if at_once and kind == "lit" else 0
+        if not _same_spans(*spans, tolerance, kind, shortest_us):
             found.append(f"{kind}: {spans[0]} and {spans[1]}")
     return found
 
@@ -122,33 +120,61 @@ def _near(one_us: int, two_us: int, tolerance: Tolerance, unit_us: int = 1) -> b
     return abs(one_us - two_us) <= tolerance.late_us + unit_us + max(one_us, two_us) // 1000
 
 
-def _spans(events: Sequence[Event], kind: str, pause_us: int) -> list[_Span]:
-    """Return what was on, with spans joined that are alike and nearly touch."""
+def _spans(events: Sequence[Event], kind: str) -> list[_Span]:
+    """Return the spans in which LEDs or the trigger line were on, in order."""
     spans: list[_Span] = []
     on: tuple[object, int] | None = None
     for event in [*events, {"us": -1, kind: None}]:
         if kind not in event:
             continue
         if on is not None:
-            end_us = event["us"]
-            joins = spans and spans[-1].what == on[0] and on[1] - spans[-1].end_us < pause_us
-            spans[-1:] = [
-                *([] if joins or not spans else spans[-1:]),
-                _Span(on[0], spans[-1].start_us if joins else on[1], end_us),
-            ]
+            spans.append(_Span(*on, event["us"]))
         value = event[kind]
         on = ((value, event.get("levels")), event["us"]) if value else None
     return spans
 
 
+def _same_spans(
+    one: list[_Span], two: list[_Span], tolerance: Tolerance, kind: str, shortest_us: int
+) -> bool:
+    """Return whether the spans of two boards correspond, in order.
+
+    Each span corresponds to one of the other board, or to several with pauses below the tolerance.
+    Spans shorter than ``shortest_us`` may be missing on the other board. The two measurements of a
+    short span may be on either side of that limit, so all possible pairs are tried.
+    """
+
+    def same(a: list[_Span], b: list[_Span]) -> bool:
+        return (
+            a[0].what == b[0].what
+            and abs(a[0].start_us - b[0].start_us) <= tolerance.late_us
+            and abs(a[-1].end_us - b[-1].end_us) <= tolerance.late_us
+        )
+
+    # Pairs (i, j): the first i spans of one and the first j of two correspond.
+    reached, ahead = {(0, 0)}, [(0, 0)]
+    pause_us = tolerance.pause_us if kind == "lit" else tolerance.low_us
+    while ahead:
+        i, j = ahead.pop()
+        steps = [(i + 1, j)] if i < len(one) and _short(one[i], shortest_us) else []
+        steps += [(i, j + 1)] if j < len(two) and _short(two[j], shortest_us) else []
+        ends_one, ends_two = (_joinable(spans, at, pause_us) for spans, at in ((one, i), (two, j)))
+        steps += [(m, n) for m in ends_one for n in ends_two if same(one[i:m], two[j:n])]
+        ahead += [step for step in steps if step not in reached]
+        reached.update(steps)
+    return (len(one), len(two)) in reached
+
+
+def _joinable(spans: list[_Span], first: int, pause_us: int) -> list[int]:
+    """Return the ends of the runs of equal spans from ``first`` on that short pauses separate."""
+    ends = [first + 1] if first < len(spans) else []
+    while ends and ends[-1] < len(spans):
+        before, after = spans[ends[-1] - 1 : ends[-1] + 1]
+        if after.what != before.what or after.start_us - before.end_us >= pause_us:
+            break
+        ends.append(ends[-1] + 1)
+    return ends
+
+
 def _short(span: _Span, than_us: int) -> bool:
     return span.end_us >= 0 and span.end_us - span.start_us < than_us
-
-
-def _same_spans(one: list[_Span], two: list[_Span], tolerance: Tolerance) -> bool:
-    return len(one) == len(two) and all(
-        a.what == b.what
-        and abs(a.start_us - b.start_us) <= tolerance.late_us
-        and abs(a.end_us - b.end_us) <= tolerance.late_us
-        for a, b in zip(one, two, strict=True)
-    )
