@@ -18,7 +18,7 @@ from harness import command_line
 
 from tests.rig.differential.compare import compare
 from tests.rig.firmware import builds
-from tests.rig.test_board_differential import AVR, AVR_LONGEST, HOST
+from tests.rig.test_board_differential import AVR, AVR_LONGEST, AVR_STEPS, HOST
 
 
 def main():
@@ -36,6 +36,7 @@ def main():
         else:
             command = builds.avr(folder, options.board)
             more = {"tolerance": AVR, "longest": AVR_LONGEST, "bursts": False}
+            more["steps"] = AVR_STEPS[options.board]
         for seed in options.seeds:
             found = compare([*command, "stepped"], seed=seed, items=options.items, **more)
             print(

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from tests.rig.conformance.board import line
 from tests.rig.differential.difference import Tolerance, differences, violations
-from tests.rig.differential.items import Item, Items
-from tests.rig.differential.program import Event, Program, Step
+from tests.rig.differential.items import STEPS, Item, Items
+from tests.rig.differential.program import BYTE_US, Event, Program, Step
 
 VIRTUAL = [sys.executable, "-P", str(Path(__file__).with_name("virtual_board.py"))]
-BYTE_US = 94
 # A board has started, and has read what was on its line, after this.
 _START_US = 200_000
 _MOST_WAITS = 100
@@ -146,6 +145,7 @@ def compare(
     tolerance: Tolerance,
     longest: int = 600,
     bursts: bool = True,
+    steps: int = STEPS,
 ) -> Comparison:
     """Feed the virtual board and another one the same items.
 
@@ -161,10 +161,12 @@ def compare(
         Of the other board.
     longest, bursts
         See `Items`.
+    steps
+        How many steps of a sequence the other board stores.
     """
     result = Comparison()
     series = Items(seed, longest=longest, bursts=bursts)
-    with Program(VIRTUAL) as virtual, Program(command) as other:
+    with Program([*VIRTUAL, str(steps)]) as virtual, Program(command) as other:
         pair = _Pair(virtual, other, tolerance)
         for number, item in enumerate(itertools.islice(series, items)):
             virtual_did, other_did, raced = pair.do(item)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tests.rig.differential.program import Event, Step, whole
+from tests.rig.differential.program import BYTE_US, Event, Step, whole
 
 # Of a reply to one of these: which words after it are measured, and which are the board's own.
 _MEASURED = {"STATUS": (0,), "FLASH": (1, 2, 3), "DID": (2, 3, 4)}
@@ -39,7 +39,7 @@ class Tolerance:
     pause_us, low_us
         Between two lights of the same LED, and between two pulses, that the virtual board joins.
     reply_us
-        What the other board takes to send a reply.
+        How long the other board takes to send a reply at most; 0 if it sends in the background.
     """
 
     late_us: int
@@ -78,6 +78,8 @@ def differences(virtual: Step, other: Step, tolerance: Tolerance, *, at_once: in
     """
     found = []
     late_us = tolerance.late_us + _LINE_US * at_once
+    if tolerance.reply_us:  # it hears the next line when it has sent its replies
+        late_us += BYTE_US * sum(len(reply) + 1 for reply in virtual.replies)
     pause_us = tolerance.pause_us + _LINE_US * at_once
     tolerance = replace(tolerance, late_us=late_us, pause_us=pause_us)
     if len(virtual.replies) != len(other.replies):
@@ -158,21 +160,30 @@ def _same_spans(
         i, j = ahead.pop()
         steps = [(i + 1, j)] if i < len(one) and _short(one[i], shortest_us) else []
         steps += [(i, j + 1)] if j < len(two) and _short(two[j], shortest_us) else []
-        ends_one, ends_two = (_joinable(spans, at, pause_us) for spans, at in ((one, i), (two, j)))
+        ends_one, ends_two = (
+            _joinable(spans, at, pause_us, shortest_us) for spans, at in ((one, i), (two, j))
+        )
         steps += [(m, n) for m in ends_one for n in ends_two if same(one[i:m], two[j:n])]
         ahead += [step for step in steps if step not in reached]
         reached.update(steps)
     return (len(one), len(two)) in reached
 
 
-def _joinable(spans: list[_Span], first: int, pause_us: int) -> list[int]:
-    """Return the ends of the runs of equal spans from ``first`` on that short pauses separate."""
+def _joinable(spans: list[_Span], first: int, pause_us: int, shortest_us: int) -> list[int]:
+    """Return the ends of the runs of equal spans from ``first`` on that short pauses separate.
+
+    Spans shorter than ``shortest_us`` count as part of a pause.
+    """
     ends = [first + 1] if first < len(spans) else []
-    while ends and ends[-1] < len(spans):
-        before, after = spans[ends[-1] - 1 : ends[-1] + 1]
-        if after.what != before.what or after.start_us - before.end_us >= pause_us:
+    last = first
+    for at in range(first + 1, len(spans)):
+        if spans[at].start_us - spans[last].end_us >= pause_us:
             break
-        ends.append(ends[-1] + 1)
+        if spans[at].what == spans[last].what:
+            last = at
+            ends.append(at + 1)
+        elif not _short(spans[at], shortest_us):
+            break
     return ends
 
 

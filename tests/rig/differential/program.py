@@ -15,6 +15,8 @@ from typing import Any, Self
 
 Event = dict[str, Any]
 _PATIENCE_S = 8.0
+# Time that a byte takes on the serial line.
+BYTE_US = 94
 
 
 @dataclass(frozen=True)

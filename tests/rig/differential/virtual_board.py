@@ -1,5 +1,7 @@
 """The virtual board behind a pty, with a clock that stands still between orders.
 
+python virtual_board.py STEPS, the number of steps of a sequence that the board stores.
+
 A program with the orders of ``board-host stepped`` (see ``rig/firmware/host/board.cpp``). Its
 answer also says when it has something to do next, ``"next": US``, and for each line that it
 received, when it had something to do before, and would have had next: ``"due": [[US, US], ...]``.
@@ -15,6 +17,7 @@ import tty
 from pathlib import Path
 
 from simulator._bench_state import BenchState, BenchWriter
+from simulator._board import firmware
 from simulator._board.faults import FaultyBoard
 from simulator._board.firmware import BoardFirmware
 from simulator._board.outputs import ActiveInput, BoardOutputs
@@ -100,6 +103,7 @@ def _tell(what: object) -> None:
 
 
 if __name__ == "__main__":
+    firmware.MAX_STEPS = int(sys.argv[1])
     with tempfile.TemporaryDirectory() as folder:
         board = SteppedBoard(Path(folder))
         for order in sys.stdin:

@@ -124,7 +124,10 @@ static void direction_written(struct avr_irq_t *irq, uint32_t value, void *port)
 
 static void drive_active(void) {
     const pin_t pin = wiring->active;
-    avr_raise_irq(avr_io_getirq(avr, (uint32_t)AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit), (uint32_t)exposing);
+    avr_irq_t *irq = avr_io_getirq(avr, (uint32_t)AVR_IOCTL_IOPORT_GETIRQ(pin.port), pin.bit);
+    /* A reset clears the pin's register, but simavr would still drop a level equal to the last one. */
+    irq->flags &= (uint8_t)~IRQ_FLAG_FILTERED;
+    avr_raise_irq(irq, (uint32_t)exposing);
 }
 
 /* A reset of any cause lets go of every pin. */
