@@ -39,8 +39,6 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
-from ._progress import Progress as Progress
-from ._progress import silent as silent
 from ._session.compact import Compaction as Compaction
 from ._session.compact import compact_session as compact_session
 from ._session.damage import Damage as Damage

@@ -57,7 +57,7 @@ def recording(folder, mode, camera):
                 plan_for(mode),
                 folder,
                 **TOLD,
-                on_frame=lambda line, *_: os.write(told, f"{line.file}\n".encode()),
+                on_frame=lambda line: os.write(told, f"{line.file}\n".encode()),
             )
 
     return work

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 from capture_bench import PLAN, bench_of, open_planes
 
@@ -34,13 +35,12 @@ def main(fault, command, folder):
         print(f"{BENCH}{bench_of(rig)}", file=sys.stderr, flush=True)
         return rig
 
-    class Talk(capture.CaptureTalk):
-        def on_frame(self, line, done, total):
-            super().on_frame(line, done, total)
-            print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
+    def on_frame(line):
+        print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
 
     capture.open_rig = opened
-    capture.CaptureTalk = Talk
+    capture.record = partial(capture.record, on_frame=on_frame)
+    capture.resume_recording = partial(capture.resume_recording, on_frame=on_frame)
     capture.chosen_plan = lambda *_: (plan, ())
     sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
 

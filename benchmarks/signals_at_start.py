@@ -107,6 +107,9 @@ class Trial:
         try:
             code = self.process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
+            # The fault handler prints the stacks of all threads on this signal.
+            self.process.send_signal(signal.SIGABRT)
+            time.sleep(1)
             self.process.kill()
             self.process.wait()
             return "HANG"

@@ -60,6 +60,8 @@ from ._mounting import Mounting as Mounting
 from ._open import open_lights as open_lights
 from ._open import open_rig as open_rig
 from ._open import rig_names as rig_names
+from ._progress import Progress as Progress
+from ._progress import no_progress as no_progress
 from ._rig import Rig as Rig
 from ._selftest.finding import Finding as Finding
 from ._selftest.selftest import SelfTest as SelfTest

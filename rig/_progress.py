@@ -1,4 +1,4 @@
-"""How long work reports where it stands."""
+"""How long-running functions report their progress."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Receives the progress of long work. What it raises ends the work."""
+    """Receives the progress of a long-running function. An exception it raises ends the work."""
 
     def __call__(self, stage: str, done: int, total: int, /) -> None:
         """Report that ``done`` of ``total`` steps of a stage are finished.
@@ -14,12 +14,12 @@ class Progress(Protocol):
         Parameters
         ----------
         stage
-            What is being done, such as ``reading``, in the words of the person who waits.
+            Name of the stage for the waiting user, such as ``reading``.
         done, total
             Steps of this stage. ``total`` may grow while the stage runs.
         """
         ...
 
 
-def silent(stage: str, done: int, total: int, /) -> None:
-    """Report nothing: the default of functions that take a `Progress`."""
+def no_progress(stage: str, done: int, total: int, /) -> None:
+    """Report nothing; the default of functions that take a `Progress`."""

@@ -27,7 +27,7 @@ def note(text: str) -> None:
 
 
 @contextmanager
-def progress(what: str) -> Iterator[Advance]:
+def _progress(what: str) -> Iterator[Advance]:
     """Show a bar on a terminal, a line now and then elsewhere; yields ``advance(done, total)``."""
     if not STDERR.isatty():
         yield _Lines(what)
@@ -44,9 +44,9 @@ def progress(what: str) -> Iterator[Advance]:
 
 
 class Stages:
-    """Shows the stages of a library call one after another, each with a `progress` of its own.
+    """Shows the stages of a library call one after another, each with a bar of its own.
 
-    A context manager; inside it, it is a `acquisition.Progress`.
+    A context manager; inside it, it is a `rig.Progress`.
     """
 
     def __init__(self) -> None:
@@ -58,13 +58,17 @@ class Stages:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the stage that is shown."""
         self._open.close()
 
     def __call__(self, stage: str, done: int, total: int, /) -> None:
         """Report on a stage; a new name ends the stage before it."""
         if self._advance is None or stage != self._stage:
             self._open.close()
-            self._advance = self._open.enter_context(progress(stage))
+            self._advance = self._open.enter_context(_progress(stage))
             self._stage = stage
         self._advance(done, total)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,7 @@ from acquisition import (
     write_normals_mat,
     write_png,
 )
-
-Advance = Callable[[int, int], None]
+from rig import Progress, no_progress
 
 _FULL = 65535
 
@@ -30,7 +28,7 @@ def write_diligent(
     *,
     normals: npt.NDArray[np.float32] | None = None,
     mask: npt.NDArray[np.bool_] | None = None,
-    on_progress: Advance | None = None,
+    on_progress: Progress = no_progress,
 ) -> list[Path]:
     """Write 16-bit linear PNGs with filenames, lights, mask and true normals.
 
@@ -49,7 +47,7 @@ def write_diligent(
     normals, mask
         ``(H, W, 3)`` and ``(H, W)``, where known.
     on_progress
-        Called after each image with how many are done and how many there are.
+        Receives the stage ``images``, one step per image.
 
     Returns
     -------
@@ -87,8 +85,7 @@ def write_diligent(
         signal[raw >= camera.white_dn] = 1.0
         names.append(f"{done:03d}.png")
         write_png(folder / names[-1], np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16))
-        if on_progress is not None:
-            on_progress(done, len(shots))
+        on_progress("images", done, len(shots))
     files = [folder / name for name in names]
     if mask is not None:
         files.append(folder / "mask.png")

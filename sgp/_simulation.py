@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from acquisition import CapturePlan, Session, record
 from rig import RigConfig
-from sgp._console import progress
+from sgp._console import Stages
 from simulator import Rendering, rig_for
 
 # How much of the sensor's range a metered exposure fills: room for noise and for flicker.
@@ -86,7 +86,7 @@ def record_simulated(
     plan = CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
         rig_for(rendering, config, seed=seed, noisy=noisy, realtime=False, lamps=lamps) as rig,
-        progress("recording") as advance,
+        Stages() as progress,
     ):
         return record(
             rig,
@@ -96,5 +96,5 @@ def record_simulated(
             object_name=object_name,
             camera_model=truth.camera,
             sensor=truth.noise,
-            on_frame=lambda line, done, total: advance(done, total),
+            on_progress=progress,
         )

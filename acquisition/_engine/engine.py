@@ -17,7 +17,6 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
-from acquisition._session.frame_proofs import OnChecked
 from acquisition._session.journal import LEFT_OUT
 from acquisition._session.manifest import FORMAT_VERSION, Manifest
 from acquisition._session.session import Session
@@ -25,7 +24,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import Rig
+from rig import Progress, Rig, no_progress
 
 
 def record(
@@ -43,6 +42,7 @@ def record(
     lights: Lights | None = None,
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
     on_frame: OnFrame | None = None,
+    on_progress: Progress = no_progress,
     on_event: OnEvent | None = None,
     on_stop: Callable[[], None] | None = None,
     before_flats: Callable[[], None] | None = None,
@@ -67,7 +67,7 @@ def record(
         lights are those of the LEDs by their ids, ``L07`` for LED 7; there may be more of them.
     events
         What happened before, such as metering: written first.
-    on_frame, on_event, on_stop, before_flats
+    on_frame, on_progress, on_event, on_stop, before_flats
         See `Hooks`.
     stall_s
         How long the disk may take no frame at all.
@@ -123,7 +123,7 @@ def record(
     )
     if left_out:
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
-    hooks = Hooks(on_frame, on_event, on_stop, before_flats=before_flats)
+    hooks = Hooks(on_frame, on_progress, on_event, on_stop, before_flats=before_flats)
     with SessionWriter.create(folder, manifest) as writer:
         carry_out(rig, writer, plan, hooks, events, References(manifest.camera), stall_s)
     return Session.open(folder)
@@ -137,9 +137,9 @@ def resume(
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
     retake_damaged: bool = False,
     on_frame: OnFrame | None = None,
+    on_progress: Progress = no_progress,
     on_event: OnEvent | None = None,
     on_stop: Callable[[], None] | None = None,
-    on_checked: OnChecked | None = None,
     on_damage: Callable[[str], None] | None = None,
     before_flats: Callable[[], None] | None = None,
     stall_s: float = STALL_S,
@@ -162,9 +162,9 @@ def resume(
         Read all frames back first, set damaged and lost ones aside (their files are kept in
         ``derived/set_aside/``), and take their shots again; each is an event. The object must lie
         as it did. A complete session with such a frame is gone on with too.
-    events, on_frame, on_event, on_stop, before_flats, stall_s
+    events, on_frame, on_progress, on_event, on_stop, before_flats, stall_s
         As for `record`.
-    on_checked, on_damage
+    on_damage
         See `Hooks`.
 
     Returns
@@ -186,11 +186,11 @@ def resume(
     folder = Path(folder)
     _check_events(events, folder)
     _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
-    hooks = Hooks(on_frame, on_event, on_stop, on_checked, on_damage, before_flats)
+    hooks = Hooks(on_frame, on_progress, on_event, on_stop, on_damage, before_flats)
     with SessionWriter.reopen(
         folder,
         set_aside_damaged=retake_damaged,
-        on_checked=on_checked or (lambda done, total: None),
+        on_progress=on_progress,
     ) as writer:
         # Now that no other process can add to it.
         session = Session.open(folder)

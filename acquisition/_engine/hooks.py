@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from acquisition._session.frame_proofs import OnChecked
 from acquisition._session.journal import FrameLine
+from rig import Progress, no_progress
 
-OnFrame = Callable[[FrameLine, int, int], None]
+OnFrame = Callable[[FrameLine], None]
 OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
@@ -20,14 +20,14 @@ class Hooks:
     Parameters
     ----------
     on_frame
-        A frame that counts is safe: its line, how many are, and how many there will be.
+        A frame that counts is safe on the disk: its line.
+    on_progress
+        Receives the stage ``recording``, one step per frame that counts, and the stage ``checking
+        recorded frames`` while frames of earlier processes are still read back at the end.
     on_event
         An event that goes to the journal: its name and details.
     on_stop
         Ctrl-C was pressed once. Called in a signal handler.
-    on_checked
-        Every shot is taken, and frames that were recorded before are still read back: how many
-        were, and how many there are.
     on_damage
         One of them is damaged: what is wrong, as one line. The shots that are missing are taken all
         the same; then the recording ends with this error.
@@ -37,8 +37,8 @@ class Hooks:
     """
 
     on_frame: OnFrame | None = None
+    on_progress: Progress = no_progress
     on_event: OnEvent | None = None
     on_stop: Callable[[], None] | None = None
-    on_checked: OnChecked | None = None
     on_damage: Callable[[str], None] | None = None
     before_flats: Callable[[], None] | None = None

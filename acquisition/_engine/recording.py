@@ -20,6 +20,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
+from acquisition._session.frame_proofs import CHECKING
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.layout import WRITERS
 from acquisition._session.light_proof import BOARD, RIG, wrong_light
@@ -135,8 +136,7 @@ class Recording:
         """
         while not self._queue.rests(_LOOK_S):
             self._tell_of_damage()
-            if self._hooks.on_checked is not None:
-                self._hooks.on_checked(*self._writer.checked)
+            self._hooks.on_progress(CHECKING, *self._writer.checked)
             if stop.asked:
                 raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
         self._tell_of_damage()
@@ -162,7 +162,8 @@ class Recording:
             self._done += 1
             self._look_at_light(stored)
             if self._hooks.on_frame is not None:
-                self._hooks.on_frame(stored.line, self._done, self._total)
+                self._hooks.on_frame(stored.line)
+            self._hooks.on_progress("recording", self._done, self._total)
 
     def _look_at_light(self, stored: Stored) -> None:
         """Remember what an LED gave, and tell of the first of an exposure that shows nothing."""

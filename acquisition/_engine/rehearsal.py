@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
-from rig import Rig
-
-OnShot = Callable[[int, int], None]
+from rig import Progress, Rig, no_progress
 
 
 def rehearse(
     rig: Rig,
     plan: CapturePlan,
-    on_shot: OnShot | None = None,
     *,
+    on_progress: Progress = no_progress,
     shots: Sequence[PlannedShot] | None = None,
 ) -> float:
     """Take every shot of a plan with all LEDs off, as a recording would, and keep nothing.
@@ -29,8 +27,8 @@ def rehearse(
         Open rig. It stays open, and dark.
     plan
         What to rehearse, without LEDs that are listed as dead.
-    on_shot
-        Called after each shot with how many are done and how many there are.
+    on_progress
+        Receives the stage ``dry run``, one step per shot.
     shots
         Only these shots of the plan.
 
@@ -59,6 +57,5 @@ def rehearse(
             taken = (rig.shoot(None, exposure_us, plan.gain_db) for _ in dark)
         for _ in taken:
             done += 1
-            if on_shot is not None:
-                on_shot(done, len(chosen))
+            on_progress("dry run", done, len(chosen))
     return time.monotonic() - began_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -40,8 +40,7 @@ from acquisition._staging import staged
 from acquisition._value_files.camera import write_camera
 from acquisition._value_files.lights import write_lights
 from acquisition._values.lights import Lights
-
-OnExported = Callable[[Path, int, int], None]
+from rig import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +75,8 @@ class Export:
     def write(
         self,
         out: Path,
-        on_frame: OnExported | None = None,
         *,
+        on_progress: Progress = no_progress,
         replaced: Iterable[Path] = (),
     ) -> tuple[Path, ...]:
         """Write all files into a folder, created if need be, and return them.
@@ -89,8 +88,8 @@ class Export:
         ----------
         out
             Files of the same names are replaced.
-        on_frame
-            Called after each image with its file, how many are done, and how many there are.
+        on_progress
+            Receives the stage ``exporting``, one step per image.
         replaced
             Files of an earlier export, removed when this one is whole and before it appears.
 
@@ -106,8 +105,7 @@ class Export:
             for index, frame in enumerate(self._frames):
                 files.append(place / self.notes.frames[index].file)
                 self._write_image(files[-1], frame, index)
-                if on_frame is not None:
-                    on_frame(out / files[-1].name, index + 1, len(self._frames))
+                on_progress("exporting", index + 1, len(self._frames))
             files += self._write_tables(place)
             files.append(write_recording_notes(place, self.notes))
         return tuple(out / file.name for file in files)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from acquisition._source.recording_json import RecordingNotes, read_recording_no
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
 from acquisition._values.lights import Lights, led_id
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Progress, no_progress
 
 # Files named as a session names them keep their LED.
 _OUR_NAME = re.compile(r"L(\d{2,4})(?:_E\d+)?(?:_R\d+)?", re.IGNORECASE)
@@ -68,7 +68,7 @@ def import_frames(
     notes: str = "",
     place: str = "",
     rights: str = "",
-    on_frame: Callable[[FrameLine, int, int], None] | None = None,
+    on_progress: Progress = no_progress,
 ) -> Session:
     """Write the frames of a source into a new session, sample for sample.
 
@@ -83,8 +83,8 @@ def import_frames(
         New or empty folder.
     operator, object_name, notes, place, rights
         For people. What is empty is taken from the ``recording.json`` of an export.
-    on_frame
-        Called after each frame with its journal line, how many are done, and how many there are.
+    on_progress
+        Receives the stage ``importing``, one step per frame.
 
     Returns
     -------
@@ -139,9 +139,8 @@ def import_frames(
             for done, (frame, shot) in enumerate(zip(source.frames, shots, strict=True), 1):
                 image = first if done == 1 else _read(frame, source)
                 image.check_like(first)
-                line = write_imported(writer, shot, image, exposure_us=frame.exposure_us)
-                if on_frame is not None:
-                    on_frame(line, done, len(shots))
+                write_imported(writer, shot, image, exposure_us=frame.exposure_us)
+                on_progress("importing", done, len(shots))
             writer.complete()
         except BaseException as error:
             error.add_note(

@@ -28,6 +28,7 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights
+from rig import Progress, no_progress
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
@@ -58,7 +59,7 @@ def watch_folder(
     *,
     lights: Lights | None = None,
     tell: Callable[[str], None] = lambda line: None,
-    on_frame: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: Progress = no_progress,
     texts: dict[str, Any] | None = None,
 ) -> WatchResult:
     """Record images as they appear, until every shot has one or none came for too long.
@@ -100,7 +101,7 @@ def watch_folder(
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
-    watcher = _Watcher(watch, Path(out), lights, tell, on_frame, texts or {})
+    watcher = _Watcher(watch, Path(out), lights, tell, on_progress, texts or {})
     try:
         return watcher.run()
     finally:
@@ -114,7 +115,7 @@ class _Watcher:
         out: Path,
         lights: Lights | None,
         tell: Callable[[str], None],
-        on_frame: Callable[[int, int], None],
+        on_progress: Progress,
         texts: dict[str, Any],
     ) -> None:
         self._watch = watch
@@ -122,7 +123,7 @@ class _Watcher:
         self._lights = lights_of_shots(watch.shots, lights)
         self._called = shots_by_name(watch.shots)
         self._tell = tell
-        self._on_frame = on_frame
+        self._on_progress = on_progress
         self._texts = texts
         self._said: dict[str, None] = {}
         self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
@@ -243,7 +244,8 @@ class _Watcher:
             line = write_imported(self._open(image), self._watch.shots[index], image)
             self._recorded[name] = index
             self._tell(f"{name} is {Path(line.file).stem}")
-            self._on_frame(len(self._watch.shots) - len(self._missing), len(self._watch.shots))
+            shots = len(self._watch.shots)
+            self._on_progress("watching", shots - len(self._missing), shots)
         missing = self._missing
         if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
             self._say(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict
 
 import numpy as np
@@ -20,7 +19,7 @@ from acquisition._metering.light_level import (
 )
 from acquisition._metering.metered import Metered, MeteredLight
 from acquisition._plan.plan import CapturePlan
-from rig import Rig, RigError
+from rig import Progress, Rig, RigError, no_progress
 
 _MOST_SHOTS = 16
 # With less light than this above the unlit frame, relative to it and in grey values, an LED is
@@ -30,15 +29,13 @@ _LEAST_DN = 1.0
 # Of the longest time for which the board gives light; settling and repeated commands need the rest.
 _SHARE_OF_HOLD = 0.5
 
-OnLight = Callable[[MeteredLight, int, int], None]
-
 
 def meter(
     rig: Rig,
     plan: CapturePlan,
     goal: MeteringGoal | None = None,
     *,
-    on_light: OnLight | None = None,
+    on_progress: Progress = no_progress,
 ) -> Metered:
     """Choose the exposures of a plan by trying them on what lies under the camera now.
 
@@ -51,8 +48,8 @@ def meter(
         Its ``max_clipped_fraction`` holds where it is less than the goal's.
     goal
         How bright frames are to be; default the 99.5th percentile at 0.7 of full scale.
-    on_light
-        Called for each LED with what was found, how many are done, and how many there are.
+    on_progress
+        Receives the stage ``metering``, one step per LED.
 
     Returns
     -------
@@ -73,8 +70,7 @@ def meter(
     lights = []
     for led in plan.leds:
         lights.append(trial.light(led))
-        if on_light is not None:
-            on_light(lights[-1], len(lights), len(plan.leds))
+        on_progress("metering", len(lights), len(plan.leds))
     alive = [light for light in lights if light.state != "dead"]
     if not alive:
         raise RigError(

@@ -22,11 +22,10 @@ from acquisition._preflight.images import (
     check_steadiness,
 )
 from acquisition._preflight.rig import check_board, check_brightness, check_camera, check_leds
-from rig import CameraFrame, Rig, RigError
+from rig import CameraFrame, Progress, Rig, RigError, no_progress
 
 _STEADY_SHOTS = 5
 
-OnCheck = Callable[[Check, int, int], None]
 _Step = tuple[str, Callable[[], Check]]
 
 
@@ -63,7 +62,7 @@ def preflight(
     *,
     white_level_dn: float | None = None,
     self_test: bool = True,
-    on_check: OnCheck | None = None,
+    on_progress: Progress = no_progress,
 ) -> Preflight:
     """Check disk, board, camera, picture and every LED against a plan.
 
@@ -83,8 +82,8 @@ def preflight(
         Grey value from which a sample is clipped; default the greatest of the camera's bits.
     self_test
         Whether every LED of the rig is tried.
-    on_check
-        Called with each check when it is done, how many are done, and how many there are.
+    on_progress
+        Receives the stage ``checking``, one step per check.
 
     Returns
     -------
@@ -102,7 +101,9 @@ def preflight(
     ]
     if self_test:
         steps.append(("LEDs", lambda: check_leds(rig, plan)))
-    return _carried_out(steps, check_disk(Path(folder), _bytes(rig, len(plan.shots()))), on_check)
+    return _carried_out(
+        steps, check_disk(Path(folder), _bytes(rig, len(plan.shots()))), on_progress
+    )
 
 
 def preflight_resume(
@@ -111,7 +112,7 @@ def preflight_resume(
     folder: str | Path,
     shots: int,
     *,
-    on_check: OnCheck | None = None,
+    on_progress: Progress = no_progress,
 ) -> Preflight:
     """Check disk, board and camera before a session is gone on with.
 
@@ -120,7 +121,7 @@ def preflight_resume(
 
     Parameters
     ----------
-    rig, on_check
+    rig, on_progress
         As for `preflight`.
     plan
         Of the session, without LEDs that are listed as dead by now.
@@ -135,7 +136,7 @@ def preflight_resume(
         As `preflight`.
     """
     on_disk = check_disk(Path(folder), _bytes(rig, shots))
-    return _carried_out(_rig_steps(rig, plan), on_disk, on_check)
+    return _carried_out(_rig_steps(rig, plan), on_disk, on_progress)
 
 
 def _rig_steps(rig: Rig, plan: CapturePlan) -> list[_Step]:
@@ -146,14 +147,13 @@ def _rig_steps(rig: Rig, plan: CapturePlan) -> list[_Step]:
     ]
 
 
-def _carried_out(steps: Sequence[_Step], first: Check, on_check: OnCheck | None) -> Preflight:
+def _carried_out(steps: Sequence[_Step], first: Check, on_progress: Progress) -> Preflight:
     """Take the steps after the first check; what needs a rig that failed is not done."""
     done: list[Check] = []
 
     def tell(check: Check) -> None:
         done.append(check)
-        if on_check is not None:
-            on_check(check, len(done), len(steps) + 1)
+        on_progress("checking", len(done), len(steps) + 1)
 
     tell(first)
     broken = ""

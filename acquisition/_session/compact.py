@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +36,7 @@ from acquisition._storage import (
     write_durably,
     write_whole,
 )
+from rig import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Compaction:
 def compact_session(
     folder: str | Path,
     *,
-    on_frame: Callable[[SessionFrame, int, int], None] | None = None,
+    on_progress: Progress = no_progress,
 ) -> Compaction:
     """Store the frames of a session anew as compressed TIFF, pixel for pixel the same.
 
@@ -82,8 +82,8 @@ def compact_session(
     ----------
     folder
         The session, complete or not.
-    on_frame
-        Called after each frame with it, how many are done, and how many there are.
+    on_progress
+        Receives the stage ``compacting``, one step per frame.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def compact_session(
     lock = lock_session(folder)
     try:
         found = examine(folder)
-        return _Compactor(folder, found.journal, found.sound()).run(on_frame)
+        return _Compactor(folder, found.journal, found.sound()).run(on_progress)
     finally:
         os.close(lock)
 
@@ -121,7 +121,7 @@ class _Compactor:
         self._names |= {frame.path.name for frame in recorded}
         self._journal: JournalFile | None = None
 
-    def run(self, on_frame: Callable[[SessionFrame, int, int], None] | None) -> Compaction:
+    def run(self, on_progress: Progress) -> Compaction:
         """Compact frame by frame; then, and after an error, make a complete session so again."""
         frames = self._frames
         after = [frame.bytes for frame in frames]
@@ -134,8 +134,7 @@ class _Compactor:
                 elif (size := self._compact(frame)) is not None:
                     after[index] = size
                     compacted += 1
-                if on_frame is not None:
-                    on_frame(frame, index + 1, len(frames))
+                on_progress("compacting", index + 1, len(frames))
             self._finish()
         except BaseException as error:
             with suppress(DataError, StorageError):

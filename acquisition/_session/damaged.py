@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from acquisition._session.damage import Damage
-from acquisition._session.frame_proofs import FrameProofs, OnChecked
+from acquisition._session.frame_proofs import FrameProofs
 from acquisition._session.session import Examination, examine
+from rig import Progress, no_progress
 
 
 def damaged_frames(
-    folder: str | Path, on_checked: OnChecked = lambda done, total: None
+    folder: str | Path, *, on_progress: Progress = no_progress
 ) -> tuple[Damage, ...]:
     """Read every frame of a session back and return those that are damaged; nothing is changed.
 
@@ -18,8 +19,8 @@ def damaged_frames(
     ----------
     folder
         The session, complete or not.
-    on_checked
-        Called with how many frames were read, and how many there are.
+    on_progress
+        Receives the stage ``checking recorded frames``, one step per frame.
 
     Returns
     -------
@@ -37,12 +38,12 @@ def damaged_frames(
     found = examine(Path(folder))
     session = found.sound(but_for_frames=True)
     proofs = FrameProofs(session.manifest.camera, session.recorded)
-    return damaged_frames_of(found, proofs, on_checked)
+    return damaged_frames_of(found, proofs, on_progress)
 
 
 def damaged_frames_of(
-    found: Examination, proofs: FrameProofs, on_checked: OnChecked
+    found: Examination, proofs: FrameProofs, on_progress: Progress
 ) -> tuple[Damage, ...]:
     """Return the same for a session that was examined already."""
-    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_checked)} | dict(found.flaws)
+    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_progress)} | dict(found.flaws)
     return tuple(by_seq[seq] for seq in sorted(by_seq))

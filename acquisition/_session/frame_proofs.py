@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 from acquisition._session.damage import Damage
 from acquisition._session.frame_damage import frame_damage
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session_frame import SessionFrame
+from rig import Progress, no_progress
 
-OnChecked = Callable[[int, int], None]
+CHECKING: Final = "checking recorded frames"
 
 # Where the file lies on the disk, how long it is, and when it and its record were changed last.
 _Signature = tuple[int, int, int, int]
@@ -82,13 +84,13 @@ class FrameProofs:
             self._done += 1
         return True
 
-    def check_all(self, on_checked: OnChecked = lambda done, total: None) -> tuple[Damage, ...]:
+    def check_all(self, on_progress: Progress = no_progress) -> tuple[Damage, ...]:
         """Read back every frame that was not yet or was touched since; return what is damaged.
 
-        ``on_checked`` is called after each earlier frame with how many were read, and of how many.
+        ``on_progress`` receives the stage `CHECKING`, one step per earlier frame.
         """
         while self.check_next():
-            on_checked(*self.checked)
+            on_progress(CHECKING, *self.checked)
         with self._lock:
             frames = list(self._frames.values())
         for frame in frames:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from acquisition._errors import DataError
 from acquisition._session.damaged import damaged_frames_of
-from acquisition._session.frame_proofs import FrameProofs, OnChecked
+from acquisition._session.frame_proofs import FrameProofs
 from acquisition._session.journal import EventLine
 from acquisition._session.journal_file import JournalFile, utc_now
 from acquisition._session.layout import COMPLETE, JOURNAL
@@ -17,6 +17,7 @@ from acquisition._session.session import Examination, Session, examine
 from acquisition._session.set_aside import clear_frames, set_frames_aside
 from acquisition._software import software_version
 from acquisition._storage import disk, sync_folder
+from rig import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ def take_up(
     folder: Path,
     *,
     set_aside_damaged: bool = False,
-    on_checked: OnChecked = lambda done, total: None,
+    on_progress: Progress = no_progress,
 ) -> TakenUp:
     """Take an incomplete session for this process alone and make it ready to be gone on with.
 
@@ -59,8 +60,8 @@ def take_up(
     set_aside_damaged
         Read every frame back and set those aside that are damaged or lost. A complete session with
         such a frame is taken up too.
-    on_checked
-        Called meanwhile with how many frames were read back, and how many there are.
+    on_progress
+        Receives the stage ``checking recorded frames``, one step per frame.
 
     Raises
     ------
@@ -75,7 +76,7 @@ def take_up(
             raise DataError(f"{folder}: is complete; record into a new folder")
         session.manifest.check_current(folder)
         proofs = FrameProofs(session.manifest.camera, session.recorded)
-        damaged = damaged_frames_of(found, proofs, on_checked) if set_aside_damaged else ()
+        damaged = damaged_frames_of(found, proofs, on_progress) if set_aside_damaged else ()
         if session.complete and not damaged:
             raise DataError(f"{folder}: is complete and no frame is damaged; leave it as it is")
         events: tuple[EventLine, ...] = ()

@@ -22,7 +22,7 @@ from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
 from acquisition._session.frame_check import measure_frame
 from acquisition._session.frame_names import FrameNames
-from acquisition._session.frame_proofs import FrameProofs, OnChecked
+from acquisition._session.frame_proofs import FrameProofs
 from acquisition._session.journal import Echo, EventLine, FrameLine
 from acquisition._session.journal_file import AnyLine, Clock, JournalFile, utc_now
 from acquisition._session.layout import COMPLETE, FRAMES, completion_mark
@@ -35,6 +35,7 @@ from acquisition._session.session_frame import SessionFrame
 from acquisition._session.shared_use import SharedUse
 from acquisition._session.stored_frame import store_frame
 from acquisition._storage import write_durably
+from rig import Progress, no_progress
 
 
 class SessionWriter:
@@ -105,7 +106,7 @@ class SessionWriter:
         folder: str | Path,
         *,
         set_aside_damaged: bool = False,
-        on_checked: OnChecked = lambda done, total: None,
+        on_progress: Progress = no_progress,
     ) -> Self:
         """Go on with a session that was interrupted, and take it for this process alone.
 
@@ -122,8 +123,8 @@ class SessionWriter:
             their files move to ``derived/set_aside/``, they count no more, and their shots are
             missing again. A complete session with such a frame is reopened; one of version 2 is
             upgraded.
-        on_checked
-            Called meanwhile with how many frames were read back, and how many there are.
+        on_progress
+            Receives the stage ``checking recorded frames``, one step per frame.
 
         Raises
         ------
@@ -134,7 +135,7 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        found = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_checked=on_checked)
+        found = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress)
         session = found.session
         return cls(
             session.folder,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError, Lights
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
+from rig import Progress, no_progress
 
 if TYPE_CHECKING:
     from acquisition import Frame, Source
@@ -71,7 +72,7 @@ def linear_stack(
     *,
     channel: Literal["gray", "rgb"] = "gray",
     gamma: float | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Progress = no_progress,
 ) -> Stack:
     """Read a source and return its linear stack.
 
@@ -93,7 +94,7 @@ def linear_stack(
     gamma
         Exponent that linearises the images (2.2 for display-ready ones). Default: linear already.
     on_progress
-        Called with (lights done, lights) after each light.
+        Receives the stage ``reading``, one step per light.
 
     Returns
     -------
@@ -130,14 +131,12 @@ def linear_stack(
     first = develop(*tasks[0])
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
-    if on_progress is not None:
-        on_progress(1, len(ids))
+    on_progress("reading", 1, len(ids))
     with ThreadPoolExecutor(_THREADS) as pool:
         rest = pool.map(lambda task: develop(*task), tasks[1:])
         for i, image in enumerate(rest, start=1):
             values[i] = image
-            if on_progress is not None:
-                on_progress(i + 1, len(ids))
+            on_progress("reading", i + 1, len(ids))
     _check_usable(values, ids, source)
     return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights, Progress, Source, silent
+from acquisition import DataError, Lights, Source
 from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
@@ -15,6 +15,7 @@ from processing._reconstruction.lit_images import lit_images
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
+from rig import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +59,7 @@ def reconstruct(
     distant: bool = False,
     gamma: float | None = None,
     surface: bool = True,
-    on_progress: Progress = silent,
+    on_progress: Progress = no_progress,
 ) -> Reconstruction:
     """Compute normals and height of a recorded object.
 
@@ -102,9 +103,7 @@ def reconstruct(
     >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
     """
     lights, points_mm = _light_geometry(source, distant=distant)
-    stack = linear_stack(
-        source, gamma=gamma, on_progress=lambda done, total: on_progress("reading", done, total)
-    )
+    stack = linear_stack(source, gamma=gamma, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
     mask = stack.mask
     if mask is None:
@@ -125,7 +124,7 @@ def reconstruct(
         mask,
         method=method,
         points_mm=points_mm,
-        on_progress=lambda done, total: on_progress("normals", done, total),
+        on_progress=on_progress,
     )
     previews = stack.values[0].copy(), stack.values[-1].copy()
     del stack  # the largest value by far, and the height does not need it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
+from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -60,7 +60,7 @@ def photometric_stereo(
     *,
     method: Method = "cauchy",
     points_mm: npt.ArrayLike | None = None,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Progress = no_progress,
 ) -> PhotometricStereoResult:
     """Estimate normals and albedo per pixel from images under known lights.
 
@@ -81,7 +81,8 @@ def photometric_stereo(
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
     on_progress
-        Called with (pixels done, pixels in all). What it raises ends the computation.
+        Receives the stage ``normals``, one step per pixel. An exception it raises ends the
+        computation.
 
     Returns
     -------
@@ -123,8 +124,7 @@ def photometric_stereo(
         albedo.flat[found] = strength[solved]
         residual.flat[found] = rms[solved]
         used.flat[block] = np.isfinite(samples).sum(axis=1)
-        if on_progress is not None:
-            on_progress(min(first + _BLOCK, len(pixels)), len(pixels))
+        on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
     known = albedo > 0
     if not known.any():
         raise EstimateError(_why_nothing(stack, mask))

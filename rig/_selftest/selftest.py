@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +9,13 @@ import numpy.typing as npt
 
 from rig._config import RigConfig
 from rig._errors import RigError
+from rig._progress import Progress, no_progress
 from rig._rig import Rig
 from rig._selftest.finding import Finding
 from rig._selftest.led_findings import Evidence, findings
 from rig._shooting.wires import Wires
 
 Array = npt.NDArray[np.float64]
-OnShot = Callable[[int], None]
 
 _COARSE = 20  # places along the longer side
 _FIRST_US = 20_000.0
@@ -58,7 +57,7 @@ class SelfTest:
         return not any(finding.fault for finding in self.findings)
 
 
-def selftest(rig: Rig, *, on_shot: OnShot = lambda count: None) -> SelfTest:
+def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
     """Shoot every LED that is not listed as dead, twice, and judge what the camera sees.
 
     Something matte should lie under the camera that fills most of its view: a card, or any object
@@ -69,8 +68,9 @@ def selftest(rig: Rig, *, on_shot: OnShot = lambda count: None) -> SelfTest:
     ----------
     rig
         Open rig; it stays open.
-    on_shot
-        Called after each shot with the count of shots so far.
+    on_progress
+        Receives the stage ``self-test``, one step per shot; the total grows while the test
+        looks for a suitable exposure time.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def selftest(rig: Rig, *, on_shot: OnShot = lambda count: None) -> SelfTest:
     leds = tuple(led for led in range(config.leds) if led not in config.dead_leds)
     if not leds:
         raise RigError(f"rig {config.name}: every LED is listed in dead_leds, none is left to try")
-    camera = _Camera(rig, on_shot)
+    camera = _Camera(rig, len(leds), on_progress)
     exposure_us, first = camera.metered(leds)
     second = camera.all(leds, exposure_us)
     low_us = max(rig.camera.info.exposure_min_us, exposure_us * _SHORT)
@@ -140,10 +140,12 @@ def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
 class _Camera:
     """Takes frames and keeps of each only coarse means."""
 
-    def __init__(self, rig: Rig, on_shot: OnShot) -> None:
+    def __init__(self, rig: Rig, leds: int, on_progress: Progress) -> None:
         self._rig = rig
-        self._on_shot = on_shot
+        self._on_progress = on_progress
         self._count = 0
+        # Two passes over the LEDs, and two dark frames.
+        self._total = 2 * leds + 2
         self._white = 2**rig.camera.info.bit_depth - 1
         self.brightest = 0.0
         self._shape = (1, 1)
@@ -178,7 +180,7 @@ class _Camera:
         # By software, so that a missing wire does not hide what the LEDs do.
         pixels = self._rig.shoot(led, exposure_us, trigger="software").frame.pixels
         self._count += 1
-        self._on_shot(self._count)
+        self._on_progress("self-test", self._count, max(self._count, self._total))
         bright = float(np.percentile(pixels[::4, ::4], _BRIGHT_PERCENTILE)) / self._white
         self.brightest = max(self.brightest, bright)
         upright = self._rig.config.mounting.upright(pixels)

@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 from acquisition import CapturePlan, MeteringGoal, PlannedShot, Preflight, rehearse
 from acquisition import meter as meter_plan
 from rig import Rig, RigError
-from sgp._console import progress
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Real
 from sgp._result import Result
@@ -80,10 +80,8 @@ class Told:
 
 def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, told: Told) -> CapturePlan:
     """Return the plan with the exposures found on the spot."""
-    with progress("metering") as advance:
-        found = meter_plan(
-            rig, plan, goal, on_light=lambda light, done, total: advance(done, total)
-        )
+    with Stages() as progress:
+        found = meter_plan(rig, plan, goal, on_progress=progress)
     told.events.append(("metered", found.details()))
     if found.dead_leds:
         reason = "gave no light when metered"
@@ -111,8 +109,8 @@ def accept(found: Preflight, told: Told) -> None:
 
 def dry_run(rig: Rig, plan: CapturePlan, shots: Sequence[PlannedShot]) -> Result:
     """Take shots with all LEDs off, and record nothing."""
-    with progress("dry run") as advance:
-        seconds = rehearse(rig, plan, advance, shots=shots)
+    with Stages() as progress:
+        seconds = rehearse(rig, plan, on_progress=progress, shots=shots)
     count, info = len(shots), rig.camera.info
     size = count * info.width * info.height * 2
     return Result(

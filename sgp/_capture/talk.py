@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import select
 import sys
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from acquisition import DataError, FrameLine, MissingPathError, Session, SessionInUseError
-from sgp._console import note, progress
+from acquisition import DataError, MissingPathError, Session, SessionInUseError
+from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
 
@@ -41,12 +41,9 @@ class CaptureTalk:
         self._card_is_there = card_is_there
         self._stopping = False
         self._damaged = False
-        self._bar = ExitStack()
-        self._shown = ""
-        self._advance: Callable[[int, int], None] = lambda done, total: None
+        self.on_progress = Stages()
 
     def __enter__(self) -> Self:
-        self._show("recording")
         return self
 
     def __exit__(
@@ -55,14 +52,9 @@ class CaptureTalk:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self._bar.close()
+        self.on_progress.close()
         if error is not None and not isinstance(error, SessionInUseError):
             self._tell_what_is_left(error)
-
-    def on_frame(self, line: FrameLine, done: int, total: int) -> None:
-        """Move the bar."""
-        self._show("recording")
-        self._advance(done, total)
 
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Say what happened, where an operator wants to know."""
@@ -85,11 +77,6 @@ class CaptureTalk:
                 note(
                     f"the plan asks for a sequence, shots are taken one by one: {details['reason']}"
                 )
-
-    def on_checked(self, done: int, total: int) -> None:
-        """Move the bar of the frames that are read back."""
-        self._show("checking earlier frames")
-        self._advance(done, total)
 
     def on_damage(self, problem: str) -> None:
         """Say at once what an operator can do something about while the object is there."""
@@ -118,12 +105,6 @@ class CaptureTalk:
             if self._stopping:
                 return True
         return sys.stdin.readline() != ""
-
-    def _show(self, what: str) -> None:
-        """Show the bar of one kind of work in place of the other's."""
-        if what != self._shown:
-            self._bar.close()
-            self._advance, self._shown = self._bar.enter_context(progress(what)), what
 
     def _tell_what_is_left(self, error: BaseException) -> None:
         """Say what a capture that stopped has left; why it stopped is said by the error itself."""

@@ -18,7 +18,7 @@ from calibration import (
     linear_stack,
 )
 from rig import MAX_PIXELS
-from sgp._console import progress
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Pixels, Positive, numbers
 from sgp._output import check_file, provenance
@@ -211,8 +211,8 @@ def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> 
 
 def _undivided(source: Source) -> Stack:
     """Read a stack as it was recorded: intensities that the source knows are left in."""
-    with progress("reading") as advance:
-        return linear_stack(replace(source, lights=None), on_progress=advance)
+    with Stages() as progress:
+        return linear_stack(replace(source, lights=None), on_progress=progress)
 
 
 def _write_lights(

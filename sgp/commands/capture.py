@@ -29,7 +29,7 @@ from sgp._capture.session_summary import describe
 from sgp._capture.steps import MeterOptions, Told, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
-from sgp._console import note, progress
+from sgp._console import Stages, note
 from sgp._output import check_file, check_folder
 from sgp._result import Result
 from sgp.commands.capture_plan import chosen_plan
@@ -124,7 +124,7 @@ def run(
                 camera_model=model,
                 lights=stored_lights,
                 events=told.events,
-                on_frame=talk.on_frame,
+                on_progress=talk.on_progress,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
                 before_flats=talk.before_flats,
@@ -195,10 +195,9 @@ def resume(
                 plan=asked,
                 events=told.events,
                 retake_damaged=retake_damaged,
-                on_frame=talk.on_frame,
+                on_progress=talk.on_progress,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
-                on_checked=talk.on_checked,
                 on_damage=talk.on_damage,
                 before_flats=talk.before_flats,
             )
@@ -309,8 +308,8 @@ def _can_be_retaken(session: Path) -> bool:
 
 def _damaged(session: Path) -> tuple[Damage, ...]:
     """Read every frame back, and tell of those that are damaged."""
-    with progress("checking") as advance:
-        found = damaged_frames(session, advance)
+    with Stages() as progress:
+        found = damaged_frames(session, on_progress=progress)
     for damage in found:
         note(f"damaged: {damage.text}")
     return found

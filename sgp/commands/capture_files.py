@@ -25,7 +25,7 @@ from acquisition import (
     watch_folder,
 )
 from rig import MAX_PIXELS
-from sgp._console import note, progress
+from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._options import Leds, Pixels, Positive, Whole
 from sgp._output import check_folder, earlier_files, writes_folder
@@ -52,8 +52,8 @@ def compact(session: Path) -> Result:
     session
         The session's folder.
     """
-    with progress("compacting") as advance:
-        done = compact_session(session, on_frame=lambda frame, n, of: advance(n, of))
+    with Stages() as progress:
+        done = compact_session(session, on_progress=progress)
     ratio = done.bytes_before / max(done.bytes_after, 1)
     kept = "" if done.complete else ", incomplete as it was"
     return Result(
@@ -121,12 +121,8 @@ def export(
     prepared = prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
-    with progress("exporting") as advance:
-        written = prepared.write(
-            out,
-            lambda path, n, of: advance(n, of),
-            replaced=earlier_files(out, _RECORD),
-        )
+    with Stages() as progress:
+        written = prepared.write(out, on_progress=progress, replaced=earlier_files(out, _RECORD))
     notes = prepared.notes
     images = len(notes.frames)
     return Result(
@@ -232,13 +228,13 @@ def import_(
     chosen = None if lights is None else read_lights(lights)
     opened = read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
     del texts["object"]
-    with progress("importing") as advance:
+    with Stages() as progress:
         import_frames(
             opened,
             out,
             object_name=object_name,
             **texts,
-            on_frame=lambda line, done, total: advance(done, total),
+            on_progress=progress,
         )
     result = info(out)
     told = [f"{source}: not used: {', '.join(opened.ignored)}"] if opened.ignored else []
@@ -276,9 +272,9 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
         note(line)
 
     try:
-        with progress("watching") as advance:
+        with Stages() as progress:
             watched = watch_folder(
-                watch, out, lights=chosen, tell=tell, on_frame=advance, texts=texts
+                watch, out, lights=chosen, tell=tell, on_progress=progress, texts=texts
             )
     except BaseException:
         if told:

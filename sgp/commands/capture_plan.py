@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 
 from acquisition import CapturePlan, DataError, estimate_plan, preflight, read_plan
 from rig import RigConfig, open_rig, read_rig_config
-from sgp._console import progress
+from sgp._console import Stages
 from sgp._options import Count, Leds, Real
 from sgp._result import Result
 
@@ -111,14 +111,14 @@ def check(
     quick
         Do not try every LED.
     """
-    with open_rig(rig) as opened, progress("checking") as advance:
+    with open_rig(rig) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = preflight(
             opened,
             chosen,
             out,
             self_test=not quick,
-            on_check=lambda found, done, total: advance(done, total),
+            on_progress=progress,
         )
     failed = [found.name for found in flight.failed]
     summary = [f"{found.state:<9} {found.name:<11} {found.text}" for found in flight.checks]

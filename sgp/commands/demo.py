@@ -23,7 +23,7 @@ from calibration import (
     linear_stack,
 )
 from processing import angle_deg, angular_error
-from sgp._console import note, progress
+from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
 from sgp._options import Seed, SourceOptions
 from sgp._output import write_record
@@ -115,7 +115,7 @@ def _capture(
     folder: Path, scene: Scene, rendering: Rendering, seed: int, exposures_us: tuple[float, ...]
 ) -> Session:
     plan = CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
-    with rig_for(rendering, seed=seed) as rig, progress(folder.name) as advance:
+    with rig_for(rendering, seed=seed) as rig, Stages() as progress:
         return record(
             rig,
             plan,
@@ -124,7 +124,7 @@ def _capture(
             object_name=folder.name,
             camera_model=bench_camera(),
             sensor=scene.noise,
-            on_frame=lambda line, done, total: advance(done, total),
+            on_progress=progress,
         )
 
 
@@ -137,8 +137,8 @@ def _calibrate(
     session: Session, scene: Scene
 ) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
     """Positions from the spheres, intensities from the card that they lie on."""
-    with progress("calibration") as advance:
-        stack = linear_stack(read_source(session.folder), on_progress=advance)
+    with Stages() as progress:
+        stack = linear_stack(read_source(session.folder), on_progress=progress)
     camera = bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
     found = calibrate_spheres(stack, camera=camera, radius_mm=radii)

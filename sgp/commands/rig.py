@@ -18,7 +18,7 @@ from rig import (
     rig_names,
 )
 from rig import selftest as examine
-from sgp._console import progress
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Microseconds, Positive, Whole
 from sgp._output import check_file
@@ -204,9 +204,8 @@ def selftest(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or a rig.toml.
     """
-    with open_rig(rig) as opened, progress("self-test") as advance:
-        passes = 2 * opened.config.leds
-        result = examine(opened, on_shot=lambda done: advance(done, max(done, passes)))
+    with open_rig(rig) as opened, Stages() as progress:
+        result = examine(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
     if rig in rig_names():  # opened by its name: there is no file to set anything in

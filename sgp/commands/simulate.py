@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from acquisition import Session, staged
-from sgp._console import progress
+from sgp._console import Stages
 from sgp._diligent import write_diligent
 from sgp._exit import UsageError
 from sgp._options import Leds, Positive, Seed, image_size
@@ -86,8 +86,8 @@ def simulate(
     made, files = _scene(scene, lights, size, seed)
     if layout == "diligent" and made.lens.cfa is not None:
         raise UsageError("--format diligent takes no camera with a colour mosaic: record a session")
-    with watch.stage("render"), progress("rendering") as advance:
-        rendering = render(made, advance)
+    with watch.stage("render"), Stages() as progress:
+        rendering = render(made, progress)
     exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
     if layout == "diligent":
         exposures = exposures[:1]  # the layout has one image of each light
@@ -172,14 +172,14 @@ def _write_diligent(
 ) -> list[Path]:
     truth = rendering.truth
     seen = bool(truth.mask.any())
-    with progress("images") as advance:
+    with Stages() as progress:
         files = write_diligent(
             folder,
             session,
             truth.lights,
             normals=truth.normals if seen else None,
             mask=truth.mask if seen else None,
-            on_progress=advance,
+            on_progress=progress,
         )
     if truth.lights.near:
         result.warnings.append(
@@ -203,10 +203,10 @@ def _list(sheet: Path | None, out: Path | None) -> Result:
         check_file(sheet, ".png", force=True)
         width, height = _SHEET_SIZE
         renderings = {}
-        with progress("scenes") as advance:
+        with Stages() as progress:
             for done, name in enumerate(SCENES, 1):
                 renderings[name] = render(scene_named(name, width=width, height=height))
-                advance(done, len(SCENES))
+                progress("scenes", done, len(SCENES))
         write_contact_sheet(sheet, renderings)
         result.outputs["sheet"] = sheet
     return result

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import Progress, no_progress
 from simulator._render.chrome import draw_highlights, find_highlights
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets_sphere, see
@@ -86,7 +86,7 @@ class Rendering:
         return alone
 
 
-def render(scene: Scene, on_progress: Callable[[int, int], None] | None = None) -> Rendering:
+def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
     """Draw a scene under each of its lights.
 
     Object and board are sampled at the pixel's centre, with attached and cast shadows; a pattern
@@ -99,7 +99,7 @@ def render(scene: Scene, on_progress: Callable[[int, int], None] | None = None) 
     scene
         The scene.
     on_progress
-        Told rows done and rows in all.
+        Receives the stage ``rendering``, one step per row.
 
     Returns
     -------
@@ -118,8 +118,7 @@ def render(scene: Scene, on_progress: Callable[[int, int], None] | None = None) 
     rows = max(1, _POINTS // width)
     for top in range(0, height, rows):
         canvas.draw_rows(top, min(top + rows, height))
-        if on_progress is not None:
-            on_progress(min(top + rows, height), height)
+        on_progress("rendering", min(top + rows, height), height)
     return canvas.finish()
 
 

@@ -92,17 +92,15 @@ def test_a_complete_session_gets_smaller_and_stays_complete(
     folder = write(tmp_path / "s", plan=plan)
     before = verify_session(folder)
     hashes = [frame.line.pixels_sha256 for frame in Session.open(folder).frames]
-    told: list[tuple[str, int, int]] = []
-    done = compact_session(
-        folder, on_frame=lambda frame, n, of: told.append((frame.path.name, n, of))
-    )
+    reports: list[tuple[str, int, int]] = []
+    done = compact_session(folder, on_progress=lambda *report: reports.append(report))
     assert whole(folder)
     after = verify_session(folder)
     assert (done.frames, done.compacted, done.complete) == (3, 3, True)
     assert (done.bytes_before, done.bytes_after) == (before.bytes, after.bytes)
     assert after.bytes < 0.7 * before.bytes
     assert after.warnings == ()
-    assert told == [("D_100us.tif", 1, 3), ("L00_E0.tif", 2, 3), ("L01_E0.tif", 3, 3)]
+    assert reports == [("compacting", n, 3) for n in (1, 2, 3)]
     assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
     session = Session.open(folder)
     assert [frame.line.pixels_sha256 for frame in session.frames] == hashes

@@ -52,11 +52,12 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     sensor = NoiseModel(2.0, 5.0, 64.0, 12)
     camera = CameraModel(np.array([[50.0, 0, 5], [0, 50, 3], [0, 0, 1]]), 10, 7, 300.0)
     lights = Lights(directions=np.eye(3)[[2, 2, 2, 2, 2, 2]])
-    told: list[tuple[str, int, int]] = []
+    files: list[str] = []
+    steps: list[tuple[str, int, int]] = []
 
-    def on_frame(line: FrameLine, done: int, total: int) -> None:
+    def on_frame(line: FrameLine) -> None:
         assert (tmp_path / "s" / line.file).exists()
-        told.append((line.file, done, total))
+        files.append(line.file)
 
     session = record(
         rig,
@@ -68,11 +69,13 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
         sensor=sensor,
         lights=lights,
         on_frame=on_frame,
+        on_progress=lambda *report: steps.append(report),
     )
     assert session.complete
     assert bench.shots == [None, None, None, None, 3, 0, 5, 3, 0, 5]
     assert bench.burning is None
-    assert told == [(f"frames/{shot.file}", done, 10) for done, shot in enumerate(PLAN.shots(), 1)]
+    assert files == [f"frames/{shot.file}" for shot in PLAN.shots()]
+    assert steps == [("recording", done, 10) for done in range(1, 11)]
     for frame in session.frames:
         planned = PLAN.exposures_us[frame.bracket]
         np.testing.assert_array_equal(frame.read(), seen(frame.led, planned))
@@ -146,7 +149,7 @@ def test_an_error_amid_a_shot(
 def test_an_error_in_the_callback_finds_the_leds_dark(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    def stop(line: FrameLine, done: int, total: int) -> None:
+    def stop(line: FrameLine) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -626,10 +629,10 @@ def test_a_plan_for_a_sequence_on_a_rig_without_is_told(
 
 
 def test_a_rehearsal_takes_every_shot_in_the_dark(rig: RealRig, bench: Bench) -> None:
-    counted: list[tuple[int, int]] = []
-    assert rehearse(rig, PLAN, lambda done, total: counted.append((done, total))) > 0
+    counted: list[tuple[str, int, int]] = []
+    assert rehearse(rig, PLAN, on_progress=lambda *report: counted.append(report)) > 0
     assert bench.shots == [None] * 10
-    assert counted[-1] == (10, 10)
+    assert counted[-1] == ("dry run", 10, 10)
 
 
 def _plane(led: int | None) -> npt.NDArray[np.float32]:

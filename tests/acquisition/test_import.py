@@ -52,11 +52,12 @@ def test_samples_lights_and_camera_arrive(
         notes="from elsewhere",
         place="Rome",
         rights="CC0",
-        on_frame=lambda line, n, total: done.append((line.origin, n, total)),
+        on_progress=lambda *report: done.append(report),
     )
     assert session.complete
     assert verify_session(tmp_path / "out").ok
-    assert done[10] == ("owl.10.tif", 11, 12)
+    assert done[10] == ("importing", 11, 12)
+    assert session.frames[10].line.origin == "owl.10.tif"
     assert [frame.path.name for frame in session.frames][10:] == ["L10_E0.tif", "L11_E0.tif"]
     for frame, pixels in zip(session.frames, values, strict=True):
         stored = frame.read()

@@ -73,21 +73,22 @@ def named(flight: Preflight, name: str) -> Check:
 def test_a_rig_in_order_is_ready_and_nothing_is_left_behind(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    told: list[tuple[str, int, int]] = []
+    reports: list[tuple[str, int, int]] = []
     with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
         flight = preflight(
             rig,
             PLAN,
             tmp_path / "new" / "session",
-            on_check=lambda check, done, total: told.append((check.name, done, total)),
+            on_progress=lambda *report: reports.append(report),
         )
         assert rig.board.status().led is None
     assert set(states(flight).values()) == {"ok"}, flight.checks
     assert flight.ok
     assert list(tmp_path.iterdir()) == []
-    assert told == [(name, n, len(told)) for n, name in enumerate(states(flight), 1)]
-    assert [name for name, _, _ in told][:3] == ["disk", "board", "camera"]
-    assert told[-1][0] == "LEDs"
+    names = list(states(flight))
+    assert reports == [("checking", n, len(names)) for n in range(1, len(names) + 1)]
+    assert names[:3] == ["disk", "board", "camera"]
+    assert names[-1] == "LEDs"
     details = json.loads(json.dumps(flight.details(), allow_nan=False))
     assert [check["name"] for check in details["checks"]] == list(states(flight))
 

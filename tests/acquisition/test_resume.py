@@ -61,11 +61,12 @@ def test_exactly_the_missing_shots_are_taken(
 ) -> None:
     before = interrupted(rig, bench, tmp_path / "s", at)
     assert len(before.frames) == at - 1
-    told: list[tuple[int, int]] = []
-    session = resume(rig, tmp_path / "s", on_frame=lambda line, *of: told.append(of))
+    steps: list[tuple[str, int, int]] = []
+    session = resume(rig, tmp_path / "s", on_progress=lambda *report: steps.append(report))
     assert session.complete
     assert bench.shots == [shot.lit_led for shot in PLAN.shots()[at - 1 :]]
-    assert told == [(done, 10) for done in range(at, 11)]
+    recorded = [step for step in steps if step[0] == "recording"]
+    assert recorded == [("recording", done, 10) for done in range(at, 11)]
     assert [line.event for line in events_of(session)] == ["failed", "reopened"]
     for frame in session.frames:
         expected = seen(frame.led, PLAN.exposures_us[frame.bracket])
@@ -343,7 +344,7 @@ def test_an_led_that_died_meanwhile_is_left_out(
     taken = len(bench.shots)
     bench.dead = {0}
     told: list[tuple[str, Any]] = []
-    counted: list[tuple[int, int]] = []
+    counted: list[tuple[str, int, int]] = []
     with rig_on(bench, dead_leds=(0, 4)) as knowing:
         _, _, missing = check_resume(knowing, tmp_path / "s", plan)
         session = resume(
@@ -351,7 +352,7 @@ def test_an_led_that_died_meanwhile_is_left_out(
             tmp_path / "s",
             plan=plan,
             on_event=lambda name, details: told.append((name, dict(details))),
-            on_frame=lambda line, *of: counted.append(of),
+            on_progress=lambda *report: counted.append(report),
         )
     assert 0 not in bench.shots[taken:]
     assert [shot.lit_led for shot in missing] == bench.shots[taken:]
@@ -360,7 +361,8 @@ def test_an_led_that_died_meanwhile_is_left_out(
     assert session.missing == ()
     assert _of_led(session, 0) == [shot.file for shot in session.left_out] == left_out
     assert len(session.frames) == 14 - len(left_out)
-    assert counted[-1] == (14 - len(left_out),) * 2
+    recorded = [step for step in counted if step[0] == "recording"]
+    assert recorded[-1] == ("recording", *(14 - len(left_out),) * 2)
     events = [line.event for line in events_of(session)]
     assert events == ["failed", "reopened", "left_out"]
     assert session.manifest.plan == plan

@@ -76,14 +76,14 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
     (folder / ".hidden.png").write_bytes(b"x")
     (folder / "notes.txt").write_text("x")
     told: list[str] = []
-    steps: list[tuple[int, int]] = []
+    steps: list[tuple[str, int, int]] = []
     lights = Lights(directions=np.stack([np.arange(8), np.zeros(8), np.ones(8)], 1))
     result = watch_folder(
         watch(folder),
         out,
         lights=lights,
         tell=told.append,
-        on_frame=lambda done, total: steps.append((done, total)),
+        on_progress=lambda *report: steps.append(report),
         texts={"operator": "Ada", "place": "Rome"},
     )
     assert result.missing == ()
@@ -91,7 +91,7 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
     assert verify_session(out).ok
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
     assert told[0] == "IMG_0000.png is L00_E0"
-    assert steps == [(i + 1, 8) for i in range(8)]
+    assert steps == [("watching", i + 1, 8) for i in range(8)]
     assert result.session.manifest.place == "Rome"
     assert result.session.lights is not None
     assert result.session.lights.ids == lights.ids
@@ -246,12 +246,12 @@ def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> N
     for number, at in enumerate([0, 2, 4, 6, 10, 12]):
         shoot(folder, number, at)
 
-    def interrupted(done: int, total: int) -> None:
+    def interrupted(stage: str, done: int, total: int) -> None:
         if done == 3:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        watch_folder(watch(folder), out, on_frame=interrupted)
+        watch_folder(watch(folder), out, on_progress=interrupted)
     assert verify_session(out).ok
     assert sorted(recorded(out)) == [0, 1, 2]
     for number, at in ((6, 14), (7, 16)):

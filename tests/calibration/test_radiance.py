@@ -246,12 +246,12 @@ def test_saturated_bayer_sample_does_not_bleed():
 def test_order_and_progress():
     frames = [frame(f"L{i:02d}", np.full((2, 2), 100 + i, np.uint16)) for i in range(9)]
     calls = []
-    stack = linear_stack(source(frames), on_progress=lambda done, n: calls.append((done, n)))
+    stack = linear_stack(source(frames), on_progress=lambda *report: calls.append(report))
     assert stack.ids == tuple(f"L{i:02d}" for i in range(9))
     assert stack.values[:, 0, 0] == pytest.approx(
         (np.arange(9) + 100 - BLACK) / (WHITE - BLACK), rel=1e-6
     )
-    assert calls == [(i + 1, 9) for i in range(9)]
+    assert calls == [("reading", i + 1, 9) for i in range(9)]
 
 
 @pytest.mark.parametrize(

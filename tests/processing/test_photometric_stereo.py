@@ -228,9 +228,9 @@ def test_progress_counts_pixels_and_may_stop_the_work():
     photometric_stereo(
         values, Lights(_dome(4)), mask, on_progress=lambda *report: reports.append(report)
     )
-    assert reports == [(16384, 40000), (32768, 40000), (40000, 40000)]
+    assert reports == [("normals", done, 40000) for done in (16384, 32768, 40000)]
 
-    def stop(done, _total):
+    def stop(_stage, done, _total):
         if done > 16384:
             raise KeyboardInterrupt
 
