@@ -9,11 +9,11 @@ from pathlib import Path
 from rig import UnreadableError
 
 
-class MissingPathError(Exception):
+class MissingPathError(FileNotFoundError):
     """A path that was named does not exist (exit code 2 at the front door)."""
 
 
-class StorageError(Exception):
+class StorageError(OSError):
     """The disk under a capture refused a write (exit code 3 at the front door)."""
 
 
@@ -21,7 +21,7 @@ class SessionInUseError(StorageError):
     """Another process is writing to the session."""
 
 
-class DataError(Exception):
+class DataError(ValueError):
     """An input or session is damaged, incomplete, inconsistent or not understood (exit code 4)."""
 
 
@@ -38,6 +38,8 @@ def declared(path: Path) -> Iterator[None]:
     """
     try:
         yield
+    except MissingPathError:
+        raise
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
     except UnreadableError as error:

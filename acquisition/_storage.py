@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from acquisition._errors import DataError, SessionInUseError, StorageError
+from acquisition._errors import DataError, MissingPathError, SessionInUseError, StorageError
 from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
 from acquisition._part_files import is_part as is_part
 from acquisition._part_files import is_rest as is_rest
@@ -53,6 +53,8 @@ def disk(path: Path, action: str) -> Iterator[None]:
     """Turn an OSError inside the block into a StorageError that names path, action and remedy."""
     try:
         yield
+    except (MissingPathError, StorageError):
+        raise
     except OSError as error:
         raise refusal(path, action, error) from error
 

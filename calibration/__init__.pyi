@@ -1,3 +1,4 @@
+from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._intensities import IntensityCalibration as IntensityCalibration
 from ._intensities import calibrate_intensities as calibrate_intensities

@@ -1,5 +1,9 @@
-"""What can go wrong with an estimate."""
+"""The errors that calibration raises."""
+
+from acquisition import DataError
+
+__all__ = ["DataError", "EstimateError"]
 
 
-class EstimateError(Exception):
+class EstimateError(ValueError):
     """Sound input does not determine the estimate; the message says why (exit code 5)."""

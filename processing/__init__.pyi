@@ -18,6 +18,10 @@ from ._detail.similarity import Similarity as Similarity
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
 from ._detail.transfer import transfer as transfer
+from ._errors import DataError as DataError
+from ._errors import EstimateError as EstimateError
+from ._errors import MissingPathError as MissingPathError
+from ._errors import StorageError as StorageError
 from ._mask import ObjectMask as ObjectMask
 from ._mask import object_mask as object_mask
 from ._metrics import AngularError as AngularError

@@ -34,6 +34,7 @@ from ._ending import end_later as end_later
 from ._ending import end_program as end_program
 from ._errors import BoardError as BoardError
 from ._errors import CameraError as CameraError
+from ._errors import CameraGoneError as CameraGoneError
 from ._errors import FrameLostError as FrameLostError
 from ._errors import FrameTimeoutError as FrameTimeoutError
 from ._errors import RigConfigError as RigConfigError

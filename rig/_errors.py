@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Self
 
 
-class RigError(Exception):
+class RigError(RuntimeError):
     """The rig cannot do what was asked (exit code 3 at the front door)."""
 
 
@@ -55,7 +55,7 @@ class FrameTimeoutError(FrameLostError):
     """A frame did not come in time, and the camera has nothing to say about it."""
 
 
-class RigConfigError(RigError):
+class RigConfigError(RigError, ValueError):
     """A rig file or rig name is not understood."""
 
 

@@ -73,7 +73,7 @@ _LONGEST_REASON: Final = 120
 _BINARY: Final = getattr(os, "O_BINARY", 0)
 
 
-class UnreadableError(Exception):
+class UnreadableError(ValueError):
     """A file that is not what its reader takes. The message does not name the file."""
 
 
@@ -113,6 +113,8 @@ def read_head(path: Path, count: int) -> tuple[bytes, int]:
         raise FileNotFoundError(str(path)) from error
     except IsADirectoryError as error:
         raise UnreadableError("a folder, not a file") from error
+    except UnreadableError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or str(error)
         raise UnreadableError(f"cannot be read ({reason}): check the file") from error

@@ -40,14 +40,17 @@ _WRONG_PATHS = {
 
 def exit_code(error: BaseException) -> int:
     """Return the exit code of an error; ``FAULT`` for one that is ours to repair."""
-    if isinstance(error, OSError):  # of a path that no room looked at
+    for kind, code in _CODES:
+        if isinstance(error, kind):
+            return code
+    if isinstance(error, OSError):  # for a path that no room has checked
         return 2 if error.errno in _WRONG_PATHS else 3
-    return next((code for kind, code in _CODES if isinstance(error, kind)), FAULT)
+    return FAULT
 
 
 def error_text(error: BaseException) -> str:
     """Return what went wrong, where, and what to do about it, in one line."""
-    if isinstance(error, OSError):
+    if isinstance(error, OSError) and not isinstance(error, tuple(kind for kind, _ in _CODES)):
         return str(refusal(Path(error.filename or "."), "use it", error))
     if exit_code(error) == FAULT:
         return f"{type(error).__name__}: {error} (a fault of this program: see --debug)"

@@ -1,5 +1,11 @@
 from ._board.virtual_board import VirtualBoard as VirtualBoard
 from ._camera.virtual_camera import VirtualCamera as VirtualCamera
+from ._errors import CameraError as CameraError
+from ._errors import DataError as DataError
+from ._errors import MissingPathError as MissingPathError
+from ._errors import RigConfigError as RigConfigError
+from ._errors import RigError as RigError
+from ._errors import StorageError as StorageError
 from ._open_rig import open_rig as open_rig
 from ._open_rig import rig_for as rig_for
 from ._owned_folder import OwnedFolder as OwnedFolder

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from acquisition._errors import DataError, MissingPathError
+from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.damage import Damage
 from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
@@ -182,6 +182,8 @@ def examine(folder: Path) -> Examination:
     """
     try:
         return _examine(folder)
+    except (MissingPathError, StorageError):
+        raise
     except OSError as error:
         where = error.filename or folder
         raise DataError(f"{where}: cannot be read: {error.strerror}; check the disk") from error
