@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._plan.planned_shot import Role
+from acquisition._source.linear import Linearizer
 from acquisition._source.recording_json import Values
 from acquisition._source.source import Frame, Source
 
@@ -29,21 +29,21 @@ class Samples:
     def __init__(self, source: Source, values: Values) -> None:
         self.values = values
         self._source = source
-        self._offsets: dict[float | None, npt.NDArray[np.float32] | float] = {}
+        self._linear = Linearizer(source)
 
     def whole_numbers(self, frame: Frame) -> npt.NDArray[np.uint16]:
         """Return what a 16-bit image holds; linear: 65535 is white, and what was saturated."""
-        stored = frame.read()
         if self.values == "raw":
-            return stored.astype(np.uint16)
-        signal = self._signal(frame, stored.astype(np.float32))
-        signal[stored >= self._source.white_level] = 1.0
+            return frame.read().astype(np.uint16)
+        signal, saturated = self._linear.signal_and_saturation(frame)
+        signal[saturated] = 1.0
         return np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16)
 
     def floats(self, frame: Frame) -> npt.NDArray[np.float32]:
         """Return what a float image holds; linear: 1 is white, and nothing is cut off."""
-        stored = frame.read().astype(np.float32)
-        return stored if self.values == "raw" else self._signal(frame, stored)
+        if self.values == "raw":
+            return frame.read().astype(np.float32)
+        return self._linear.signal(frame)
 
     def levels(self, layout: str, bit_depth: int) -> dict[str, Any]:
         """Return bit depth, black and white level of what is written, for `CameraRecord`.
@@ -62,7 +62,7 @@ class Samples:
         """Say what is taken off the frames."""
         if self.values == "raw":
             return "nothing"
-        said = {self._reference(frame.exposure_us) or "black level" for frame in frames}
+        said = {self._linear.reference(frame.exposure_us) or "black level" for frame in frames}
         return " or ".join(
             sorted(f"{what} frames" if what != "black level" else what for what in said)
         )
@@ -78,33 +78,3 @@ class Samples:
         if self.values == "linear" and self.subtracted(frames) == "black level":
             return ["no dark frames of these exposures: the black level is taken off"]
         return []
-
-    def _signal(self, frame: Frame, stored: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        exposure = frame.exposure_us
-        if exposure not in self._offsets:
-            self._offsets[exposure] = self._offset(exposure)
-        span = self._source.white_level - self._source.black_level
-        signal: npt.NDArray[np.float32] = (stored - self._offsets[exposure]) / np.float32(span)
-        return signal
-
-    def _reference(self, exposure_us: float | None) -> Literal["ambient", "dark"] | None:
-        """Return which frames without an LED there are of an exposure; ambient ones tell more."""
-        roles: tuple[Literal["ambient", "dark"], ...] = ("ambient", "dark")
-        return next((role for role in roles if self._unlit(role, exposure_us)), None)
-
-    def _unlit(self, role: Role, exposure_us: float | None) -> list[Frame]:
-        return [
-            frame
-            for frame in self._source.frames
-            if frame.role == role and frame.exposure_us == exposure_us
-        ]
-
-    def _offset(self, exposure_us: float | None) -> npt.NDArray[np.float32] | float:
-        role = self._reference(exposure_us)
-        if role is None:
-            return self._source.black_level
-        frames = self._unlit(role, exposure_us)
-        total = np.zeros(frames[0].shape, np.float64)
-        for frame in frames:
-            total += frame.read()
-        return (total / len(frames)).astype(np.float32)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Lights
+from acquisition import CameraModel, DataError, Lights, Linearizer, same_exposure
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
 from rig import Progress, no_progress
@@ -22,7 +22,6 @@ FloatImage = npt.NDArray[np.float32]
 
 # ITU-R BT.601 luma, as the published results on DiLiGenT use it.
 _LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
-_SAME_EXPOSURE = 1e-3
 _THREADS = 4
 _LEAST_GREY_VALUES = 100.0
 
@@ -149,57 +148,28 @@ class _Developer:
     ) -> None:
         self._source = source
         self._channel = channel
-        self._gamma = gamma
         exposures = [frame.exposure_us for frame in lit]
         known = [exposure for exposure in exposures if exposure is not None]
         if known and (len(known) < len(lit) or min(known) <= 0):
             path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
             raise DataError(f"{path}: its exposure time is missing; the other images have theirs")
         self._longest = max(known, default=1.0)
-        self._scale = source.white_level - source.black_level
-        if not np.isfinite(self._scale):
-            self._scale = 1.0
+        self._linear = Linearizer(source, gamma)
         self.warnings: list[str] = []
-        self._offsets: list[tuple[float, FloatImage | None]] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
         if unlit and not known:
             self.warnings.append(
                 "dark and ambient frames were not used: no image tells its exposure time"
             )
+        last_us = 0.0
         for exposure_us in sorted(set(known)) if unlit else ():
-            if self._offsets and _alike(exposure_us, self._offsets[-1][0]):
+            if last_us and same_exposure(exposure_us, last_us):
                 continue
-            offset = self._measured_offset(exposure_us)
-            self._offsets.append((exposure_us, offset))
-            if offset is None:
+            last_us = exposure_us
+            if self._linear.reference(exposure_us) is None:
                 self.warnings.append(
                     f"no dark frame of {exposure_us:g} us: the black level was subtracted there"
                 )
-
-    def _measured_offset(self, exposure_us: float) -> FloatImage | None:
-        """Average the frames without LED of this exposure: room light and dark signal."""
-        for role in ("ambient", "dark"):
-            frames = [
-                frame
-                for frame in self._source.frames
-                if frame.role == role
-                and frame.exposure_us is not None
-                and _alike(frame.exposure_us, exposure_us)
-            ]
-            if frames:
-                total = sum(self._linear(self._read(frame)).astype(np.float64) for frame in frames)
-                return np.asarray(total / len(frames), np.float32)
-        return None
-
-    def _offset(self, exposure_us: float) -> FloatImage | None:
-        return next((image for t, image in self._offsets if _alike(exposure_us, t)), None)
-
-    def _read(self, frame: Frame) -> FloatImage:
-        pixels = frame.read()
-        if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
-            raise DataError(f"{frame.path}: holds values that are not finite")
-        image: FloatImage = pixels.astype(np.float32)
-        return image
 
     def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
         """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""
@@ -223,22 +193,10 @@ class _Developer:
         return image
 
     def _radiance(self, frame: Frame) -> FloatImage:
-        dn = self._read(frame)
-        exposure_us = frame.exposure_us or self._longest
-        radiance = self._linear(dn)
-        offset = self._offset(exposure_us)
-        if offset is not None:
-            radiance -= offset
-        radiance /= np.float32(exposure_us / self._longest)
-        radiance[dn >= self._source.white_level] = np.nan
+        radiance, saturated = self._linear.signal_and_saturation(frame)
+        radiance /= np.float32((frame.exposure_us or self._longest) / self._longest)
+        radiance[saturated] = np.nan
         return radiance
-
-    def _linear(self, dn: FloatImage) -> FloatImage:
-        linear: FloatImage = (dn - np.float32(self._source.black_level)) / np.float32(self._scale)
-        if self._gamma is not None:
-            np.clip(linear, 0, None, out=linear)
-            np.power(linear, self._gamma, out=linear)
-        return linear
 
     def _colour(
         self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
@@ -251,10 +209,6 @@ class _Developer:
             return np.asarray(image / np.float32(intensity.mean()), np.float32)
         colour = np.asarray(image / intensity.astype(np.float32), np.float32)
         return colour if self._channel == "rgb" else np.asarray(colour @ _LUMA, np.float32)
-
-
-def _alike(exposure_us: float, other_us: float) -> bool:
-    return abs(exposure_us / other_us - 1) < _SAME_EXPOSURE
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:

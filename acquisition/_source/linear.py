@@ -1,0 +1,121 @@
+"""Raw frames of a source as signal above black, less the light that no LED gave."""
+
+from __future__ import annotations
+
+import threading
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+from acquisition._source.source import Frame, Source
+
+FloatImage = npt.NDArray[np.float32]
+Reference = Literal["ambient", "dark"]
+
+# Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
+_SAME_EXPOSURE = 1e-3
+
+
+class Linearizer:
+    """Turns frames of a source into linear signal: 0 is black, 1 is the white level.
+
+    Every sample becomes ``((dn - black) / (white - black)) ** gamma``, less the mean of the
+    reference frames of the same exposure time, made linear in the same way: ambient frames if there
+    are any, else dark frames. Sources without a white level (float images) keep their scale. The
+    references are read on first use; the object may be used by several threads.
+
+    Parameters
+    ----------
+    source
+        The frames, with their black and white level.
+    gamma
+        Exponent that linearises the samples. Default: they are linear already.
+    """
+
+    def __init__(self, source: Source, gamma: float | None = None) -> None:
+        self._source = source
+        self._gamma = gamma
+        span = source.white_level - source.black_level
+        self._span = np.float32(span if np.isfinite(span) else 1.0)
+        self._lock = threading.Lock()
+        self._offsets: list[tuple[float, FloatImage | None]] = []
+
+    def reference(self, exposure_us: float | None) -> Reference | None:
+        """Return the role of the reference frames for an exposure time; None if there are none."""
+        roles: tuple[Reference, ...] = ("ambient", "dark")
+        return next((role for role in roles if self._references(role, exposure_us)), None)
+
+    def signal(self, frame: Frame) -> FloatImage:
+        """Read a frame and return its signal, of the frame's shape.
+
+        Raises
+        ------
+        DataError
+            If the frame or a reference frame is damaged or holds values that are not finite; the
+            message names the file.
+        """
+        return self._above_references(frame, self._read(frame))
+
+    def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
+        """Return `signal` and the samples at or above the white level; raises as `signal` does."""
+        dn = self._read(frame)
+        return self._above_references(frame, dn), dn >= self._source.white_level
+
+    def _above_references(self, frame: Frame, dn: FloatImage) -> FloatImage:
+        signal = self._linear(dn)
+        offset = self._offset(frame.exposure_us)
+        if offset is not None:
+            signal -= offset
+        return signal
+
+    def _read(self, frame: Frame) -> FloatImage:
+        pixels = frame.read()
+        if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
+            raise DataError(f"{frame.path}: holds values that are not finite")
+        image: FloatImage = pixels.astype(np.float32)
+        return image
+
+    def _linear(self, dn: FloatImage) -> FloatImage:
+        linear: FloatImage = (dn - np.float32(self._source.black_level)) / self._span
+        if self._gamma is not None:
+            np.clip(linear, 0, None, out=linear)
+            np.power(linear, self._gamma, out=linear)
+        return linear
+
+    def _references(self, role: Reference, exposure_us: float | None) -> list[Frame]:
+        return [
+            frame
+            for frame in self._source.frames
+            if frame.role == role
+            and frame.exposure_us is not None
+            and exposure_us is not None
+            and same_exposure(frame.exposure_us, exposure_us)
+        ]
+
+    def _offset(self, exposure_us: float | None) -> FloatImage | None:
+        if exposure_us is None:
+            return None
+        with self._lock:
+            for known_us, offset in self._offsets:
+                if same_exposure(known_us, exposure_us):
+                    return offset
+            offset = self._mean_reference(exposure_us)
+            self._offsets.append((exposure_us, offset))
+            return offset
+
+    def _mean_reference(self, exposure_us: float) -> FloatImage | None:
+        role = self.reference(exposure_us)
+        if role is None:
+            return None
+        frames = self._references(role, exposure_us)
+        total = self._linear(self._read(frames[0])).astype(np.float64)
+        for frame in frames[1:]:
+            total += self._linear(self._read(frame))
+        return np.asarray(total / len(frames), np.float32)
+
+
+def same_exposure(one_us: float, other_us: float) -> bool:
+    """Return whether two exposure times are equal but for rounding by the camera."""
+    return abs(one_us / other_us - 1) < _SAME_EXPOSURE
