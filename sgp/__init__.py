@@ -1,6 +1,22 @@
 """The front door: commands, plots, reports and the demo. Everything a person sees."""
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sgp._record import ResultRecord as ResultRecord
+    from sgp._record import read_record as read_record
+
 __version__ = "0.1.0"
+__all__ = ["ResultRecord", "capture", "main", "read_record"]
+
+
+def __getattr__(name: str) -> object:
+    # Loaded on first use: the commands start without it.
+    if name in ("ResultRecord", "read_record"):
+        from sgp import _record
+
+        return getattr(_record, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def main() -> None:

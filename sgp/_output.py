@@ -22,6 +22,7 @@ from acquisition import (
 )
 from rig import UnreadableError, parse_json, read_bounded
 from sgp._exit import UsageError
+from sgp._record import ResultRecord, Software
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
@@ -193,24 +194,24 @@ def _check_name(out: Path) -> None:
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
     """Write the .json beside a result; a reader sees all of it or none."""
-    record = {
+    record = ResultRecord(
         **provenance(command, parameters, result.inputs),
-        "outputs": {
-            name: made.relative_to(path.parent)
+        outputs={
+            name: str(made.relative_to(path.parent))
             for name, made in result.outputs.items()
             if made.is_relative_to(path.parent)
         },
-        "metrics": result.metrics,
-        "warnings": result.warnings,
-    }
-    write_durably(path, f"{dumps(record)}\n".encode())
+        metrics=plain(result.metrics),
+        warnings=tuple(result.warnings),
+    )
+    write_durably(path, f"{dumps(record.model_dump())}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
     """Return what a result was made by and from: command, version, parameters, input hashes."""
     return {
         "command": command,
-        "software": {"name": SOFTWARE, "version": software_version()},
+        "software": Software(name=SOFTWARE, version=software_version()).model_dump(),
         "parameters": plain(parameters),
         "inputs": {str(file): sha256(file) for file in inputs},
     }

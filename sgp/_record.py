@@ -1,0 +1,97 @@
+"""The record that a command leaves in its output folder: docs/result-format.md."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from acquisition import DataError, MissingPathError
+from rig import UnreadableError, complaints, parse_json, read_bounded
+
+FORMAT: Final = "sgp-result"
+VERSION: Final = 1
+_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class Software(_Table):
+    """The program that computed a result."""
+
+    name: str
+    version: str
+
+
+class ResultRecord(_Table):
+    """What a command computed, from which inputs, with which parameters.
+
+    Parameters
+    ----------
+    format, version
+        ``sgp-result`` and 1.
+    command
+        The command, such as ``sgp normals``.
+    software
+        Name and version of the program.
+    parameters
+        The arguments of the command by name, defaults included.
+    inputs
+        SHA-256 of every file that was read, by its path.
+    outputs
+        File names of the results, relative to the record.
+    metrics
+        Figures by name, with units in the names; null where a figure is not defined.
+    warnings
+        One line each.
+    """
+
+    format: Literal["sgp-result"] = FORMAT
+    version: Literal[1] = VERSION
+    command: str
+    software: Software
+    parameters: dict[str, JsonValue]
+    inputs: dict[str, _Sha256]
+    outputs: dict[str, str]
+    metrics: dict[str, JsonValue]
+    warnings: tuple[str, ...]
+
+
+def read_record(path: str | Path) -> ResultRecord:
+    """Read the record of a result.
+
+    Parameters
+    ----------
+    path
+        The ``.json`` that a command left in its output folder.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If the file is not a record, is of another version, or a key is missing or invalid; the
+        message names the file.
+    """
+    path = Path(path)
+    try:
+        values = parse_json(read_bounded(path))
+    except FileNotFoundError as error:
+        raise MissingPathError(f"{path}: no such file") from error
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}") from error
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise DataError(f"{path}: is not the record of a result: its format is not {FORMAT!r}")
+    if values.get("version") != VERSION:
+        raise DataError(
+            f"{path}: has version {str(values.get('version'))[:20]} of {FORMAT}, and this program "
+            f"reads version {VERSION}: run the command again, or update the program"
+        )
+    try:
+        # Lists become tuples in JSON mode only.
+        return ResultRecord.model_validate(values, strict=False)
+    except ValidationError as error:
+        raise DataError(f"{path}: {complaints(error)}") from error
