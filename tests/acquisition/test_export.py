@@ -383,7 +383,7 @@ def test_one_bracket_is_taken_and_the_others_are_told(tmp_path: Path) -> None:
     assert {frame.exposure_us for frame in export.notes.frames} == {250.0}
     np.testing.assert_array_equal(read_image(tmp_path / "out" / "002.png"), lit(folder, 1)[1])
     assert any("4 of other brackets, 2 dark" in line for line in export.warnings)
-    with pytest.raises(DataError, match="bracket 2: there are 0, 1"):
+    with pytest.raises(DataError, match="bracket 2: the brackets are 0, 1"):
         prepare_export(folder, "diligent", bracket=2)
 
 

@@ -84,7 +84,7 @@ def test_what_cannot_be_imported(tmp_path: Path) -> None:
     write_png(tmp_path / "b.png", PIXELS[0])
     one = read_source(tmp_path / "b.png")
     import_frames(one, tmp_path / "out", operator="", object_name="")
-    with pytest.raises(DataError, match="a session already"):
+    with pytest.raises(DataError, match="already a session"):
         import_frames(read_source(tmp_path / "out"), tmp_path / "2", operator="", object_name="")
     before = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
     with pytest.raises(StorageError, match="not empty"):
@@ -132,7 +132,7 @@ def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short") as caught:
         import_frames(source, tmp_path / "out", operator="", object_name="")
     assert caught.value.__notes__ == [
-        f"{tmp_path / 'out'}: an incomplete session stays behind: delete it, then import again"
+        f"{tmp_path / 'out'}: an incomplete session remains: delete it, then import again"
     ]
     session = Session.open(tmp_path / "out")
     assert not session.complete

@@ -163,8 +163,10 @@ def test_an_image_written_anew_moves_no_other_and_is_told(folder: Path, out: Pat
     result = watch_folder(watch(folder), out, tell=tell)
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in (0, 1, 2, 3, 4, 5, 7)}
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
-    anew = "IMG_0002.png: was written anew after it was recorded; the session holds what it was"
-    assert told.count(anew) == 1
+    line = (
+        "IMG_0002.png: was overwritten after it was recorded; the session holds the earlier image"
+    )
+    assert told.count(line) == 1
     assert not any("no steady pace" in line for line in told)
 
 
@@ -258,7 +260,7 @@ def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> N
         shoot(folder, number, at)
     told: list[str] = []
     result = watch_folder(watch(folder), out, tell=told.append)
-    assert "taken up with 3 images" in told[0]
+    assert "continued with 3 images" in told[0]
     assert sorted(recorded(out)) == [0, 1, 2, 3, 5, 6, 7]
     assert [shot.led for shot in result.missing] == [4]
     assert any("IMG_0007.png: no shot is left" in line for line in result.warnings)
@@ -267,11 +269,11 @@ def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> N
 def test_a_session_for_other_shots_is_not_taken_up(folder: Path, out: Path) -> None:
     shoot(folder, 0, 0)
     watch_folder(watch(folder), out)
-    with pytest.raises(DataError, match="the same --leds or --plan"):
+    with pytest.raises(DataError, match="the same LEDs or the same plan"):
         watch_folder(watch(folder, leds=9), out)
     (folder / "IMG_0000.png").unlink()
     shoot(folder, 1, 2)
-    with pytest.raises(DataError, match=r"IMG_0000\.png: is recorded, but gone"):
+    with pytest.raises(DataError, match=r"IMG_0000\.png: was recorded, but is no longer"):
         watch_folder(watch(folder), out)
     assert verify_session(out).ok
 
@@ -338,11 +340,11 @@ def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
 
 
 def test_no_image_at_all_is_told_and_leaves_nothing(folder: Path, out: Path) -> None:
-    with pytest.raises(DataError, match=r"in: no image came within 0\.3 s"):
+    with pytest.raises(DataError, match=r"in: no image appeared within 0\.3 s"):
         watch_folder(watch(folder, timeout_s=0.3), out)
     assert not out.exists()
     (folder / "a.png").write_bytes(b"no image")
-    with pytest.raises(DataError, match=r"a\.png: .*no image came"):
+    with pytest.raises(DataError, match=r"a\.png: .*no image appeared"):
         watch_folder(watch(folder, timeout_s=0.3), out)
     with pytest.raises(MissingPathError, match="no such folder"):
         watch_folder(watch(folder / "none"), out)

@@ -68,8 +68,8 @@ def test_the_gap_is_told_and_names_its_neighbours() -> None:
     arrivals = series([0, 2, 4, 6, 8, 12])
     (gap,) = match_shots(arrivals, 36, {}, pace_of(arrivals)).gaps
     assert gap == (
-        "1 image is missing between IMG_0005.CR2 and IMG_0006.CR2, taken 4.0 s apart where 2.0 s "
-        "is the pace"
+        "1 image is missing between IMG_0005.CR2 and IMG_0006.CR2: they are 4.0 s apart, the pace "
+        "is 2.0 s"
     )
     by_number = series([0, 1, 9, 11, 30], numbers=[1, 2, 5, 6, 7])
     (gap,) = match_shots(by_number, 36, {}, pace_of(by_number)).gaps
