@@ -210,7 +210,7 @@ def test_an_export_is_read_as_the_session_was(tmp_path: Path, layout: Layout) ->
     assert {"recording.json", "lights.json", "camera.json"} <= {path.name for path in now.files}
     (tmp_path / "out" / "camera.json").unlink()
     (told,) = read_source(tmp_path / "out").warnings
-    assert "camera.json, which recording.json names, is gone" in told
+    assert "camera.json, which recording.json names, is missing" in told
 
 
 @pytest.mark.parametrize("layout", ["diligent", "lp"])

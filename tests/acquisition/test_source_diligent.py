@@ -91,7 +91,7 @@ def put(folder: Path, name: str, text: str) -> None:
     [
         pytest.param(
             lambda f: (f / "001.png").unlink(),
-            r"filenames\.txt: lists 001\.png, which is not there",
+            r"filenames\.txt: lists 001\.png, which does not exist",
             id="image missing",
         ),
         pytest.param(
