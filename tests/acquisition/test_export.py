@@ -466,7 +466,7 @@ def test_lights_called_as_images_of_leds_are_those_of_the_leds(tmp_path: Path) -
     directions = np.loadtxt(tmp_path / "out" / "light_directions.txt")
     np.testing.assert_allclose(directions, NEAR.unit_directions, atol=1e-12)
     others = replace(given, ids=tuple(f"L{led}_E0.png" for led in (10, 11, 12, 13)))
-    with pytest.raises(DataError, match="0 of 4 image names are in the lights, L00 is not"):
+    with pytest.raises(DataError, match="0 of 4 image names match a light, L00 does not"):
         prepare_export(folder, "diligent", lights=others)
 
 

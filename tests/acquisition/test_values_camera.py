@@ -58,7 +58,7 @@ def test_points_on_plane_lie_on_it_and_project_back():
         pytest.param((np.eye(2), 4, 4), "3 x 3", id="shape"),
         pytest.param((K * np.nan, 4, 4), "finite", id="nan"),
         pytest.param((-K, 4, 4), "focal", id="negative"),
-        pytest.param((K.T, 4, 4), "read", id="transposed"),
+        pytest.param((K.T, 4, 4), "must have the form", id="transposed"),
         pytest.param((K, 0, 4), "no pixels", id="no width"),
         pytest.param((K, 4, 4, -1.0), "working distance", id="distance"),
         pytest.param((K, 4, 4, 1.0, np.ones(8)), "distortion", id="rational model"),

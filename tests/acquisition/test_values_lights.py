@@ -123,7 +123,7 @@ def test_match(ids, names, expected, by_name):
     ("names", "message"),
     [
         pytest.param(("p",), "1 images for 2 lights", id="counts differ"),
-        pytest.param(("a", "q"), "q is not", id="only some match"),
+        pytest.param(("a", "q"), "q does not", id="only some match"),
         pytest.param(("a", "a"), "share a name", id="two frames of one light"),
     ],
 )
@@ -136,7 +136,7 @@ def test_match_refuses(names, message):
 @pytest.mark.parametrize(
     ("ids", "names", "message"),
     [
-        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 is not", id="no LED matches"),
+        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 does not", id="no LED matches"),
         pytest.param(
             ("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 is not", id="one LED does not"
         ),
