@@ -140,7 +140,7 @@ def test_matrix_needs_the_size(tmp_path: Path) -> None:
         pytest.param("K.txt", "", "neither", id="empty text"),
         pytest.param("K.txt", "1 0 0\n0 x 0\n0 0 1\n", "not all finite numbers", id="text in K"),
         pytest.param("cameras.txt", "1 FISHEYE 6 4 1 1 1\n", "line 1: model FISHEYE", id="fisheye"),
-        pytest.param("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "line 1: PINHOLE has 4", id="count"),
+        pytest.param("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "PINHOLE must have 4", id="count"),
         pytest.param("cameras.txt", "1 PINHOLE nan 4 1 1 1 1\n", "finite", id="NaN size"),
         pytest.param(
             "cameras.txt", "1 PINHOLE 6 4 1 1 1 1\n2 PINHOLE 6 4 1 1 1 1\n", "2 cameras", id="two"

@@ -96,14 +96,14 @@ def put(folder: Path, name: str, text: str) -> None:
         ),
         pytest.param(
             lambda f: put(f, "filenames.txt", "003.png\n001.png\n"),
-            r"3 lights, but filenames\.txt beside it has 2",
+            r"3 lights, but filenames\.txt in the same folder has 2",
             id="images for more lights",
         ),
         pytest.param(
             lambda f: put(f, "filenames.txt", "\n"), r"filenames\.txt: an empty", id="no names"
         ),
         pytest.param(
-            lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "there twice", id="twice"
+            lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "listed twice", id="twice"
         ),
         pytest.param(
             lambda f: (f / "filenames.txt").unlink(), r"no filenames\.txt", id="names missing"

@@ -295,7 +295,9 @@ def test_an_lp_that_knows_no_name_goes_by_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "match"),
     [
-        pytest.param(["img 1.png", "x.png"], r"1 of them are there, x\.png is not", id="in part"),
+        pytest.param(
+            ["img 1.png", "x.png"], r"only 1 of them are there, x\.png is not", id="in part"
+        ),
         pytest.param(["a.png", "b.png"], "3 images for 2 lights", id="no name, other count"),
         pytest.param(["img 1.png", "img 1.jpg"], "1 of them are there", id="one image twice"),
     ],
