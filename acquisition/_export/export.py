@@ -275,8 +275,8 @@ def _lights_of(source: Source, frames: Sequence[Frame]) -> Lights | None:
 def _as_exposed(lights: Lights, frames: Sequence[ExportedFrame]) -> Lights:
     """Scale the intensities of lights by the exposure of their images, relative to the longest."""
     exposures = [frame.exposure_us for frame in frames]
-    known = np.array([exposure for exposure in exposures if exposure is not None])
-    if len(known) != len(lights) or not np.ptp(known):
+    exposures_us = np.array([exposure for exposure in exposures if exposure is not None])
+    if len(exposures_us) != len(lights) or not np.ptp(exposures_us):
         return lights
-    strengths = np.asarray(lights.intensities) * (known / known.max())[:, None]
+    strengths = np.asarray(lights.intensities) * (exposures_us / exposures_us.max())[:, None]
     return replace(lights, intensities=strengths)

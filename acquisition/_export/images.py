@@ -82,7 +82,7 @@ def write_captioned_exr(
     spec = oiio.ImageSpec(width, height, channels, oiio.FLOAT)
     spec.attribute("compression", "zip")
     spec.attribute("oiio:ColorSpace", "linear")
-    known = {
+    standard = {
         "DocumentName": caption.title,
         "Artist": caption.creator,
         "ImageDescription": caption.notes,
@@ -92,7 +92,7 @@ def write_captioned_exr(
         "Location": caption.place,
         "XMP": caption.xmp(),
     }
-    for name, value in {**known, **attributes}.items():
+    for name, value in {**standard, **attributes}.items():
         if isinstance(value, tuple):
             spec.attribute(name, oiio.TypeDesc("float[3]"), value)
         elif value not in ("", None):

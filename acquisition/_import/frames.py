@@ -110,25 +110,25 @@ def import_frames(
     """
     if source.kind == "session":
         raise DataError(f"{source.path}: is already a session: copy the folder")
-    known = _notes_of(source)
+    record = _notes_of(source)
     # Fail before a folder is created if the images are of another kind or the first is damaged.
     first = _read(source.frames[0], source)
-    shots = _shots(source.frames, known)
+    shots = _shots(source.frames, record)
     lights = source.lights
     if lights is not None:
         lights = replace(lights, ids=tuple(led_id(shot.led or 0) for shot in shots))
     texts: dict[str, Any] = {
-        "operator": operator or (known.operator if known else ""),
-        "object": object_name or (known.object if known else ""),
-        "place": place or (known.place if known else ""),
-        "notes": notes or (known.notes if known else ""),
-        "rights": rights or (known.rights if known else ""),
+        "operator": operator or (record.operator if record else ""),
+        "object": object_name or (record.object if record else ""),
+        "place": place or (record.place if record else ""),
+        "notes": notes or (record.notes if record else ""),
+        "rights": rights or (record.rights if record else ""),
     }
-    if known is not None:
-        texts["started_utc"] = known.started_utc
+    if record is not None:
+        texts["started_utc"] = record.started_utc
     manifest = Manifest.begin(
         folder,
-        camera=_camera(first, source, known),
+        camera=_camera(first, source, record),
         camera_model=source.camera,
         lights=lights,
         **texts,
@@ -198,14 +198,14 @@ def camera_of(image: ImportedImage) -> dict[str, Any]:
     }
 
 
-def _camera(first: ImportedImage, source: Source, known: RecordingNotes | None) -> dict[str, Any]:
+def _camera(first: ImportedImage, source: Source, record: RecordingNotes | None) -> dict[str, Any]:
     camera = camera_of(first) | {
         "cfa": source.cfa,
         "black_level_dn": source.black_level,
         "white_level_dn": source.white_level,
     }
-    if known is not None:
-        kept = known.camera.model_dump(include={"bit_depth", "vendor", "model", "serial"})
+    if record is not None:
+        kept = record.camera.model_dump(include={"bit_depth", "vendor", "model", "serial"})
         camera |= {name: value for name, value in kept.items() if value}
     return camera
 
@@ -223,14 +223,14 @@ def _notes_of(source: Source) -> RecordingNotes | None:
     return notes if all(frame.path.name in noted for frame in source.frames) else None
 
 
-def _shots(frames: Sequence[Frame], known: RecordingNotes | None) -> list[PlannedShot]:
+def _shots(frames: Sequence[Frame], record: RecordingNotes | None) -> list[PlannedShot]:
     """Return the shot that each image shows."""
-    if known is not None:
-        noted = {frame.file: frame for frame in known.frames}
-        exported = [noted[frame.path.name] for frame in frames]
+    if record is not None:
+        noted = {frame.file: frame for frame in record.frames}
+        listed = [noted[frame.path.name] for frame in frames]
         return [
             PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
-            for shot in exported
+            for shot in listed
         ]
     leds = list(range(len(frames)))
     named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in frames]

@@ -35,7 +35,7 @@ class Arrival:
     written_s
         Time at which the file was written, seconds since 1970.
     taken_s
-        Time at which the camera took the image, in whole seconds since 1970; None if not known.
+        Time at which the camera took the image, in whole seconds since 1970; None if not assigned.
     """
 
     name: str
@@ -121,7 +121,7 @@ def pace_of(arrivals: Sequence[Arrival], interval_s: float | None = None) -> Pac
     arrivals
         Files in order. The first `PACE_INTERVALS` intervals are used; at least three are needed.
     interval_s
-        Seconds between shots, if known.
+        Seconds between shots, if assigned.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def _regular(times: Sequence[float]) -> float | None:
 def match_shots(
     arrivals: Sequence[Arrival],
     count: int,
-    known: Mapping[str, int],
+    assigned: Mapping[str, int],
     pace: Pace | None,
     *,
     gaps: bool = True,
@@ -176,7 +176,7 @@ def match_shots(
         Files in order.
     count
         Number of shots.
-    known
+    assigned
         Index of the shot by name, for files that are already assigned; other files do not get
         these shots.
     pace
@@ -187,21 +187,21 @@ def match_shots(
     shots: dict[str, int] = {}
     seen_gaps: list[str] = []
     unused: list[str] = []
-    assigned = set(known.values())
+    used_shots = set(assigned.values())
     before: Arrival | None = None
     last = -1
     for place, arrival in enumerate(arrivals):
         later = arrivals[place + 1 : place + 1 + _LOOK_AHEAD]
         steps = 1 if before is None or not gaps else _steps(before, arrival, later, pace)
-        index = known.get(arrival.name, last + steps)
-        if arrival.name not in known:
-            if index >= count or index in assigned:
+        index = assigned.get(arrival.name, last + steps)
+        if arrival.name not in assigned:
+            if index >= count or index in used_shots:
                 unused.append(arrival.name)
                 continue
             if steps > 1 and before is not None:
                 seen_gaps.append(_gap(before, arrival, steps, pace))
         shots[arrival.name] = index
-        assigned.add(index)
+        used_shots.add(index)
         before, last = arrival, index
     return Match(shots, tuple(seen_gaps), tuple(unused))
 

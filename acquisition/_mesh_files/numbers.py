@@ -28,7 +28,7 @@ def numbers_of(text: bytes) -> npt.NDArray[np.float64]:
             warnings.simplefilter("error", DeprecationWarning)
             return np.fromstring(text, np.float64, sep=" ")
     except (DeprecationWarning, ValueError) as error:
-        raise UnreadableError(f"holds text that is not a number ({_first(text)!r})") from error
+        raise UnreadableError(f"text that is not a number ({_first(text)!r})") from error
 
 
 def _first(text: bytes) -> str:

@@ -82,7 +82,7 @@ def measure_quality(
 def above_dark(lit: FrameQuality, dark: FrameQuality | None, range_dn: float) -> float | None:
     """Return how far the mean of a frame is above that of a dark frame, relative to the range.
 
-    The result is rounded to a millionth; it is None if one of the means is not known.
+    The result is rounded to a millionth, or None if one of the means is not known.
     """
     if dark is None or lit.mean_dn is None or dark.mean_dn is None:
         return None

@@ -114,7 +114,7 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
 def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | None]:
     """Return exposure (microseconds), ISO and time of a RAW file without decoding its pixels.
 
-    Values that are not known are None. A DataError is raised if the file is not a RAW file.
+    Unknown values are returned as None. A DataError is raised if the file is not a RAW file.
     """
     with (
         _opened(path) as (raw, _),

@@ -55,14 +55,14 @@ def read_lp_folder(
     listed = {
         name: by_name.get(name.casefold()) or by_stem.get(light_id(name)) for name in lights.ids
     }
-    found = [path for path in listed.values() if path is not None]
-    if found and len(set(found)) < len(listed):
+    present = [path for path in listed.values() if path is not None]
+    if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
         raise DataError(
-            f"{lp}: lists {len(listed)} images, but only {len(set(found))} of them are there, "
+            f"{lp}: lists {len(listed)} images, but only {len(set(present))} of them are there, "
             f"{absent} is not: add the image or remove its line"
         )
-    series = found or numbered_series(images)
+    series = present or numbered_series(images)
     if not series:
         raise DataError(
             f"{folder}: no images for the {len(lights)} lights of {lp.name}: add the images"

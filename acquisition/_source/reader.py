@@ -56,9 +56,9 @@ def read_source(
     MissingPathError
         If ``path`` or ``mask_path`` does not exist.
     DataError
-        If the path is none of the above, its export was interrupted, or its parts do not match:
-        counts of images and lights, sizes of images, mask, camera and true normals; or if an image
-        has more than ``max_pixels`` pixels.
+        If the path is not a recording of these kinds, its export was interrupted, or its parts do
+        not match: counts of images and lights, sizes of images, mask, camera and true normals; or
+        if an image has more than ``max_pixels`` pixels.
     """
     path = Path(path)
     if not path.exists():

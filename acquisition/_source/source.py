@@ -102,7 +102,7 @@ class Source:
     camera
         Camera model with the size of the images; None if not known.
     normals_truth
-        ``(H, W, 3)`` float32 true unit normals, 0 where not known; None if there are none.
+        ``(H, W, 3)`` float32 true unit normals, 0 where not known; None without true normals.
     cfa
         Colour filter pattern of mosaic frames, row by row from the top left; None for other frames.
     black_level, white_level

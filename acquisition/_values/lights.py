@@ -87,10 +87,10 @@ class Lights:
     ids: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        given = self.directions if self.positions_mm is None else self.positions_mm
-        if given is None or (self.directions is not None and self.positions_mm is not None):
+        chosen = self.directions if self.positions_mm is None else self.positions_mm
+        if chosen is None or (self.directions is not None and self.positions_mm is not None):
             raise DataError("lights need either directions or positions, not both")
-        vectors = _finite(given, "direction" if self.positions_mm is None else "position")
+        vectors = _finite(chosen, "direction" if self.positions_mm is None else "position")
         count = len(vectors)
         ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
