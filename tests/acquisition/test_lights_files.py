@@ -1,4 +1,4 @@
-"""Files of lights: a golden file, what the world's .lp files look like, and refusals by line."""
+"""Files of lights: golden files, .lp files of other programs, and refusals that name the line."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_lights_json_keeps_every_digit(tmp_path: Path, data: st.DataObject, near
     if near:
         np.testing.assert_array_equal(back.positions_mm, vectors)
         np.testing.assert_array_equal(back.mu, lights.mu)
-    # Unit vectors are made unit again on reading, which may move the last bit.
+    # Unit vectors are normalised again on reading, which may change the last bit.
     np.testing.assert_allclose(back.unit_directions, lights.unit_directions, rtol=0, atol=3e-16)
 
 
@@ -176,7 +176,7 @@ def test_lights_json_refused(tmp_path: Path, text: str, match: str) -> None:
         ),
     ],
 )
-def test_lp_as_found_in_the_wild(
+def test_lp_files_of_other_programs(
     tmp_path: Path, content: str | bytes, names: tuple[str, ...], vectors: list[list[float]]
 ) -> None:
     lights = read_lights(put(tmp_path / "dome.LP", content))
@@ -273,7 +273,7 @@ def test_diligent_by_folder_or_file(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
 
 
-def test_diligent_counts_must_agree(tmp_path: Path) -> None:
+def test_diligent_counts_must_match(tmp_path: Path) -> None:
     diligent(tmp_path, names=3)
     with pytest.raises(DataError, match=r"2 lights, but filenames\.txt in the same folder has 3"):
         read_lights(tmp_path)
@@ -287,7 +287,7 @@ def test_diligent_counts_must_agree(tmp_path: Path) -> None:
         read_lights(tmp_path)
 
 
-def test_no_lights_there(tmp_path: Path) -> None:
+def test_paths_without_lights(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such file"):
         read_lights(tmp_path / "lights.json")
     with pytest.raises(DataError, match=r"has no light_directions\.txt"):
@@ -299,7 +299,7 @@ def test_no_lights_there(tmp_path: Path) -> None:
         read_lights(put(tmp_path / "lights.txt", b"\x89PNG\0\0"))
 
 
-def test_nowhere_to_write(tmp_path: Path) -> None:
+def test_lights_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"written as \.json or \.lp"):
         write_lights(tmp_path / "lights.txt", near_lights())
     with pytest.raises(StorageError, match="No such file"):

@@ -1,4 +1,4 @@
-"""PLY in all its forms, STL and GLB: one tetrahedron in each, and what is damaged refused."""
+"""PLY in all its forms, STL and GLB: a tetrahedron is read from each, damaged files are refused."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def text(rows: npt.ArrayLike) -> str:
 
 
 def triangles(mesh: MeshFile) -> set[tuple[int, ...]]:
-    """Faces as what they are, whatever corner they begin with: their winding counts."""
+    """Return the faces independent of their first corner but not of their winding."""
     assert mesh.faces is not None
     return {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in mesh.faces}
 
@@ -50,7 +50,7 @@ def test_faces_of_any_type_and_name(name: str, kind: str) -> None:
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(("count", "code"), [("uchar", "B"), ("int", "i"), ("ushort", "H")])
 def test_both_byte_orders_with_other_elements_between(order: str, count: str, code: str) -> None:
-    """What is not wanted is passed over: other elements, other lists, colours of faces."""
+    """Other elements, other lists and colours of faces are skipped."""
     elements = (
         f"element camera 1\nproperty list uchar double pose\n"
         f"element vertex 4\n{XYZ}property uchar red\n"
@@ -96,7 +96,7 @@ def test_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]
     np.testing.assert_array_equal(mesh.faces, cut)
     lost = sum(side < 3 for side in sides)
     assert len(mesh.warnings) == bool(lost)
-    assert not lost or mesh.warnings[0].endswith(f"corners: {lost}")
+    assert not lost or mesh.warnings[0].startswith(f"{lost} faces with fewer than three corners")
 
 
 STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} vertex_indices\n"
@@ -108,7 +108,7 @@ STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} ve
         pytest.param([0, 1, 2], [[0, 1, 2]], id="one"),
         pytest.param([0, 1, 2, 3, 4], [[0, 1, 2], [2, 1, 3], [2, 3, 4]], id="alternating"),
         pytest.param([0, 1, 2, 3, -1, 1, 3, 4, 5], [[0, 1, 2], [2, 1, 3], [1, 3, 4], [4, 3, 5]],
-                     id="winding begins anew"),
+                     id="winding restarts"),
         pytest.param([0, 1, 2, -1, -1, 2, 3, 4, -1], [[0, 1, 2], [2, 3, 4]], id="empty strips"),
         pytest.param([0, 1, 2, 2, 3, 4], [[0, 1, 2], [2, 4, 3]], id="stitched"),
         pytest.param([0, 1], [], id="too short"),
@@ -129,7 +129,7 @@ def test_triangle_strips(order: str, run: list[int], faces: list[list[int]]) -> 
     assert len(mesh.faces) == len(faces)
 
 
-def test_a_strip_is_wound_alike_all_along() -> None:
+def test_all_triangles_of_a_strip_have_the_same_winding() -> None:
     """A flat ladder of triangles: every normal points the same way."""
     ladder = np.array([[i // 2, i % 2, 0] for i in range(40)], np.float64)
     elements = STRIPS.format("int").replace("vertex 6", "vertex 40")
@@ -140,7 +140,7 @@ def test_a_strip_is_wound_alike_all_along() -> None:
     assert len(np.unique(np.sign(np.cross(b - a, c - a)[:, 2]))) == 1
 
 
-def test_unsigned_strips_end_where_minus_one_would_be() -> None:
+def test_unsigned_strips_end_at_the_unsigned_value_of_minus_one() -> None:
     run = [0, 1, 2, 0xFFFFFFFF, 3, 4, 5]
     body = np.zeros((6, 3), "<f4").tobytes() + struct.pack("<8I", 7, *run)
     mesh = read_ply(ply(STRIPS.format("uint"), body, ORDERS["<"]))
@@ -201,7 +201,7 @@ def test_damaged_ply(tmp_path: Path, elements: str, body: str, said: str) -> Non
 
 
 @given(st.binary(max_size=80), st.sampled_from(["ascii", *ORDERS.values()]), st.data())
-def test_no_body_is_a_fault(body: bytes, form: str, data: st.DataObject) -> None:
+def test_no_body_raises_an_undeclared_error(body: bytes, form: str, data: st.DataObject) -> None:
     kinds = st.sampled_from(["uchar", "int", "short", "double"])
     counts = data.draw(st.tuples(st.integers(0, 5), st.integers(0, 3)))
     elements = (
@@ -214,7 +214,7 @@ def test_no_body_is_a_fault(body: bytes, form: str, data: st.DataObject) -> None
 
 
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "off", "glb"])
-def test_the_same_ball_as_the_library_reads(tmp_path: Path, suffix: str) -> None:
+def test_the_same_ball_as_trimesh_reads(tmp_path: Path, suffix: str) -> None:
     ball = trimesh.creation.icosphere(2)
     path = tmp_path / f"ball.{suffix}"
     ball.export(path)
@@ -225,7 +225,7 @@ def test_the_same_ball_as_the_library_reads(tmp_path: Path, suffix: str) -> None
     assert read.volume == pytest.approx(ball.volume, rel=1e-5)
 
 
-def test_stl_as_text_and_a_binary_one_that_begins_like_it(tmp_path: Path) -> None:
+def test_stl_as_text_and_a_binary_file_that_begins_like_text(tmp_path: Path) -> None:
     solid = trimesh.Trimesh(POINTS, FACES, process=False)
     path = tmp_path / "a.stl"
     path.write_text(trimesh.exchange.stl.export_stl_ascii(solid))
@@ -267,10 +267,10 @@ def glb(change: dict[str, object], binary: bytes = b"") -> bytes:
         "buffers": [{"byteLength": len(points + indices)}],
         **change,
     }
-    said = json.dumps(content).encode()
-    said += b" " * (-len(said) % 4)
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
     data = points + indices
-    chunks = struct.pack("<II", len(said), 0x4E4F534A) + said
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
     chunks += struct.pack("<II", len(data), 0x004E4942) + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
@@ -312,7 +312,7 @@ def test_damaged_glb(tmp_path: Path, change: dict[str, object], said: str) -> No
 
 
 def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
-    """A device named as material would be read without end."""
+    """A device that is named as a material file would be read without end."""
     path = tmp_path / "a.obj"
     lines = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS.astype(int))
     path.write_text(f"mtllib /dev/zero\n{lines}usemtl a\nf 1 3 2\nf 1 2 4\n")
@@ -331,7 +331,7 @@ def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
     ],
 )
 def test_far_away(tmp_path: Path, name: str, content: bytes) -> None:
-    """Areas and lengths of what lies there would overflow."""
+    """Areas and lengths would overflow with these coordinates."""
     (tmp_path / name).write_bytes(content)
     with pytest.raises(DataError, match=r"vertex 1 has a coordinate beyond 1e\+30"):
         read_mesh_file(tmp_path / name)
