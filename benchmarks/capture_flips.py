@@ -66,11 +66,12 @@ def named(folder, path, bit):
     changed[bit // 8] ^= 1 << bit % 8
     path.write_bytes(changed)
     try:
-        report = verify_session(folder)
-        if not any(str(path) in problem for problem in report.problems):
-            torn = path.name == JOURNAL and bit // 8 > data.rfind(b"\n")
-            warned = any("cut off" in line and str(path) in line for line in report.warnings)
-            return "torn" if torn and warned else "missed"
+        found = verify_session(folder)
+        if not any(str(path) in problem for problem in found.problems):
+            cut_off = path.name == JOURNAL and bit // 8 > data.rfind(b"\n")
+            torn = "line was interrupted"
+            reported = any(torn in text and str(path) in text for text in found.warnings)
+            return "torn" if cut_off and reported else "missed"
         return "read" if reads_wrong(folder) else "named"
     finally:
         path.write_bytes(data)

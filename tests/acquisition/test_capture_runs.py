@@ -1,4 +1,4 @@
-"""Short runs of the committed benchmarks of recording, so that they keep working."""
+"""Short runs of the fault benchmarks, so that these keep working."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def run(*words: str) -> str:
-    """Run a benchmark and return its output; it must pass."""
+    """Run a benchmark and return its output; it must succeed."""
     ended = subprocess.run(
         [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
         capture_output=True,
@@ -120,7 +120,7 @@ def _may_mount() -> bool:
         return False
 
 
-@pytest.mark.skipif(not _may_mount(), reason="no user namespace on this system (unshare -rm)")
+@pytest.mark.skipif(not _may_mount(), reason="user namespaces are not allowed (unshare -rm)")
 @pytest.mark.parametrize(
     "fault",
     [
@@ -136,7 +136,7 @@ def test_recordings_on_a_failing_disk_end_dark_and_can_be_resumed(fault: str) ->
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Notes may be printed during the recording; only at the error line must all LEDs be off."""
+    """Notes may appear while the recording runs; the LEDs must be off at the error line."""
     monkeypatch.syspath_prepend(BENCHMARKS)
     import capture_faults
 

@@ -184,7 +184,7 @@ def lp(folder: Path, names: list[str]) -> Path:
         pytest.param(["D:\\scan\\A.0.PNG", "D:\\scan\\A.1.PNG"], "", False, id="windows"),
         pytest.param(["x.png", "y.png"], "", True, id="by-order"),
         pytest.param(["x.png", "y.png", "z.png"], "2 images for 3 lights", False, id="other-count"),
-        pytest.param(["a.0.png", "y.png"], "y.png does not", False, id="in-part"),
+        pytest.param(["a.0.png", "y.png"], "y.png is not", False, id="in-part"),
     ],
 )
 def test_an_lp_matches_by_name_or_by_order_or_is_refused(
