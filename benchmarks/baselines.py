@@ -1,19 +1,20 @@
-"""Detail transfer in the normal domain beside two mesh-based peers, in one run.
+"""Compare detail transfer in the normal domain with two mesh-based peers, in one run.
 
-A woven cloth's detail goes onto a bowl of so many points. DSPL is displacement along normals, LAPL
-Laplacian editing. Each number of points is measured in a process of its own with warm caches: CPU
-seconds of all threads, peak of the resident memory above the inputs. Times are medians, with the
-least and the most of the runs. A repeated call has kept what depends on the target alone: shape or
-smooth base, factors of a matrix. "x" are multiples of what "normals" (separation of both maps by
-the paper's filter, and transfer) takes, median over median; of the first call also least over most
-and most over least.
+The detail of a woven cloth is transferred onto a bowl with the given number of points. DSPL is
+displacement along normals, LAPL is Laplacian editing. Each number of points is measured in a
+process of its own with warm caches: CPU seconds of all threads, and peak of the resident memory
+above the inputs. Times are medians with the minimum and maximum of the runs. A repeated call reuses
+results that depend only on the target: shape or smooth base, factors of a matrix. "x" is the ratio
+to "normals" (separation of both maps by the paper's filter, and transfer), median over median; for
+the first call also minimum over maximum and maximum over minimum.
 
-LAPL is solved by multigrid; "direct solver" is SuperLU; CHOLMOD, which is under the GPL, runs in a
-process of its own where cvxopt is installed.
+LAPL is solved by multigrid; "direct solver" is SuperLU. CHOLMOD, which is under the GPL, runs in a
+process of its own if cvxopt is installed.
 
-Then errors in degrees by the paper's filter, three times a shape and a detail error: against the
-two maps; with every method starting from the same surfaces; with every result as a surface. See
-docs/paper-tables.md. "round trip" is the way from normals to a surface and back, no transfer.
+Afterwards errors in degrees by the paper's filter are printed, three times a shape and a detail
+error: against the two maps; with every method starting from the same surfaces; with every result
+as a surface. See docs/paper-tables.md. "round trip" converts normals to a surface and back, without
+a transfer.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ ERRORS = (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES)
 
 
 def pair(points: int) -> tuple[NormalMap, NormalMap]:
-    """A cloth of 6 pixels to the yarn, and a bowl."""
+    """Return the normals of a cloth with 6 pixels per yarn, and those of a bowl."""
     side = round(points**0.5)
     x, y = np.meshgrid(np.arange(side) - (side - 1) / 2, (side - 1) / 2 - np.arange(side))
     _, slope_x, slope_y = Textile(side, 1.0).evaluate(x, y)
@@ -45,21 +46,21 @@ def pair(points: int) -> tuple[NormalMap, NormalMap]:
 
 
 def all_measured(source: NormalMap, target: NormalMap, runs: int) -> dict[str, Measured]:
-    found = measure((*METHODS, "LAPL, direct solver"), source, target, runs=runs)
+    results = measure((*METHODS, "LAPL, direct solver"), source, target, runs=runs)
     if find_spec("cvxopt") is not None:
         script = Path(laplacian_by_cholmod.__file__)
         method = laplacian_by_cholmod.METHOD
-        found |= measure((method,), source, target, runs=runs, script=script)
-    return found
+        results |= measure((method,), source, target, runs=runs, script=script)
+    return results
 
 
 def spread(values: tuple[float, ...]) -> str:
     return f"{median(values):.4f} ({min(values):.4f}..{max(values):.4f})"
 
 
-def print_costs(points: int, found: dict[str, Measured], one_copy: float) -> None:
-    ours = found["normals"]
-    for method, taken in sorted(found.items()):
+def print_costs(points: int, results: dict[str, Measured], one_copy: float) -> None:
+    ours = results["normals"]
+    for method, taken in sorted(results.items()):
         first, again = taken.cpu_s, taken.again_cpu_s
         times = [f"{median(first) / median(ours.cpu_s):.1f}"]
         times.append(f"{min(first) / max(ours.cpu_s):.1f}..{max(first) / min(ours.cpu_s):.1f}")
@@ -75,10 +76,10 @@ def print_costs(points: int, found: dict[str, Measured], one_copy: float) -> Non
 
 
 def print_errors(
-    points: int, found: dict[str, Measured], source: NormalMap, target: NormalMap
+    points: int, results: dict[str, Measured], source: NormalMap, target: NormalMap
 ) -> None:
     judged = judge(
-        {name: one.normal_map for name, one in found.items()}, source, target, IN_NORMALS
+        {name: one.normal_map for name, one in results.items()}, source, target, IN_NORMALS
     )
     for method in judged[ERRORS[0]]:
         figures = [judged[quantity].get(method) for quantity in ERRORS]
@@ -89,12 +90,12 @@ def print_errors(
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument(
-        "--points", type=int, nargs="+", default=[5010, 49532, 306491], help="of each map"
+        "--points", type=int, nargs="+", default=[5010, 49532, 306491], help="points per map"
     )
-    parser.add_argument("--runs", type=int, default=5, help="of each method")
+    parser.add_argument("--runs", type=int, default=5, help="runs per method")
     options = parser.parse_args()
     if find_spec("cvxopt") is None:
-        print("cvxopt is not installed (it is under the GPL): LAPL by CHOLMOD is left out")
+        print("cvxopt is not installed (it is under the GPL): LAPL by CHOLMOD is skipped")
     print(
         f"{'points':>7} {'method':20}{'CPU s':>26}{'x':>8}{'least..most':>14}"
         f"{'repeated':>26}{'x':>8}{'MB':>8}{'x':>8}{'copies':>8}"
@@ -102,9 +103,9 @@ def main() -> None:
     done = []
     for points in options.points:
         source, target = pair(points)
-        found = all_measured(source, target, options.runs)
-        print_costs(int(source.mask.sum()), found, copy_s(source.normals))
-        done.append((int(source.mask.sum()), found, source, target))
+        results = all_measured(source, target, options.runs)
+        print_costs(int(source.mask.sum()), results, copy_s(source.normals))
+        done.append((int(source.mask.sum()), results, source, target))
     print(f"\n{'errors in degrees':37}{'plain':>19}{'same surfaces':>20}{'as surfaces':>20}")
     print(f"{'points':>7} {'method':28}" + f"{'shape':>10}{'detail':>10}" * 3)
     for each in done:

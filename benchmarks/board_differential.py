@@ -1,13 +1,14 @@
-"""Feed the virtual board and the firmware the same random items, and count in what they differ.
+"""Send the same random items to the virtual board and the firmware, and count the differences.
 
 python benchmarks/board_differential.py [--items 20000] [--seeds 1 2 3] [--board host]
 
-Items are commands in odd orders, several at once, in pieces, damaged, under repeated numbers, and
-silence; both boards are programs behind ptys whose clocks stand still between orders. Every reply,
-every edge of LEDs and trigger line is compared; tests/rig/differential/difference.py lists what may
-differ. An item is not judged where an edge was due as a line arrived: either may come first.
+Items are commands in unusual orders, several at once, in pieces, damaged, with repeated numbers,
+and silence. Both boards are programs behind ptys whose clocks stop between items. Every reply and
+every edge of LEDs and trigger line is compared; tests/rig/differential/difference.py lists the
+allowed differences. An item is not judged if an edge was due when a line arrived, because either
+may be first.
 
-Exit code 1 where an item differs, or a board is not dark at the end.
+Exit code 1 if an item differs, or a board is not dark at the end.
 """
 
 import sys
@@ -26,7 +27,7 @@ def main():
     parser.add_argument("--items", type=int, default=20_000)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--board", choices=("host", "atmega328p", "atmega2560"), default="host")
-    parser.add_argument("--show", type=int, default=3, help="differing items that are printed")
+    parser.add_argument("--show", type=int, default=3, help="number of differing items to print")
     options = parser.parse_args()
     failed = False
     with tempfile.TemporaryDirectory(prefix="sgp-boards-") as name:
@@ -38,17 +39,17 @@ def main():
             more = {"tolerance": AVR, "longest": AVR_LONGEST, "bursts": False}
             more["steps"] = AVR_STEPS[options.board]
         for seed in options.seeds:
-            found = compare([*command, "stepped"], seed=seed, items=options.items, **more)
+            result = compare([*command, "stepped"], seed=seed, items=options.items, **more)
             print(
-                f"seed {seed}: {found.items} items, {found.replies} replies, {found.raced} not "
-                f"judged, {len(found.differing)} differ, {'dark' if found.dark else 'NOT DARK'} "
+                f"seed {seed}: {result.items} items, {result.replies} replies, {result.raced} not "
+                f"judged, {len(result.differing)} differ, {'dark' if result.dark else 'NOT DARK'} "
                 "at the end",
                 flush=True,
             )
-            for number, item, differs in found.differing[: options.show]:
+            for number, item, differs in result.differing[: options.show]:
                 print(f"  {number}: {item}")
                 print(*(f"    {line}" for line in differs), sep="\n")
-            failed |= bool(found.differing) or not found.dark
+            failed |= bool(result.differing) or not result.dark
     sys.exit(failed)
 
 

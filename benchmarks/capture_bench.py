@@ -1,4 +1,4 @@
-"""What the capture runs share: a small simulated rig in processes that can be killed."""
+"""Shared parts of the capture benchmarks: a small simulated rig in processes that can be killed."""
 
 import json
 import os
@@ -23,22 +23,22 @@ NOISE = NoiseModel(1.0, 0.0, 64.0, 12)
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
 # Grey values are whole numbers, and the sensor works in single precision.
 ROUNDING_DN = 0.51
-# Who starts an exposure, and whether the board runs through the LEDs by itself.
+# How an exposure is started: by software, by the board, or in a sequence that the board runs.
 MODES = ("software", "board", "sequence")
-TOLD = {"operator": "benchmark", "object_name": "planes"}
-# In a process that was forked, for every fork: these are compiled or loaded once.
+TEXTS = {"operator": "benchmark", "object_name": "planes"}
+# Compile here once, instead of once in every forked process.
 measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
 
 
 def plane(led):
-    """What an LED yields, photons per microsecond: no two alike, none of them all black."""
+    """Return the light of an LED, photons per microsecond; all LEDs differ and no one is black."""
     if led is None:
         return np.full(SIZE, 0.005, np.float32)
     return np.random.default_rng(led).uniform(0.1, 1.8, SIZE).astype(np.float32)
 
 
 def expected(led):
-    """The noiseless frame of an LED, worked out apart from simulator and camera, in grey values."""
+    """Return the noiseless frame of an LED in grey values, computed without the simulator."""
     electrons = plane(None).astype(np.float64) * EXPOSURE_US
     if led is not None:
         electrons += plane(led).astype(np.float64) * EXPOSURE_US
@@ -51,19 +51,19 @@ def plan_for(mode):
 
 
 def open_planes(mode="software", **more):
-    """Open a simulated rig on the planes, noise off."""
+    """Open a simulated rig that shows the planes without noise."""
     trigger = "software" if mode == "software" else "board"
     config = RigConfig(name="planes", driver="simulated", leds=LEDS, settle_ms=0.5, trigger=trigger)
     return simulated_rig(plane, config, size=SIZE, noise=NOISE, noisy=False, **more)
 
 
 def bench_of(rig):
-    """Return the bench state of a simulated rig; its file lies beside the board's port."""
+    """Return the path of a simulated rig's bench state, in the folder of the board's port."""
     return Path(rig.board.port).parent / "bench.state"
 
 
 def forked(work):
-    """Run work in a process of its own and return its id; it ends with 0, or 1 after an error."""
+    """Run work in a forked process and return its id; it exits with 0, or 1 after an error."""
     sys.stdout.flush()
     pid = os.fork()
     if pid:
@@ -72,7 +72,7 @@ def forked(work):
     try:
         work()
         code = 0
-    except BaseException:  # noqa: BLE001 - it must not go on as the process it was forked from
+    except BaseException:  # noqa: BLE001 - the child must not continue as its parent
         traceback.print_exc()
     finally:
         sys.stdout.flush()
@@ -81,29 +81,29 @@ def forked(work):
 
 
 def ended(pid):
-    """Wait for a process and return its status as `subprocess` gives it."""
+    """Wait for a process and return its exit status in the form of `subprocess`."""
     return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
 
 
 def wait_for(path, timeout_s=60.0):
-    """Wait until a file is there and whole, and return what it holds, as JSON."""
+    """Wait until a file exists and is complete, and return its JSON content."""
     ends_s = time.monotonic() + timeout_s
     while time.monotonic() < ends_s:
         with suppress(FileNotFoundError, json.JSONDecodeError):
             return json.loads(path.read_text())
         time.sleep(0.001)
-    raise SystemExit(f"{path} did not come within {timeout_s:g} s")
+    raise SystemExit(f"{path} did not appear within {timeout_s:g} s")
 
 
 def last_light_ns(state, path, timeout_s=10.0):
-    """Wait until the board's process has ended, and return when the last light went out.
+    """Wait until the board's process has ended, and return the time of the last light's end.
 
-    ``state`` was opened while the board lived: its file is gone with the board.
+    ``state`` must be opened while the board runs, because its file disappears with the board.
     """
     ends_s = time.monotonic() + timeout_s
     while path.exists():
         if time.monotonic() > ends_s:
-            raise SystemExit(f"the virtual board of {path} still lives after {timeout_s:g} s")
+            raise SystemExit(f"the virtual board of {path} still runs after {timeout_s:g} s")
         time.sleep(0.005)
     return max((period.end_ns for period in state.periods()), default=0)
 
@@ -114,15 +114,15 @@ def open_state(path):
 
 
 def wrong_frames(folder):
-    """Return what is wrong with the frames that count: the pixels are not those of their LED."""
+    """Return a line for each frame that counts but does not have the pixels of its LED."""
     return [
-        f"{frame.path}: is not what LED {frame.led} gives"
+        f"{frame.path}: does not have the pixels of LED {frame.led}"
         for frame in Session.open(folder).frames
         if np.abs(frame.read() - expected(frame.led)).max() > ROUNDING_DN
     ]
 
 
-def is_whole(folder):
-    """Tell whether a session verifies as complete."""
-    found = verify_session(folder)
-    return found.ok and found.complete and not found.missing
+def is_complete(folder):
+    """Return whether a session verifies as complete."""
+    report = verify_session(folder)
+    return report.ok and report.complete and not report.missing

@@ -1,18 +1,19 @@
-"""What an operator sees when disk, camera, board or clock fail: dark, one line, and resumable.
+"""Check that recordings with a failing disk, camera, board or clock end dark and can be resumed.
 
 python benchmarks/capture_faults.py [--only NAME]
 
-Each fault strikes `capture run` in a process of its own, on the simulated rig; then `capture
-resume` finishes the session without it. Printed are the exit code, the error line the operator
-gets, and how long before that line the last LED went out, from the bench state.
+Each fault is injected into `capture run` in a process of its own, on the simulated rig; then
+`capture resume` completes the session without the fault. The program prints the exit code, the
+error line that the operator sees, and the time between the end of the last light, from the bench
+state, and that line.
 
-The full disk and the read-only ones are file systems of their own, mounted in a user namespace that
-this program enters first; where the system does not allow one, that is said and counts as failed.
-Linux makes no file system read-only that has a file open for writing, as the journal is: in the
-midst of a recording a read-only mount of the same is laid over it, and what is opened from then on,
-each new frame, is refused.
+The full disk and the read-only disks are separate file systems, mounted in a user namespace that
+this program enters first. If the system does not allow a user namespace, this is reported and
+counts as failed. Linux does not make a file system read-only while it has a file open for writing,
+such as the journal. In the middle of a recording, the file system is therefore covered by a
+read-only mount of itself, so that every new frame is refused.
 
-Exit code 1 where a fault does not end as it should.
+Exit code 1 if a fault does not end as expected.
 """
 
 import argparse
@@ -26,7 +27,7 @@ import threading
 import time
 from pathlib import Path
 
-from capture_bench import PLAN, is_whole, last_light_ns, open_state, wrong_frames
+from capture_bench import PLAN, is_complete, last_light_ns, open_state, wrong_frames
 from capture_struck import BENCH, FAULT_AT, SHOT
 
 from acquisition import Session, verify_session
@@ -35,18 +36,18 @@ NAMESPACE = "SGP_CAPTURE_FAULTS_NAMESPACE"
 STRUCK = Path(__file__).with_name("capture_struck.py")
 TIMEOUT_S = 60.0
 
-FIRST, MIDST, RESUMED = (
+FIRST, MIDDLE, RESUMED = (
     "disk read-only at first",
-    "disk read-only in the midst",
+    "disk read-only in the middle",
     "disk read-only on resuming",
 )
-# Name: exit code that is right, and words that the line must hold.
+# Name: expected exit code, and words that the error line must contain.
 FAULTS = {
     "disk full": (3, "No space left"),
     FIRST: (3, "Read-only file system"),
-    MIDST: (3, "Read-only file system"),
+    MIDDLE: (3, "Read-only file system"),
     RESUMED: (3, "Read-only file system"),
-    "writer stalled": (3, "has taken no frame"),
+    "writer stalled": (3, "no write has finished"),
     "camera unplugged": (3, "camera"),
     "board reset": (3, "LED board"),
     "board reset, retakes": (0, ""),
@@ -63,7 +64,7 @@ def main():
     bad = 0
     try:
         for name in [options.only] if options.only else FAULTS:
-            problems = strike(name, root / name.replace(" ", "-").replace(",", ""))
+            problems = run_with_fault(name, root / name.replace(" ", "-").replace(",", ""))
             bad += bool(problems)
             for problem in problems:
                 print(f"  WRONG: {problem}")
@@ -78,7 +79,7 @@ def main():
 
 
 def enter_namespace():
-    """Start anew inside a user namespace, where mounting is allowed, if the system lets us."""
+    """Restart this program in a user namespace, which allows mounting, if the system permits it."""
     if NAMESPACE in os.environ:
         return
     os.environ[NAMESPACE] = "yes"
@@ -94,7 +95,7 @@ def mount(*words):
 
 
 def cover(disk):
-    """Lay a read-only mount of a file system over it, from one moment to the next."""
+    """Cover a file system with a read-only mount of itself, in one step."""
     same = disk.with_name("same")
     same.mkdir()
     mount("--bind", disk, same)
@@ -103,9 +104,9 @@ def cover(disk):
     subprocess.run(["umount", str(same)], check=True)
 
 
-def mend(name, disk):
-    """Make a disk good again."""
-    if name == MIDST:
+def repair(name, disk):
+    """Make a disk writable again."""
+    if name == MIDDLE:
         subprocess.run(["umount", str(disk)], check=True)
     elif name.startswith("disk"):
         mount("-o", "remount,rw,size=8m", disk)
@@ -119,15 +120,15 @@ def unmount(root):
 # ---------------------------------------------------------------- one fault
 
 
-def strike(name, root):
-    """Let a fault strike a recording, resume it, and return what is wrong."""
+def run_with_fault(name, root):
+    """Record with a fault, resume, and return one line for each problem."""
     disk = root / "disk"
     disk.mkdir(parents=True)
     folder = disk / "session"
     if name.startswith("disk"):
         if os.environ[NAMESPACE] != "yes":
-            print(f"{name}: not shown, this system allows no user namespace (unshare -rm)")
-            return [f"{name} was not tried"]
+            print(f"{name}: skipped, this system does not allow a user namespace (unshare -rm)")
+            return [f"{name} was not tested"]
         size = "128k" if name == "disk full" else "8m"
         mount("-t", "tmpfs", "-o", f"size={size}{',ro' if name == FIRST else ''}", "none", disk)
     if name == RESUMED:
@@ -137,68 +138,68 @@ def strike(name, root):
         name,
         "resume" if name == RESUMED else "run",
         folder,
-        at_frame=(lambda _: cover(disk)) if name == MIDST else None,
+        at_frame=(lambda _: cover(disk)) if name == MIDDLE else None,
     )
-    return told(name, folder, *end) + finished(name, disk, folder)
+    return check_end(name, folder, *end) + check_resumed(name, disk, folder)
 
 
-def told(name, folder, code, line, dark_s, unclear):
-    """Print how a recording that a fault struck has ended, and return what is wrong with that."""
-    right, words = FAULTS[name]
+def check_end(name, folder, code, line, dark_s, unclear):
+    """Print how a recording with a fault has ended, and return one line for each problem."""
+    expected, words = FAULTS[name]
     frames = len(Session.open(folder).frames) if folder.exists() else 0
-    dark = "nothing was lit" if dark_s is None else f"dark {dark_s:.3f} s before the line"
-    print(f"{name}: exit code {code}, {frames} frames whole, {dark if code else 'done'}\n  {line}")
+    dark = "no LED was on" if dark_s is None else f"dark {dark_s:.3f} s before the line"
+    print(f"{name}: exit code {code}, {frames} frames intact, {dark if code else 'done'}\n  {line}")
     problems = list(unclear)
-    if code != right:
-        problems.append(f"exit code {code} instead of {right}")
+    if code != expected:
+        problems.append(f"exit code {code} instead of {expected}")
     if words not in line:
-        problems.append(f"the line does not say {words!r}")
+        problems.append(f"the line does not contain {words!r}")
     if code and (dark_s is None) is not (name in (FIRST, RESUMED)):
         problems.append(f"last light {dark_s} s before the line")
     if code and dark_s is not None and dark_s < 0:
-        problems.append("an LED burned on after the line")
+        problems.append("an LED was still on after the line")
     if name == FIRST:
-        return problems + ([f"{folder} was made"] if folder.exists() else [])
-    found = verify_session(folder)
-    problems += found.problems
-    if code and (found.complete or not 0 < frames < len(PLAN.shots())):
-        problems.append(f"{frames} frames, complete: {found.complete}")
+        return problems + ([f"{folder} was created"] if folder.exists() else [])
+    report = verify_session(folder)
+    problems += report.problems
+    if code and (report.complete or not 0 < frames < len(PLAN.shots())):
+        problems.append(f"{frames} frames, complete: {report.complete}")
     return problems
 
 
-def finished(name, disk, folder):
-    """Mend the fault, go on, and return what is wrong with the session then."""
-    mend(name, disk)
+def check_resumed(name, disk, folder):
+    """Repair the fault, complete the session, and return one line for each problem."""
+    repair(name, disk)
     before = [frame.line for frame in Session.open(folder).frames] if folder.exists() else []
     problems = []
     if FAULTS[name][0]:
         code, line, _, _ = run("none", "run" if name == FIRST else "resume", folder)
         if code:
-            problems.append(f"going on ended with {code}: {line}")
-    if not is_whole(folder):
-        problems.append("the session is not whole and complete")
+            problems.append(f"resuming ended with {code}: {line}")
+    if not is_complete(folder):
+        problems.append("the session is not intact and complete")
     if [frame.line for frame in Session.open(folder).frames][: len(before)] != before:
-        problems.append("going on changed what was recorded")
+        problems.append("resuming changed the recorded frames")
     return problems + wrong_frames(folder)
 
 
 def interrupt(process):
-    """Press Ctrl-C."""
+    """Send SIGINT, as Ctrl-C does."""
     process.send_signal(signal.SIGINT)
 
 
 def run(fault, command, folder, at_frame=None):
-    """Run a command in a process that a fault strikes; ``at_frame`` is done after some frames.
+    """Run a command with a fault in a process; ``at_frame`` is called after some frames.
 
-    Returns its exit code, its error line, how long before that the last light went out (None where
-    none was lit), and what is wrong with its words. Notes that come earlier count for nothing: work
-    goes on after them.
+    Returns the exit code, the error line, the time from the end of the last light to that line
+    (None if no LED was on), and one line for each problem with the output. Earlier notes do not
+    count, because the recording continues after them.
     """
     words = [sys.executable, str(STRUCK), fault, command, str(folder)]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     watch = threading.Timer(TIMEOUT_S, process.kill)
     watch.start()
-    lines, told_ns, state, path, frames = [], [], None, None, 0
+    lines, line_ns, state, path, frames = [], [], None, None, 0
     with process:
         for line in process.stderr:
             if line.startswith(BENCH):
@@ -209,7 +210,7 @@ def run(fault, command, folder, at_frame=None):
                 if frames == FAULT_AT and at_frame is not None:
                     at_frame(process)
             else:
-                told_ns.append(time.monotonic_ns())
+                line_ns.append(time.monotonic_ns())
                 lines.append(line.rstrip())
     watch.cancel()
     code = process.returncode
@@ -221,7 +222,7 @@ def run(fault, command, folder, at_frame=None):
     if state is not None:
         last_ns = last_light_ns(state, path)
         if errors and last_ns:
-            dark_s = (told_ns[lines.index(errors[-1])] - last_ns) / 1e9
+            dark_s = (line_ns[lines.index(errors[-1])] - last_ns) / 1e9
         state.close()
     return code, (errors or lines or [""])[-1], dark_s, unclear
 

@@ -1,13 +1,13 @@
-"""Flip single bits of recorded sessions and see whether `verify` names the file.
+"""Flip single bits of recorded sessions and check that `verify` names the file.
 
 python benchmarks/capture_flips.py [--flips 1000] [--seed 0]
 
-Three sessions: complete; incomplete; incomplete, with a last line whose writing was cut off. Bits
-are drawn from frames, journal, session.toml and COMPLETE, each kind as often as the others. A flip
-in the cut-off line itself may be called torn; all others must be problems that name the file, and
-no damaged pixel may be read.
+There are three sessions: complete; incomplete; incomplete with a torn last line. Bits are drawn
+from frames, journal, session.toml and COMPLETE, each kind equally often. A flip in the torn line
+itself may be reported as torn. All others must be reported as problems that name the file, and no
+damaged pixel may be read.
 
-Exit code 1 where one is not.
+Exit code 1 if a flip is not detected.
 """
 
 import argparse
@@ -39,7 +39,7 @@ def picture(index):
 
 
 def session(folder, kind):
-    """Write a session of the plan, 20 frames of it where it is to be incomplete."""
+    """Write a session of the plan, with only 20 frames if it must be incomplete."""
     camera = {"width": SIZE[1], "height": SIZE[0], "bit_depth": 12}
     manifest = Manifest.begin(
         folder, operator="benchmark", object="noise", notes="two\nlines", plan=PLAN, camera=camera
@@ -60,7 +60,7 @@ def session(folder, kind):
 
 
 def named(folder, path, bit):
-    """Flip a bit and tell how verify and reading take it: named, torn, missed or read."""
+    """Flip a bit and return the outcome of verifying and reading: named, torn, missed or read."""
     data = path.read_bytes()
     changed = bytearray(data)
     changed[bit // 8] ^= 1 << bit % 8
@@ -69,15 +69,16 @@ def named(folder, path, bit):
         found = verify_session(folder)
         if not any(str(path) in problem for problem in found.problems):
             cut_off = path.name == JOURNAL and bit // 8 > data.rfind(b"\n")
-            told = any("cut off" in warning and str(path) in warning for warning in found.warnings)
-            return "torn" if cut_off and told else "missed"
+            torn = "line was interrupted"
+            reported = any(torn in text and str(path) in text for text in found.warnings)
+            return "torn" if cut_off and reported else "missed"
         return "read" if reads_wrong(folder) else "named"
     finally:
         path.write_bytes(data)
 
 
 def reads_wrong(folder):
-    """Tell whether a frame is handed out with pixels that are not its own."""
+    """Return whether a frame can be read with wrong pixels."""
     order = {shot.key: index for index, shot in enumerate(PLAN.shots())}
     try:
         frames = Session.open(folder).frames
@@ -109,7 +110,7 @@ def main():
 def run(options, folders):
     dice = random.Random(options.seed)
     counts, bad = Counter(), 0
-    # The frame whose line was cut off is none: it is taken again, and nothing is known of it.
+    # The frame whose line is torn does not count: it will be taken again.
     recorded = {folder: [f.path for f in Session.open(folder).frames] for folder in folders}
     for _ in range(options.flips):
         folder = dice.choice(folders)

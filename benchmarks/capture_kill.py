@@ -1,12 +1,12 @@
-"""Kill the recording process at random moments, look at what is left, and resume.
+"""Kill the recording process at random moments, check the session that is left, and resume it.
 
 36 lights and a dark frame on the simulated rig, small frames, noise off, 2 ms exposures; triggered
-by software, by the board and in a sequence in turn. For each kill: every line that was in the
-journal, and every frame that had been reported, is there afterwards; everything that counts has the
-pixels that its LED gives, worked out here and rounded; the session verifies, before and after
-`resume`; after it, it is complete; and the bench state says when the last LED went out.
+by software, by the board and in a sequence in turn. For each kill this program checks that every
+journal line and every frame that was reported as safe still exists; that every frame that counts
+has the pixels of its LED, computed here and rounded; that the session verifies before and after
+`resume`; that it is complete afterwards; and when the last LED turned off, from the bench state.
 
-Exit code 1 where any of this fails.
+Exit code 1 if any of these checks fails.
 """
 
 import json
@@ -23,11 +23,11 @@ from statistics import median
 from capture_bench import (
     MODES,
     PLAN,
-    TOLD,
+    TEXTS,
     bench_of,
     ended,
     forked,
-    is_whole,
+    is_complete,
     last_light_ns,
     open_planes,
     open_state,
@@ -43,10 +43,10 @@ MOST_DARK_S = 1.0
 
 
 def recording(folder, mode, camera):
-    """Return a recording that tells its bench state when the rig is open, and each safe frame."""
+    """Return a recording that writes its bench state to a file, and then the name of each frame."""
 
     def work():
-        told = os.open(folder.with_suffix(".told"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        safe = os.open(folder.with_suffix(".safe"), os.O_WRONLY | os.O_CREAT | os.O_APPEND)
         with open_planes(mode, camera=camera) as rig:
             started = folder.with_suffix(".started")
             part = started.with_suffix(".part")
@@ -56,8 +56,8 @@ def recording(folder, mode, camera):
                 rig,
                 plan_for(mode),
                 folder,
-                **TOLD,
-                on_frame=lambda line: os.write(told, f"{line.file}\n".encode()),
+                **TEXTS,
+                on_frame=lambda line: os.write(safe, f"{line.file}\n".encode()),
             )
 
     return work
@@ -73,15 +73,15 @@ def resuming(folder, mode, camera):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--kills", type=int, default=200, help="recordings that are killed")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument("--kills", type=int, default=200, help="number of recordings to kill")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random moments")
     parser.add_argument(
-        "--camera", default="auto", choices=("auto", "gentl", "inside"), help="which virtual one"
+        "--camera", default="auto", choices=("auto", "gentl", "inside"), help="virtual camera"
     )
     busy_option(parser)
     options = parser.parse_args()
     root = Path(tempfile.mkdtemp(prefix="sgp-kill-"))
-    # Processes that are killed cannot clear up their virtual cameras.
+    # Killed processes cannot remove the files of their virtual cameras.
     os.environ["TMPDIR"] = tempfile.tempdir = str(root)
     try:
         with busy(options.busy):
@@ -92,19 +92,19 @@ def main():
 
 def run(options, root):
     took_s = {}
-    # The first one fills caches.
+    # The first recording fills caches.
     for number, mode in enumerate((MODES[0], *MODES)):
         folder = root / f"whole{number}"
         pid = forked(recording(folder, mode, options.camera))
         wait_for(folder.with_suffix(".started"))
         began = time.monotonic()
-        if ended(pid) or not is_whole(folder) or wrong_frames(folder):
-            raise SystemExit(f"a recording that nobody kills ({mode}) is not right")
+        if ended(pid) or not is_complete(folder) or wrong_frames(folder):
+            raise SystemExit(f"a recording without a kill ({mode}) is not correct")
         took_s[mode] = time.monotonic() - began
     times = ", ".join(f"{mode} {seconds:.2f} s" for mode, seconds in took_s.items())
-    print(f"{len(PLAN.shots())} frames if nobody kills: {times}")
+    print(f"{len(PLAN.shots())} frames without a kill: {times}")
     dice = random.Random(options.seed)
-    counts = {"frames": 0, "lost": 0, "wrong": 0, "unwhole": 0, "ended before": 0, "no session": 0}
+    counts = {"frames": 0, "lost": 0, "wrong": 0, "damaged": 0, "ended before": 0, "no session": 0}
     dark_s, missing = [], []
     for number in range(options.kills):
         folder = root / f"k{number}"
@@ -122,17 +122,17 @@ def run(options, root):
         f"before the session began; missing shots after a kill: {min(missing, default=0)} to "
         f"{max(missing, default=0)}\n"
         f"journalled frames: {counts['frames']}, lost: {counts['lost']}, accepted with wrong "
-        f"pixels: {counts['wrong']}, sessions not whole before or after resuming: "
-        f"{counts['unwhole']}\n"
+        f"pixels: {counts['wrong']}, sessions damaged or incomplete before or after resuming: "
+        f"{counts['damaged']}\n"
         f"LEDs off after a kill: at most {max(dark_s):.3f} s, median {median(dark_s):.3f} s"
     )
-    bad = counts["lost"] or counts["wrong"] or counts["unwhole"] or max(dark_s) > MOST_DARK_S
+    bad = counts["lost"] or counts["wrong"] or counts["damaged"] or max(dark_s) > MOST_DARK_S
     print("FAILED" if bad else "passed")
     return bool(bad)
 
 
 def one(folder, mode, camera, after_s, counts, dark_s, missing):
-    """Kill one recording, resume it, and return what is wrong, one line each."""
+    """Kill one recording, resume it, and return one line for each problem."""
     pid = forked(recording(folder, mode, camera))
     path = Path(wait_for(folder.with_suffix(".started")))
     state = open_state(path)
@@ -152,8 +152,8 @@ def one(folder, mode, camera, after_s, counts, dark_s, missing):
         problems += [f"line lost by resuming: {line[:80]}" for line in lost]
         wrong = wrong_frames(folder)
         counts["wrong"] += len(wrong)
-        if not is_whole(folder):
-            counts["unwhole"] += 1
+        if not is_complete(folder):
+            counts["damaged"] += 1
             problems.append("does not verify as complete")
         problems += wrong
     else:
@@ -161,21 +161,21 @@ def one(folder, mode, camera, after_s, counts, dark_s, missing):
     dark_s.append(max(0.0, (last_light_ns(state, path) - killed_ns) / 1e9))
     state.close()
     if dark_s[-1] > MOST_DARK_S:
-        problems.append(f"an LED burned for {dark_s[-1]:.3f} s after the kill")
+        problems.append(f"an LED was on for {dark_s[-1]:.3f} s after the kill")
     return problems
 
 
 def left_behind(folder, counts, missing):
-    """Judge a session whose writer was killed."""
-    found = verify_session(folder)
-    problems = list(found.problems)
-    counts["unwhole"] += bool(problems)
+    """Check a session whose writer was killed."""
+    report = verify_session(folder)
+    problems = list(report.problems)
+    counts["damaged"] += bool(problems)
     session = Session.open(folder)
     recorded = {frame.line.file for frame in session.frames}
     counts["frames"] += len(recorded)
     missing.append(len(session.missing))
-    told = folder.with_suffix(".told")
-    safe = told.read_text().splitlines() if told.exists() else []
+    list_of_safe = folder.with_suffix(".safe")
+    safe = list_of_safe.read_text().splitlines() if list_of_safe.exists() else []
     lost = [file for file in safe if file not in recorded]
     counts["lost"] += len(lost)
     wrong = wrong_frames(folder)
@@ -184,7 +184,7 @@ def left_behind(folder, counts, missing):
 
 
 def lines(folder):
-    """Return the journal's frame lines as they stand there."""
+    """Return the frame lines of the journal, unparsed."""
     path = folder / "journal.jsonl"
     data = path.read_bytes() if path.exists() else b""  # killed before the first line
     return [

@@ -1,9 +1,9 @@
-"""A `capture` command on the simulated rig with a fault planted, as a process of its own.
+"""A `capture` command on the simulated rig with an injected fault, as a process of its own.
 
-python benchmarks/capture_struck.py FAULT run|resume FOLDER, started by capture_faults.py alone.
+python benchmarks/capture_struck.py FAULT run|resume FOLDER, started only by capture_faults.py.
 
-FAULT is a key of `PLANTS`, or "none". Beside what the operator is told, stderr has a line with the
-bench state and one for each frame that is safe.
+FAULT is a key of `PLANTS`, or "none". In addition to the messages for the operator, stderr has a
+line with the bench state and one for each frame that is safe.
 """
 
 import os
@@ -16,13 +16,13 @@ from functools import partial
 from capture_bench import PLAN, bench_of, open_planes
 
 BENCH, SHOT = "bench: ", "frame: "
-# The frame, command or write from which on things go wrong.
+# Number of the frame, command or write at which the fault begins.
 FAULT_AT = 14
 STALL_S = 1.5
 
 
 def main(fault, command, folder):
-    """Run a command with a fault planted."""
+    """Run a command with an injected fault."""
     import sgp.commands.capture as capture
     from sgp.app import _group
     from sgp.app import run as front_door
@@ -46,7 +46,7 @@ def main(fault, command, folder):
 
 
 def stall():
-    """From some write on, fsync does not come back."""
+    """Make fsync hang from some write on."""
     import acquisition
 
     real, calls = os.fsync, [0]
@@ -65,7 +65,7 @@ def stall():
 
 
 def unplug():
-    """The camera is unplugged instead of exposing."""
+    """Unplug the camera instead of exposing."""
     import simulator._simulated_rig as simulated
 
     class Unplugged(simulated.GentlCamera):
@@ -77,7 +77,7 @@ def unplug():
 
 
 def reset():
-    """The board restarts in the middle of a command."""
+    """Restart the board in the middle of a command."""
     import simulator._simulated_rig as simulated
     from simulator._board.faults import BoardFault
 
@@ -90,7 +90,7 @@ def reset():
 
 
 def jump():
-    """The clock on the wall is wrong by another number of hours every time it is read."""
+    """Make the system clock wrong by a different number of hours every time it is read."""
     import acquisition._session.writer as session_writer
 
     calls = [0]

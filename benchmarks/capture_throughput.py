@@ -1,17 +1,17 @@
-"""Capture at full size: whether writing keeps up with the camera, and how much memory that takes.
+"""Record at full size: check that writing keeps up with the camera, and measure the memory.
 
 python benchmarks/capture_throughput.py [--lights 36] [--size 2448x2048] [--rate 20]
     [--exposure-us 5000] [--passes 3] [--out DIR]
 
-The virtual camera delivers frames composed beforehand, at most --rate a second; its own time is one
-period for each shot. The wall time is from the first shot to the session's COMPLETE, so hashes,
-flushes and the journal are in it. Memory is what the process has of its own (RssAnon) above what it
-had when everything was imported and nothing open yet: queue and camera buffers count, the file
-that the virtual camera plays its frames from does not.
+The virtual camera delivers precomposed frames, at most --rate per second; its own time is one
+period per shot. The wall time is from the first shot to the session's COMPLETE and includes hashes,
+flushes and the journal. Memory is the process's own memory (RssAnon) minus its value after all
+imports and before anything is opened: the queue and camera buffers count, the file from which the
+virtual camera plays its frames does not.
 
-Exit code 1 where a pause was caused by writing, memory grew by 12 frames or more (by a sequence's
-own frames and 12, as each has a buffer), or a sequence took more than 1.15 times the camera's own
-time.
+Exit code 1 if writing caused a pause, if memory grew by 12 frames or more (in sequences by 12 more
+than the frames of the sequence, because each frame has a buffer), or if a sequence took more than
+1.15 times the camera's own time.
 """
 
 import argparse
@@ -35,7 +35,7 @@ MOST_FRAMES = 12
 
 
 def frames(width, height):
-    """Ramps with noise; those of the lights differ by an offset."""
+    """Return a function that gives noisy ramps; those of the lights differ by an offset."""
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 200, (height, width)).astype(np.uint16)
     ramp = np.linspace(500, 3000, width).astype(np.uint16)[None, :]
@@ -50,11 +50,11 @@ def own_bytes():
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith("RssAnon"):
             return int(line.split()[1]) * 1024
-    raise SystemExit("this system does not tell a process's own memory (RssAnon)")
+    raise SystemExit("this system does not report a process's own memory (RssAnon)")
 
 
 class Peak:
-    """The most memory while it watches."""
+    """Peak of the process's own memory inside the ``with``."""
 
     def __enter__(self):
         self.bytes = own_bytes()
@@ -76,10 +76,12 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--lights", type=int, default=36)
     parser.add_argument("--size", default="2448x2048")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
     parser.add_argument("--exposure-us", type=float, default=5000.0)
     parser.add_argument("--passes", type=int, default=3)
-    parser.add_argument("--out", type=Path, help="where the sessions go; default: a temporary one")
+    parser.add_argument(
+        "--out", type=Path, help="folder for the sessions; default: a temporary folder"
+    )
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     frame_bytes = 2 * width * height
@@ -112,7 +114,7 @@ def main():
 
 
 def one(options, mode, folder, virtual, camera, before, frame_bytes):
-    """Record one session, print its figures, and tell whether they are bad."""
+    """Record one session, print its figures, and return whether they are bad."""
     plan = CapturePlan(
         leds=tuple(range(options.lights)),
         exposures_us=(options.exposure_us,),
@@ -126,18 +128,18 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
         cpu, began = time.process_time(), time.perf_counter()
         session = record(rig, plan, folder, operator="", object_name="")
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
-    found = verify_session(folder)
+    report = verify_session(folder)
     pauses = [line for line in session.events if line.event == "paused"]
     grown = (peak.bytes - before) / frame_bytes
     print(
-        f"{mode:<9} {found.frames} frames of {frame_bytes / 1e6:.1f} MB in {wall:.2f} s = "
-        f"{wall / own_s:.3f} of the camera's {own_s:.2f} s, {cpu / found.frames * 1000:.0f} ms CPU "
-        f"a frame, {len(pauses)} pauses, memory +{grown:.1f} frames"
+        f"{mode:<9} {report.frames} frames of {frame_bytes / 1e6:.1f} MB in {wall:.2f} s = "
+        f"{wall / own_s:.3f} of the camera's {own_s:.2f} s, {cpu / report.frames * 1000:.0f} ms "
+        f"CPU per frame, {len(pauses)} pauses, memory +{grown:.1f} frames"
     )
-    whole = found.ok and found.complete
+    complete = report.ok and report.complete
     most = MOST_FRAMES + (len(plan.shots()) if mode == "sequence" else 0)
     slow = mode == "sequence" and wall > MOST_TIMES_CAMERA * own_s
-    return not whole or slow or bool(pauses) or grown >= most
+    return not complete or slow or bool(pauses) or grown >= most
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""The accuracy figures of docs/detail.md, on the maps of the folder named by SGP_DATA.
+"""Compute the accuracy figures of docs/detail.md from the maps in the folder SGP_DATA.
 
-First the mean errors in degrees of a transfer onto the five DiLiGenT targets (w=5, the source laid
-side by side): shape and detail by the separation's own filter, both by the paper's, both by its own
-after one refinement. Then each filter near depth jumps, over the same targets: the angle to z of
-the shape left in the detail, by its own filter and by the paper's, within 5 pixels of a step of
-more than 5 mm between neighbours; and the mean angle of the detail farther away, in degrees and
-as a share of that of the Gaussians. All are means of the targets' means.
+The first table has the mean errors in degrees of a transfer onto the five DiLiGenT targets (w=5,
+source tiled): shape and detail by the separation's own filter, both by the paper's filter, and both
+by the own filter after one refinement. The second table compares the filters near depth jumps on
+the same targets: the angle to z of the shape that is left in the detail, by the own filter and by
+the paper's, within 5 pixels of a step of more than 5 mm between neighbours; and the mean angle of
+the detail farther away, in degrees and as a share of that of the Gaussians. All figures are means
+of the targets' means.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ PAPER = ShapeFilter("gaussian", 1)
 
 
 def near_jumps(folder: Path, mask: Mask) -> Mask:
-    """The pixels of a mask that are near a step of the true depth inside it."""
+    """Return the pixels of a mask that are near a step of the true depth inside the mask."""
     with np.load(folder / "depth_gt.npz") as arrays:
         depth = arrays[arrays.files[0]].astype(np.float64)
     jumps = np.zeros(mask.shape, np.uint8)

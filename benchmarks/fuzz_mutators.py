@@ -1,4 +1,4 @@
-"""Damage done to files for `fuzz_readers.py`: by chance, by hand, and knowing some formats."""
+"""Mutations of files for `fuzz_readers.py`: random, from lists of bad values, and format-aware."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from random import Random
 Mutator = Callable[[bytes, Random], bytes]
 
 _HEADER = 512
-# What mutations may add, lest they take more memory than what is looked for.
+# Bytes that mutations may add; more would exceed the memory limit that the readers must keep.
 _LARGEST = 4_000_000
 _WORDS = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x10000, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 _DEEP = (100, 3000, 30_000)
@@ -32,7 +32,7 @@ _NESTS = (
 
 
 def mutated(data: bytes, dice: Random, text: bool) -> bytes:
-    """Return the data after one to four mutations that suit it."""
+    """Return the data after one to four mutations for text or binary files."""
     kinds = TEXT if text else BINARY
     most = len(data) + _LARGEST
     for _ in range(dice.choice((1, 1, 1, 2, 4))):
@@ -41,7 +41,7 @@ def mutated(data: bytes, dice: Random, text: bool) -> bytes:
 
 
 def _place(data: bytes, dice: Random) -> int:
-    """Draw a place, every other time from the header."""
+    """Draw a position, every other time from the header."""
     end = len(data) if dice.random() < 0.5 else min(len(data), _HEADER)
     return dice.randrange(end) if end else 0
 
@@ -55,7 +55,7 @@ def flip(data: bytes, dice: Random) -> bytes:
 
 
 def word(data: bytes, dice: Random) -> bytes:
-    """Put a number that is often mishandled in the place of 1, 2, 4 or 8 bytes."""
+    """Replace 1, 2, 4 or 8 bytes with a number that is often mishandled."""
     size = dice.choice("BHIQ")
     value = dice.choice(_WORDS) & ((1 << 8 * struct.calcsize(size)) - 1)
     at = _place(data, dice) & ~dice.choice((0, 1, 3))
@@ -138,11 +138,11 @@ def _times(piece: bytes, often: int) -> int:
 
 
 def _replaced(data: bytes, dice: Random, pattern: bytes, new: bytes) -> bytes:
-    # Long files: a few hundred places are enough to choose from.
-    found = [match.span() for _, match in zip(range(400), re.finditer(pattern, data), strict=False)]
-    if not found:
+    # A choice of a few hundred places is enough in long files.
+    spans = [match.span() for _, match in zip(range(400), re.finditer(pattern, data), strict=False)]
+    if not spans:
         return insert(data, dice)
-    start, end = dice.choice(found)
+    start, end = dice.choice(spans)
     return data[:start] + new + data[end:]
 
 
@@ -155,7 +155,7 @@ TEXT: tuple[Mutator, ...] = (
 
 
 def within_png(data: bytes, dice: Random) -> bytes:
-    """Damage one chunk of a PNG and make its CRC right again, so that the decoder sees it."""
+    """Damage one chunk of a PNG and correct its CRC, so that the decoder sees the damage."""
     chunks, at = [], 8
     while at + 12 <= len(data):
         length = int.from_bytes(data[at : at + 4])
@@ -172,7 +172,7 @@ def within_png(data: bytes, dice: Random) -> bytes:
 
 
 def within_mat(data: bytes, dice: Random) -> bytes:
-    """Damage what lies inside the compressed element of a MAT-5 file."""
+    """Damage the content of the compressed element of a MAT-5 file."""
     kind, size = struct.unpack("<II", data[128:136])
     if kind != 15:
         return mutated(data, dice, text=False)
@@ -181,7 +181,7 @@ def within_mat(data: bytes, dice: Random) -> bytes:
 
 
 def within_glb(data: bytes, dice: Random) -> bytes:
-    """Damage the JSON of a GLB and make the lengths right again."""
+    """Damage the JSON of a GLB file and correct the lengths."""
     size = int.from_bytes(data[12:16], "little")
     inner = mutated(data[20 : 20 + size], dice, text=True)
     inner += b" " * (-len(inner) % 4)
@@ -191,7 +191,7 @@ def within_glb(data: bytes, dice: Random) -> bytes:
 
 
 def within_journal(data: bytes, dice: Random) -> bytes:
-    """Damage a journal and seal every line anew, so that all hashes hold."""
+    """Damage a journal and compute the hash of every line again, so that all hashes match."""
     from acquisition._storage import sha256_of
 
     previous, lines = "0" * 64, []

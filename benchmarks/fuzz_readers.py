@@ -1,24 +1,24 @@
-"""Damage files and see whether every reader refuses them as it declares, quickly, in little memory.
+"""Damage files and check that every reader refuses them as declared, quickly, in little memory.
 
 python benchmarks/fuzz_readers.py [--files 10000] [--seed 0] [--only image,mesh] [--case image/17]
 
-Every reader of a file that somebody else may have written is given files with flipped bits, numbers
-that are often mishandled, deep nesting, pieces cut out, repeated and swapped. Each file is read in
-a process forked for it, so that a crash is seen and costs nothing. Read means: accepted, or refused
-with an error that the reader declares, with no warning, in less than 5 s of processor time and with
-less than 1 GB of memory more than before.
+Every reader of files from other people gets files with flipped bits, numbers that are often
+mishandled, deep nesting, and pieces that are cut out, repeated and swapped. Each file is read in a
+forked process, so that a crash is detected and does no harm. A file is read well if it is accepted,
+or refused with an error that the reader declares, without a warning, in less than 5 s of processor
+time and with less than 1 GB of additional memory.
 
-A case is named by reader and number, and depends on these and the seed alone: `--case image/17`
-makes its file again, leaves it under `--keep` and reads it in this process, with a stack trace.
+A case is named by reader and number, and depends only on these and the seed: `--case image/17`
+creates its file again, keeps it under `--keep` and reads it in this process, with a stack trace.
 
-Exit code 1 where a file was not read so.
+Exit code 1 if a file was read badly.
 """
 
 from __future__ import annotations
 
 import os
 
-# Threads do not survive a fork. Before any library is loaded that starts some.
+# Threads do not survive a fork. This must be set before a library that starts threads is loaded.
 os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 os.environ["NUMBA_THREADING_LAYER"] = "workqueue"
 
@@ -65,9 +65,9 @@ from simulator import MeshBody, read_scene
 
 SECONDS = 5.0
 MEGABYTES = 1000
-# By the clock a reader may take longer, where the machine has other work.
+# The wall time may be longer if the machine is busy.
 _PATIENCE_S = 20.0
-# Stops what would take the machine's memory.
+# Limit of the address space, so that a reader cannot take all memory of the machine.
 _ADDRESSES = 6 << 30
 
 
@@ -125,7 +125,7 @@ READERS: dict[str, Reader] = {
 
 @dataclass(frozen=True)
 class Case:
-    """One damaged file: the reader's number of it, what it was made of and which file differs."""
+    """One damaged file: its reader and number, the seed, the damaged file's name and content."""
 
     reader: str
     number: int
@@ -140,7 +140,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a file was read: ``read``, ``refused``, or what was wrong; its cost; the last words."""
+    """Result of reading: ``read``, ``refused`` or a kind of failure; its cost; the message."""
 
     verdict: str
     seconds: float
@@ -154,7 +154,7 @@ class Outcome:
 
 @dataclass
 class Tally:
-    """What a reader made of its files."""
+    """Results of one reader."""
 
     verdicts: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
@@ -167,38 +167,38 @@ class Tally:
 
 
 class Place:
-    """A folder with every seed laid out, one file of which is damaged for a moment."""
+    """A folder with the files of every seed, one of which is damaged at a time."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._laid: set[Path] = set()
+        self._written: set[Path] = set()
 
-    def lay(self, case: Case) -> Path:
-        """Lay out a case; return what the reader is given."""
+    def write(self, case: Case) -> Path:
+        """Write the files of a case; return the path for the reader."""
         folder = self._root / case.reader / case.seed.name
-        for name, data in case.seed.files.items() if folder not in self._laid else ():
+        for name, data in case.seed.files.items() if folder not in self._written else ():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
-        self._laid.add(folder)
+        self._written.add(folder)
         (folder / case.target).write_bytes(case.data)
         return folder / case.seed.entry
 
     def clean(self, case: Case) -> None:
-        """Put the whole file back."""
+        """Restore the undamaged file."""
         folder = self._root / case.reader / case.seed.name
         (folder / case.target).write_bytes(case.seed.files[case.target])
 
 
-def case_of(made: dict[str, list[Seed]], seed: int, reader: str, number: int) -> Case:
-    """Make a case; the same seed, reader and number give the same file."""
+def case_of(by_kind: dict[str, list[Seed]], seed: int, reader: str, number: int) -> Case:
+    """Create a case; the same seed, reader and number give the same file."""
     dice = Random(f"{seed} {reader} {number}")
-    whole = dice.choice(made[READERS[reader].kind])
-    target, data = drawn(whole, dice)
-    return Case(reader, number, whole, target, data)
+    undamaged = dice.choice(by_kind[READERS[reader].kind])
+    target, data = drawn(undamaged, dice)
+    return Case(reader, number, undamaged, target, data)
 
 
 def in_child(reader: Reader, path: Path) -> Outcome:
-    """Read a file in a process forked for it."""
+    """Read a file in a forked process."""
     receive, send = os.pipe()
     begun = time.monotonic()
     child = os.fork()
@@ -240,7 +240,7 @@ def _child(reader: Reader, path: Path, send: int) -> None:
         quiet = os.open(os.devnull, os.O_WRONLY)
         os.dup2(quiet, 1)
         os.dup2(quiet, 2)
-        # Less than its parent has: of libraries only what is used again.
+        # Less than that of the parent, because library pages count only when they are used again.
         os.write(send, f"{_resident_kb()}\n".encode())
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         resource.setrlimit(resource.RLIMIT_CPU, (int(SECONDS) * 2, int(SECONDS) * 2 + 1))
@@ -251,7 +251,7 @@ def _child(reader: Reader, path: Path, send: int) -> None:
             answer = "read\n"
         except reader.declared as error:
             answer = "refused\n" if "\n" not in str(error) else f"undeclared\nlines: {error}"
-        except BaseException as error:  # noqa: BLE001 - this is what is looked for
+        except BaseException as error:  # noqa: BLE001 - undeclared errors are what this program searches for
             where = traceback.extract_tb(error.__traceback__)
             place = next(
                 (f for f in reversed(where) if "site-packages" not in f.filename), where[-1]
@@ -271,7 +271,7 @@ def _resident_kb() -> int:
 
 def again(case: Case, keep: Path) -> int:
     """Read one case in this process, with a stack trace."""
-    path = Place(keep).lay(case)
+    path = Place(keep).write(case)
     print(f"{case.name}: {case.seed.name}, {case.target}, {len(case.data)} bytes, in {path}")
     try:
         print("read:", repr(READERS[case.reader].read(path))[:200])
@@ -281,18 +281,18 @@ def again(case: Case, keep: Path) -> int:
 
 
 def run(names: list[str], files: int, seed: int) -> int:
-    """Read so many damaged files; print a table and what was read badly."""
-    made = seeds()
+    """Read the given number of damaged files; print a table and the files that were read badly."""
+    by_kind = seeds()
     tallies = {name: Tally() for name in names}
     bad: list[tuple[Case, Outcome]] = []
     with tempfile.TemporaryDirectory(prefix="sgp-fuzz-", dir=_fast()) as root:
         place = Place(Path(root))
-        _warm(names, made, place)
-        gc.freeze()  # what the children do not touch stays shared
+        _warm(names, by_kind, place)
+        gc.freeze()  # memory that the children do not touch stays shared
         for index in range(files):
             name = names[index % len(names)]
-            case = case_of(made, seed, name, index // len(names))
-            outcome = in_child(READERS[name], place.lay(case))
+            case = case_of(by_kind, seed, name, index // len(names))
+            outcome = in_child(READERS[name], place.write(case))
             place.clean(case)
             tallies[name].add(outcome)
             if outcome.bad:
@@ -310,16 +310,16 @@ def _fast() -> str | None:
     return str(memory) if os.access(memory, os.W_OK) else None
 
 
-def _warm(names: list[str], made: dict[str, list[Seed]], place: Place) -> None:
-    """Read every whole file once: each must be accepted, and what is loaded late is loaded."""
+def _warm(names: list[str], by_kind: dict[str, list[Seed]], place: Place) -> None:
+    """Read every undamaged file once, so that libraries are loaded; report refused files."""
     for name in names:
-        for seed in made[READERS[name].kind]:
+        for seed in by_kind[READERS[name].kind]:
             target = seed.targets[0]
-            path = place.lay(Case(name, 0, seed, target, seed.files[target]))
+            path = place.write(Case(name, 0, seed, target, seed.files[target]))
             try:
                 READERS[name].read(path)
             except READERS[name].declared as error:
-                # A point cloud is no mesh, an EXR no frame.
+                # For example, a point cloud is not a mesh, and an EXR is not a frame.
                 print(f"{name}: {seed.name} is refused undamaged: {error}"[:150])
 
 
@@ -342,14 +342,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--files", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default=",".join(READERS), help="readers, with commas between")
+    parser.add_argument("--only", default=",".join(READERS), help="readers, separated by commas")
     parser.add_argument("--case", help="reader/number of one case to read again")
-    parser.add_argument("--keep", type=Path, default=Path("fuzz-case"), help="where its file stays")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-case"), help="folder for its file")
     options = parser.parse_args()
     oiio.attribute("threads", 1)
     oiio.attribute("exr_threads", -1)
     cv2.setNumThreads(0)
-    # A warning that reaches a person is an error nobody declared.
+    # A warning counts as an undeclared error.
     warnings.simplefilter("error")
     if options.case:
         reader, _, number = options.case.partition("/")

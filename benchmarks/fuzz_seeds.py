@@ -1,4 +1,4 @@
-"""The whole files that `fuzz_readers.py` damages: made here, and real ones under SGP_DATA."""
+"""Undamaged files for `fuzz_readers.py`: generated here, and real ones from SGP_DATA."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ from acquisition import (
 )
 from simulator import scene_named, write_scene
 
-# Real files above this size would make the runs slow, not better.
+# Larger real files would only make the runs slower.
 _LARGEST = 800_000
 _TEXTS = {
     ".toml", ".json", ".jsonl", ".lp", ".txt", ".yml", ".yaml", ".xml", ".obj", ".off", ".xyz",
 }  # fmt: skip
-_KNOWING: dict[str, Mutator] = {
+_BY_FORMAT: dict[str, Mutator] = {
     ".png": within_png,
     ".mat": within_mat,
     ".glb": within_glb,
@@ -54,18 +54,18 @@ _KNOWING: dict[str, Mutator] = {
 
 @dataclass(frozen=True)
 class Seed:
-    """A file or folder that a reader reads.
+    """A file or folder for a reader.
 
     Parameters
     ----------
     name
-        For reports.
+        Name in reports.
     files
-        Contents by name inside a folder.
+        Contents of the files by name inside the folder.
     targets
-        Those that are damaged.
+        Names of the files that may be damaged.
     entry
-        What the reader is given, inside the folder; empty for the folder itself.
+        Path for the reader inside the folder; empty for the folder itself.
     """
 
     name: str
@@ -75,24 +75,24 @@ class Seed:
 
 
 def is_text(name: str, data: bytes) -> bool:
-    """Tell how a file is best damaged."""
+    """Return whether a file should be damaged as text."""
     if Path(name).suffix in _TEXTS or Path(name).name == "COMPLETE":
         return True
     return data[:4] in (b"ply\n", b"soli") and b"format binary" not in data[:60]
 
 
-def knowing(name: str) -> Mutator | None:
-    """Return the mutator that knows a format, if there is one."""
-    return _KNOWING.get(Path(name).suffix)
+def format_mutator(name: str) -> Mutator | None:
+    """Return the mutator for a file format, if there is one."""
+    return _BY_FORMAT.get(Path(name).suffix)
 
 
 def single(path: Path) -> Seed:
-    """Make a seed of one file."""
+    """Return a seed of one file."""
     return Seed(path.name, {path.name: path.read_bytes()}, (path.name,), path.name)
 
 
 def folder(path: Path, *targets: str, entry: str = "") -> Seed:
-    """Make a seed of a folder."""
+    """Return a seed of a folder."""
     files = {
         str(file.relative_to(path)): file.read_bytes()
         for file in sorted(path.rglob("*")) if file.is_file()
@@ -102,19 +102,19 @@ def folder(path: Path, *targets: str, entry: str = "") -> Seed:
 
 
 def seeds() -> dict[str, list[Seed]]:
-    """Return every seed by the kind of reader that takes it."""
+    """Return all seeds by the kind of reader."""
     with tempfile.TemporaryDirectory(prefix="sgp-seeds-") as name:
         root = Path(name)
-        made: dict[str, list[Seed]] = {}
+        by_kind: dict[str, list[Seed]] = {}
         for kind, maker in _MAKERS.items():
             place = root / kind
             place.mkdir()
-            made[kind] = [*maker(place), *_given(kind)]
-        return made
+            by_kind[kind] = [*maker(place), *_real(kind)]
+        return by_kind
 
 
-def _given(kind: str) -> Iterator[Seed]:
-    """Yield real files."""
+def _real(kind: str) -> Iterator[Seed]:
+    """Yield seeds of real files."""
     data = os.environ.get("SGP_DATA")
     patterns = {
         "image": ("uw/cat/cat.0.tga", "diligent/bearPNG/001.png", "reliefs/160.jpg"),
@@ -197,7 +197,7 @@ def _raws(root: Path) -> Iterator[Seed]:
 
 
 def dng(pixels: np.ndarray, order: str = "<") -> bytes:
-    """Lay out a DNG after Adobe's specification 1.4, uncompressed."""
+    """Build an uncompressed DNG file (Adobe's specification 1.4)."""
     height, width = pixels.shape
     samples = pixels.astype(order + "u2").tobytes()
     kinds = {1: "B", 2: "s", 3: "H", 4: "I", 5: "I", 10: "i"}
@@ -451,10 +451,10 @@ _MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
 
 
 def drawn(seed: Seed, dice: Random) -> tuple[str, bytes]:
-    """Choose a file of a seed and damage it; return its name and what it holds then."""
+    """Choose a file of a seed and damage it; return its name and its damaged content."""
     name = dice.choice(seed.targets)
     data = seed.files[name]
-    knows = knowing(name)
-    if knows is not None and dice.random() < 0.5:
-        return name, knows(data, dice)
+    mutator = format_mutator(name)
+    if mutator is not None and dice.random() < 0.5:
+        return name, mutator(data, dice)
     return name, mutated(data, dice, is_text(name, data))

@@ -1,4 +1,4 @@
-"""What the benchmarks share: their command line, and what a piece of work costs."""
+"""Shared parts of the benchmarks: the command line, and the measurement of costs."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-# Idle threads of numba's OpenMP pool would spin, and count as work.
+# Otherwise idle threads of numba's OpenMP pool would spin and count as CPU time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-# Ends with the process that started it, however that one ends.
+# Ends when the parent process ends, for any reason.
 _BUSY = """
 import os, sys
 while os.getppid() == int(sys.argv[1]):
@@ -31,21 +31,22 @@ while os.getppid() == int(sys.argv[1]):
 """
 
 P = ParamSpec("P")
-Made = TypeVar("Made")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a piece of work took.
+    """Cost of a piece of work.
 
     Parameters
     ----------
     cpu_s
-        Of all threads.
+        CPU seconds of all threads.
     wall_s
-        By the clock.
+        Wall time, seconds.
     peak_bytes
-        Resident memory at its peak above what was there before; NaN where the system does not tell.
+        Peak of the resident memory above that before the work; NaN if the system does not report
+        it.
     """
 
     cpu_s: float
@@ -62,20 +63,20 @@ class _Help(argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpF
 
 
 def command_line(doc: str | None) -> argparse.ArgumentParser:
-    """Return a parser whose help page is a benchmark's docstring, with defaults of the options."""
+    """Return a parser whose help page is the docstring of a benchmark and the options' defaults."""
     return argparse.ArgumentParser(description=doc, formatter_class=_Help)
 
 
 def busy_option(parser: argparse.ArgumentParser) -> None:
     """Add the option ``--busy``, the number of processes for `busy`."""
     parser.add_argument(
-        "--busy", type=int, default=0, help="processes that compute without pause meanwhile"
+        "--busy", type=int, default=0, help="number of processes that compute all the time"
     )
 
 
 @contextmanager
 def busy(count: int) -> Iterator[None]:
-    """Keep so many processes computing without pause, at normal priority, inside the ``with``."""
+    """Keep ``count`` processes computing at normal priority inside the ``with``."""
     words = [sys.executable, "-c", _BUSY, str(os.getpid())]
     started: list[subprocess.Popen[bytes]] = []
     try:
@@ -88,23 +89,23 @@ def busy(count: int) -> Iterator[None]:
             process.wait()
 
 
-def measured(work: Callable[[], Made], runs: int = 1) -> tuple[Cost, Made]:
-    """Do some work; return the least that one of its runs took, and what the last one made."""
+def measured(work: Callable[[], Result], runs: int = 1) -> tuple[Cost, Result]:
+    """Run some work; return the minimum cost over the runs, and the result of the last run."""
     costs = []
     for _ in range(runs):
-        made = None  # what the run before made is not resident in this one
+        result = None  # frees the result of the previous run
         before = _peak_begins()
         cpu, wall = time.process_time(), time.perf_counter()
-        made = work()
+        result = work()
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         costs.append((cpu, wall, resident_bytes("VmHWM") - before))
-    return Cost(*map(min, zip(*costs, strict=True))), made
+    return Cost(*map(min, zip(*costs, strict=True))), result
 
 
 def copy_s(values: npt.NDArray[Any]) -> float:
-    """Return the CPU seconds of copying an array, the yardstick of what goes through memory.
+    """Return the CPU seconds for copying an array, a yardstick for work limited by memory.
 
-    The copy goes to memory that is there already; asking the system for it would take longer.
+    The copy is written to allocated memory; requesting it from the system would take longer.
     """
     target = np.zeros_like(values)
     spent = []
@@ -115,14 +116,14 @@ def copy_s(values: npt.NDArray[Any]) -> float:
     return min(spent)
 
 
-def alone(work: Callable[P, Made], *args: P.args, **kwargs: P.kwargs) -> Made:
+def alone(work: Callable[P, Result], *args: P.args, **kwargs: P.kwargs) -> Result:
     """Call a function of the benchmark in a process of its own.
 
-    Memory that a process has freed and kept would hide what the next work takes.
+    In the same process, memory that was freed but kept would hide the memory of the next work.
     """
-    # Freed blocks go back to the system at once. Threads of BLAS would spin, as those of OpenMP: on
-    # vectors that costs scipy's solvers many times their work.
-    # And the new process starts without the working directory on its search path.
+    # Freed blocks are returned to the system at once. BLAS uses one thread, because idle threads
+    # would spin and cost scipy's solvers many times their work on vectors.
+    # The new process starts without the working directory on its search path.
     os.environ |= {
         "MALLOC_MMAP_THRESHOLD_": "65536",
         "OPENBLAS_NUM_THREADS": "1",
@@ -133,7 +134,7 @@ def alone(work: Callable[P, Made], *args: P.args, **kwargs: P.kwargs) -> Made:
 
 
 def resident_bytes(entry: str = "VmRSS") -> float:
-    """Return the memory that this process holds, or held at most; NaN where nothing tells."""
+    """Return the resident memory of this process, or its peak; NaN if it is not reported."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     except OSError:
@@ -142,9 +143,9 @@ def resident_bytes(entry: str = "VmRSS") -> float:
 
 
 def _peak_begins() -> float:
-    """Make the system count the peak of resident memory anew; return what is resident now."""
+    """Reset the system's peak of the resident memory; return the memory that is resident now."""
     try:
-        # What was freed goes back to the system, else it would hide what is used from here on.
+        # Return freed memory to the system, because it would hide memory that is used later.
         ctypes.CDLL(None).malloc_trim(0)
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     except (OSError, AttributeError):

@@ -1,11 +1,11 @@
-"""Surface from normals: multigrid-preconditioned CG beside scipy's solvers on the same problem.
+"""Surface from normals: compare multigrid-preconditioned CG with scipy's solvers.
 
-Each row is a disc with a hole, a wavy surface with 1 degree of noise on its normals, solved to a
-relative residual of 1e-6 with warm caches, in a process of its own. scipy's solvers get the matrix
-ready, multigrid the edges that it is made of; "integrate, whole" is the whole call on a normal map.
-CPU seconds are of all threads. "bytes/px" is the peak of the resident memory above what was there
-before, per pixel of the bounding box (on Linux). The last two columns are CPU seconds and memory
-over those of multigrid CG.
+Each row is a disc with a hole and a wavy surface with 1 degree of noise on its normals, solved to a
+relative residual of 1e-6 with warm caches, in a process of its own. scipy's solvers get the
+finished matrix, multigrid gets the edges from which it is built; "integrate, whole" is the complete
+call on a normal map. CPU seconds are those of all threads. "bytes/px" is the growth of the peak of
+resident memory per pixel of the bounding box (on Linux). The last two columns are CPU seconds and
+memory relative to multigrid CG.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ System = tuple[sparse.csc_array, npt.NDArray[np.float64]]
 
 
 def side(pixels: int) -> int:
-    """The bounding box of a mask of so many pixels."""
+    """Return the side of the bounding box of a mask with ``pixels`` pixels."""
     return round(np.sqrt(pixels / (0.9 * np.pi / 4 - 0.005 * np.pi)))
 
 
@@ -44,13 +44,13 @@ def normal_map(pixels: int) -> NormalMap:
 
 
 def problem(pixels: int) -> Graph:
-    given = normal_map(pixels)
-    right, down, step_right, step_down = orthographic_edges(given.normals, given.mask)
+    normals = normal_map(pixels)
+    right, down, step_right, step_down = orthographic_edges(normals.normals, normals.mask)
     return right, down, divergence(right, down, step_right, step_down)
 
 
 def as_matrix(pixels: int) -> System:
-    """The Laplacian on the mask's pixels; the first is held at 0, which makes it regular."""
+    """Return the Laplacian on the mask; the first pixel is fixed at 0, so that it is regular."""
     right, down, b = problem(pixels)
     linked = right + np.roll(right, 1, 1) + down + np.roll(down, 1, 0) > 0
     number = np.full(right.shape, -1)
@@ -89,12 +89,12 @@ def jacobi(system: System) -> int:
     return steps[0]
 
 
-def whole(given: NormalMap) -> int:
-    return integrate(given).iterations
+def whole(normals: NormalMap) -> int:
+    return integrate(normals).iterations
 
 
 OURS = "multigrid CG"
-# What each is given, and what it does with that.
+# For each solver: the function that builds its input, and the function that solves it.
 SOLVERS: dict[str, tuple[Callable[[int], Any], Callable[[Any], int]]] = {
     OURS: (problem, ours),
     "integrate, whole": (normal_map, whole),
@@ -105,18 +105,22 @@ SOLVERS: dict[str, tuple[Callable[[int], Any], Callable[[Any], int]]] = {
 
 def measure(name: str, pixels: int) -> tuple[Cost, int]:
     make, solved = SOLVERS[name]
-    given = make(pixels)
-    solved(given)  # compiles, fills caches
-    return measured(lambda: solved(given))
+    system = make(pixels)
+    solved(system)  # compiles, fills caches
+    return measured(lambda: solved(system))
 
 
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument(
-        "--pixels", type=int, nargs="+", default=[119_000, 475_000, 1_900_000], help="in the mask"
+        "--pixels",
+        type=int,
+        nargs="+",
+        default=[119_000, 475_000, 1_900_000],
+        help="pixels in the mask",
     )
     parser.add_argument(
-        "--scipy-limit", type=int, default=200_000, help="no more pixels for scipy's solvers"
+        "--scipy-limit", type=int, default=200_000, help="most pixels for scipy's solvers"
     )
     options = parser.parse_args()
     print(
@@ -124,16 +128,16 @@ def main() -> None:
         f"{'bytes/px':>9} {'x CPU':>6} {'x memory':>8}"
     )
     for pixels in options.pixels:
-        found: dict[str, Cost] = {}
+        costs: dict[str, Cost] = {}
         for name in SOLVERS:
             if name.startswith("scipy") and pixels > options.scipy_limit:
                 continue
             cost, iterations = alone(measure, name, pixels)
-            found[name] = cost
+            costs[name] = cost
             print(
                 f"{name:18} {pixels:9,d} {cost.cpu_s:8.2f} {cost.wall_s:8.2f} {iterations:10d} "
-                f"{cost.peak_bytes / side(pixels) ** 2:9.0f} {cost.cpu_s / found[OURS].cpu_s:6.1f} "
-                f"{cost.peak_bytes / found[OURS].peak_bytes:8.1f}",
+                f"{cost.peak_bytes / side(pixels) ** 2:9.0f} {cost.cpu_s / costs[OURS].cpu_s:6.1f} "
+                f"{cost.peak_bytes / costs[OURS].peak_bytes:8.1f}",
                 flush=True,
             )
 

@@ -1,7 +1,7 @@
-"""Laplacian editing solved by CHOLMOD: a process that ``baselines.py`` starts, if cvxopt is there.
+"""Laplacian editing solved by CHOLMOD, in a process that ``baselines.py`` starts.
 
-CHOLMOD's supernodal factorisation is under the GPL, as is cvxopt, which brings it along: they run
-here and nowhere else, and nothing of the program imports them.
+It needs cvxopt. CHOLMOD's supernodal factorisation and cvxopt, which contains it, are under the
+GPL: they are used only here, and the program never imports them.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ METHOD = "LAPL, CHOLMOD"
 
 
 def by_cholmod(matrix: sparse.csc_array) -> Callable[[Double], Double]:
-    """Factorise by CHOLMOD: approximate minimum degree, supernodes."""
+    """Factorise with CHOLMOD: approximate minimum degree, supernodes."""
     cvxopt, cholmod = import_module("cvxopt"), import_module("cvxopt.cholmod")
     cholmod.options["supernodal"] = 2
     lower = sparse.coo_array(sparse.tril(matrix))
-    given = cvxopt.spmatrix(lower.data, lower.row, lower.col, lower.shape)
-    factors = cholmod.symbolic(given)
-    cholmod.numeric(given, factors)
+    system = cvxopt.spmatrix(lower.data, lower.row, lower.col, lower.shape)
+    factors = cholmod.symbolic(system)
+    cholmod.numeric(system, factors)
 
     def solve(b: Double) -> Double:
         x = cvxopt.matrix(b)

@@ -1,11 +1,11 @@
-"""Faces set into other surfaces: the seam in figures, and the pictures in docs/detail.md.
+"""Faces set into other surfaces: figures of the seam, and the pictures in docs/detail.md.
 
-The faces need the folder named by SGP_DATA. For each pair: the angular step across the seam over
-that inside, with and without the membrane, the detail error over the region by the separation's own
-filter and by the paper's, and CPU seconds with warm caches. Each picture shows the source as it is
-placed, the target, the part pasted, and the part set in. Then what a part of about the given number
-of pixels costs, the target 4 times as large: CPU seconds of all threads, the same in copies of the
-target's map, and the peak of resident memory.
+The faces need the folder SGP_DATA. For each pair the first table has the angular step across the
+seam relative to that inside, with and without the membrane; the detail error over the region by the
+separation's own filter and by the paper's; and CPU seconds with warm caches. Each picture shows the
+placed source, the target, the pasted part, and the part set in. Afterwards the costs of a part with
+about the given number of pixels in a target 4 times as large are printed: CPU seconds of all
+threads, the same in copies of the target's map, and the peak of resident memory.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from processing import NormalMap, read_normals, transfer_local
 from sgp._overview import Panel, write_overview
 from sgp._paper.faces import FACES
 
-# What the pictures show of the target: first column and row, side.
+# Section of the target in the pictures: first column, first row, side.
 VIEW = (215, 92, 180)
 
 
 def shaded(title: str, normal_map: NormalMap) -> Panel:
-    """Show normals lit from the upper left."""
+    """Return a panel of the normals, lit from the upper left."""
     x, y, side = VIEW
     shade = np.clip(normal_map.normals @ np.array([-0.4, 0.5, 0.77], np.float32), 0, 1)
     shade[~normal_map.mask] = 1
@@ -51,9 +51,13 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--out", type=Path, help="folder for the pictures")
     parser.add_argument(
-        "--pixels", type=int, nargs="*", default=[300_000, 1_000_000], help="of the parts timed"
+        "--pixels",
+        type=int,
+        nargs="*",
+        default=[300_000, 1_000_000],
+        help="pixels of the timed parts",
     )
-    given = parser.parse_args()
+    options = parser.parse_args()
     if "SGP_DATA" in os.environ:
         folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
         print("pair           | seam/interior | pasted | detail error (paper's filter) | CPU s")
@@ -68,20 +72,20 @@ def main() -> None:
                 f"{pasted.seam.ratio:6.2f} | {done.fidelity.detail_mae_deg:.2f} "
                 f"({done.fidelity_paper.detail_mae_deg:.2f}) deg               | {cost.cpu_s:.2f}"
             )
-            if given.out is not None:
+            if options.out is not None:
                 panels = [
                     shaded(f"{face.source}, as placed", done.placed),
                     shaded(face.target, target),
                     shaded("pasted", pasted.normal_map),
                     shaded("set in", done.normal_map),
                 ]
-                given.out.mkdir(parents=True, exist_ok=True)
+                options.out.mkdir(parents=True, exist_ok=True)
                 name = f"local-{face.source}-{face.target}.png"
-                write_overview(given.out / name, "", panels)
+                write_overview(options.out / name, "", panels)
     else:
-        print("SGP_DATA is not set: no faces")
+        print("SGP_DATA is not set: no faces are measured")
     transfer_local(relief(64, 0), relief(64, 1))
-    for pixels in given.pixels:
+    for pixels in options.pixels:
         side = round(np.sqrt(pixels))
         source, target = relief(side, 0), relief(2 * side, 1)
         cost, done = measured(partial(transfer_local, source, target, at=(side, side)))

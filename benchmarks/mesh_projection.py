@@ -1,8 +1,9 @@
-"""First hits of camera rays: meshes by the tree, height fields by Newton's method and the march.
+"""First hits of camera rays: on meshes by a tree, on height fields by Newton's method and marching.
 
-Warm caches, the least CPU seconds of three runs, all threads together. "tree s" grows the tree of a
-mesh, "trace s" finds the first hits, "blocked s" asks for every hit whether a lamp is hidden.
-"copies" relates tracing to one copy of the rays in memory; "MB" is its peak of resident memory.
+Times are the minimum CPU seconds of three runs with warm caches, of all threads together. "tree s"
+is the construction of a mesh's tree, "trace s" finds the first hits, "blocked s" tests for every
+hit whether a light is hidden. "copies" is the time of tracing relative to one copy of the rays in
+memory; "MB" is its peak of resident memory.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ def warm(work: Callable[[], object]) -> Cost:
 
 def main() -> None:
     parser = command_line(__doc__)
-    parser.add_argument("mesh", nargs="*", help="mesh files; a ball of 80 k faces without any")
-    parser.add_argument("--pixels", type=int, default=1_000_000, help="rays")
-    given = parser.parse_args()
-    side = round(given.pixels**0.5)
+    parser.add_argument("mesh", nargs="*", help="mesh files; default: a ball of 80 k faces")
+    parser.add_argument("--pixels", type=int, default=1_000_000, help="number of rays")
+    options = parser.parse_args()
+    side = round(options.pixels**0.5)
     across = (np.arange(side) - (side - 1) / 2) / side * 0.29
     x, y = np.meshgrid(across, -across)
     rays = np.stack([x, y, np.full_like(x, -1.0)], axis=-1)
@@ -42,8 +43,8 @@ def main() -> None:
         f"{'body':24} {'faces':>7} {'tree s':>7} {'trace s':>8} {'copies':>7} {'MB':>7} "
         f"{'blocked s':>9}"
     )
-    if given.mesh:
-        bodies = [MeshBody.read(path, radius_mm=80.0) for path in given.mesh]
+    if options.mesh:
+        bodies = [MeshBody.read(path, radius_mm=80.0) for path in options.mesh]
     else:
         ball = trimesh.creation.icosphere(subdivisions=6, radius=70.0)
         vertices = np.asarray(ball.vertices) + np.array([0.0, 0.0, 70.0])

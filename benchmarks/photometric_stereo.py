@@ -1,8 +1,8 @@
-"""What photometric stereo costs, in copies of its stack, and how exact it is on real captures.
+"""Cost of photometric stereo, in copies of its stack, and its accuracy on real captures.
 
-CPU seconds are of all threads together; set NUMBA_NUM_THREADS for their number. "peak MiB" is the
-growth of the resident memory. "numpy pinv" is least squares the short way, on the same stack. The
-accuracy part runs where the variable SGP_DATA names the data.
+CPU seconds are those of all threads together; NUMBA_NUM_THREADS sets their number. "peak MiB" is
+the growth of the resident memory. "numpy pinv" is plain least squares on the same stack. The
+accuracy part runs if the variable SGP_DATA names the folder of the data.
 """
 
 import os
@@ -27,7 +27,7 @@ def dome(count):
 
 
 def bumpy_stack(directions, height, width):
-    """A relief with attached shadows and noise, made image by image."""
+    """Return a stack of a relief with attached shadows and noise, rendered image by image."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     normals = np.stack([0.8 * np.sin(x / 9), 0.8 * np.cos(y / 13), np.ones_like(x)])
@@ -40,7 +40,7 @@ def bumpy_stack(directions, height, width):
 
 
 def naive(values, directions):
-    """Least squares the short way, for comparison: one product of matrices."""
+    """Solve plain least squares by one matrix product, for comparison."""
     inverse = np.linalg.pinv(directions).astype(np.float32)
     m = inverse @ values.reshape(len(values), -1)
     length = np.linalg.norm(m, axis=0)
@@ -114,14 +114,14 @@ def accuracy(folder):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--megapixels", type=float, default=1.0, help="of each image")
-    parser.add_argument("--lights", type=int, default=36, help="images")
+    parser.add_argument("--megapixels", type=float, default=1.0, help="megapixels per image")
+    parser.add_argument("--lights", type=int, default=36, help="number of images")
     options = parser.parse_args()
     cost(options.lights, options.megapixels)
     if "SGP_DATA" in os.environ:
         accuracy(Path(os.environ["SGP_DATA"]) / "diligent")
     else:
-        print("\nSGP_DATA is not set: no real captures")
+        print("\nSGP_DATA is not set: real captures are not measured")
 
 
 if __name__ == "__main__":

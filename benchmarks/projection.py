@@ -1,9 +1,9 @@
-"""Meshes and point clouds to normal maps: CPU seconds, copies of the image, memory.
+"""Projection of meshes and point clouds to normal maps: CPU seconds, copies of the image, memory.
 
-Each row in a process of its own, warm caches, CPU seconds of all threads. "camera" is seen in
-perspective; "shuffled" has its faces in random order, which no scanner or modeller writes. "copies"
-relates the time to one copy of the normal map; "MB" is the peak above what was resident with the
-mesh loaded (on Linux).
+Each row is measured in a process of its own with warm caches; CPU seconds are those of all threads.
+"camera" is a perspective view; "shuffled" has its faces in random order, unlike the files of any
+scanner or modelling program. "copies" is the time relative to one copy of the normal map; "MB" is
+the growth of the peak memory after the mesh is loaded (on Linux).
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ def shuffled(mesh: Geometry) -> Geometry:
 
 
 def on_the_ball(points: int) -> Geometry:
-    found: npt.NDArray[np.float64] = np.random.default_rng(0).normal(size=(points, 3))
-    return Geometry(50 * found / np.linalg.norm(found, axis=1, keepdims=True))
+    vectors: npt.NDArray[np.float64] = np.random.default_rng(0).normal(size=(points, 3))
+    return Geometry(50 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
 KINDS = {
@@ -56,7 +56,7 @@ def perspective(side: int) -> CameraModel:
 
 
 def measure(kind: str, count: int, side: int) -> tuple[Cost, int, float]:
-    """Return what it took, how many faces or points were drawn, and the share of pixels covered."""
+    """Return the cost, the number of drawn faces or points, and the share of covered pixels."""
     camera = perspective(side) if kind == "mesh, camera" else None
     project(KINDS[kind](2000), size=(side, side), camera=camera)  # compiles
     geometry = KINDS[kind](count)
@@ -68,9 +68,11 @@ def measure(kind: str, count: int, side: int) -> tuple[Cost, int, float]:
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument(
-        "--faces", type=int, nargs="+", default=[500_000, 5_000_000], help="of the meshes"
+        "--faces", type=int, nargs="+", default=[500_000, 5_000_000], help="faces of the meshes"
     )
-    parser.add_argument("--points", type=int, nargs="+", default=[100_000], help="of the clouds")
+    parser.add_argument(
+        "--points", type=int, nargs="+", default=[100_000], help="points of the clouds"
+    )
     parser.add_argument("--size", type=int, default=2000, help="side of the square image in pixels")
     options = parser.parse_args()
     copy = copy_s(np.ones((options.size, options.size, 3), np.float32))

@@ -1,8 +1,8 @@
-"""What rendering costs, in copies of the stack it makes, and how it grows with the image.
+"""Cost of rendering, in copies of the rendered stack, and its growth with the image size.
 
-CPU seconds are of all threads together; set NUMBA_NUM_THREADS for their number. The object is the
-coin, which fills two thirds of the field; `steep` has four times its relief, so that a fifth of it
-lies in some light's shadow. Sizes up to --large megapixels are drawn with few lights.
+CPU seconds are those of all threads together; NUMBA_NUM_THREADS sets their number. The object is
+the coin, which fills two thirds of the image; `steep` has four times its relief, so that a fifth of
+it is in the shadow of some light. Sizes up to --large megapixels are rendered with few lights.
 """
 
 from dataclasses import replace
@@ -27,8 +27,8 @@ def scenes(megapixels, lights):
 
 
 def row(name, scene, copies=True):
-    cost, made = measured(lambda: render(scene))
-    planes = made.planes
+    cost, rendering = measured(lambda: render(scene))
+    planes = rendering.planes
     copy = f"{cost.cpu_s / copy_s(planes):9.0f}" if copies else ""
     print(
         f"{name:28}{cost.cpu_s:8.2f}{cost.wall_s:8.2f}{cost.cpu_s / planes[0].size * 1e6:8.2f}"
@@ -38,8 +38,8 @@ def row(name, scene, copies=True):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--megapixels", type=float, default=1.0, help="of each image")
-    parser.add_argument("--lights", type=int, default=36, help="images")
+    parser.add_argument("--megapixels", type=float, default=1.0, help="megapixels per image")
+    parser.add_argument("--lights", type=int, default=36, help="number of images")
     parser.add_argument(
         "--large", type=float, default=20.0, help="largest image of the second table, megapixels"
     )
@@ -54,9 +54,9 @@ def main():
     print("\n" + head + "   4 lights")
     sizes = [size for size in (0.3, 1.0, 5.0, 20.0) if size <= options.large]
     for size in sizes:
-        made = scenes(size, 4)
+        sized = scenes(size, 4)
         for name in ("without cast shadows", "with cast shadows"):
-            row(f"{size:g} Mpx {name}", made[name], copies=False)
+            row(f"{size:g} Mpx {name}", sized[name], copies=False)
 
 
 if __name__ == "__main__":

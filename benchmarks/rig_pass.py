@@ -1,10 +1,10 @@
-"""A pass over all lights: what the rig adds to the time that the camera itself needs.
+"""A pass over all lights: measure the time that the rig adds to the camera's own time.
 
-The virtual camera delivers frames composed beforehand, at most --rate a second. Its own time is one
-frame period for each light. CPU seconds are of this process, the camera's threads among them.
+The virtual camera delivers precomposed frames, at most --rate per second. Its own time is one frame
+period per light. CPU seconds are those of this process, including the camera's threads.
 
-Exit code 1 where the board's sequence takes more than 1.15 times that, or single shots triggered by
-software more than 1.5 times.
+Exit code 1 if the board's sequence takes more than 1.15 times the camera's own time, or single
+shots triggered by software more than 1.5 times.
 """
 
 import statistics
@@ -19,7 +19,7 @@ from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
 
 PASSES = 3
-# Of the camera's own time.
+# Limits, in multiples of the camera's own time.
 MOST = {"software": 1.5, "sequence": 1.15}
 
 
@@ -41,17 +41,17 @@ def taken(rig, mode, leds, exposure_us):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--lights", type=int, default=36, help="shots of a pass")
-    parser.add_argument("--size", default="2448x2048", help="pixels of the camera")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0, help="of each shot")
+    parser.add_argument("--lights", type=int, default=36, help="shots per pass")
+    parser.add_argument("--size", default="2448x2048", help="image size in pixels")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
+    parser.add_argument("--exposure-us", type=float, default=5000.0, help="exposure time per shot")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     own_s = options.lights / options.rate
     leds = list(range(options.lights))
     print(
         f"{options.lights} lights, {width} x {height}, {options.exposure_us:g} us, camera of "
-        f"{options.rate:g} frames/s: {own_s:.2f} s of its own; median of {PASSES} passes"
+        f"{options.rate:g} frames/s: its own time is {own_s:.2f} s; median of {PASSES} passes"
     )
     with (
         VirtualBoard(options.lights) as virtual,
@@ -84,7 +84,9 @@ def main():
                     ):
                         seen = int(shot.frame.pixels[0, 0]) - 1
                         if not led == shot.led == seen:
-                            raise SystemExit(f"LED {led}: told {shot.led}, the frame is of {seen}")
+                            raise SystemExit(
+                                f"LED {led}: reported as {shot.led}, the frame shows {seen}"
+                            )
                     walls.append(time.perf_counter() - wall)
                     busy.append(time.process_time() - cpu)
             wall = statistics.median(walls)
@@ -95,7 +97,7 @@ def main():
             if mode in MOST and wall > MOST[mode] * own_s:
                 slow.append(mode)
     for mode in slow:
-        print(f"  ! {mode} takes more than {MOST[mode]:g} of the camera's time")
+        print(f"  ! {mode} takes more than {MOST[mode]:g} times the camera's time")
     return 1 if slow else 0
 
 

@@ -1,9 +1,9 @@
-"""What separation and transfer cost, in CPU seconds, copies of the map and memory.
+"""Cost of separation and transfer, in CPU seconds, copies of the map and memory.
 
-CPU seconds are of all threads together, the least of three runs with warm caches; set
-NUMBA_NUM_THREADS for their number. "copies" are CPU seconds over those of a copy of the map, "maps"
-the growth of peak memory over the map's own bytes (on Linux); the outputs of a separation are two
-maps, of a transfer (``combine``) one.
+CPU seconds are those of all threads together, the minimum of three runs with warm caches;
+NUMBA_NUM_THREADS sets the number of threads. "copies" is the ratio of the CPU seconds to those of a
+copy of the map, "maps" the growth of the peak memory relative to the size of the map (on Linux).
+The results of a separation are two maps, that of a transfer (``combine``) is one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from processing import FilterKind, NormalMap, ShapeFilter, combine, separate
 
 
 def relief(megapixels: float) -> NormalMap:
-    """Waves all over the frame under noise of 6 degrees."""
+    """Return the normals of waves over the full frame with 6 degrees of noise."""
     height, width = (round((megapixels * 1e6 * side) ** 0.5) for side in (4 / 5, 5 / 4))
     y, x = np.mgrid[:height, :width].astype(np.float32)
     vectors = np.random.default_rng(0).standard_normal((height, width, 3), np.float32) * 0.1
@@ -31,21 +31,25 @@ def relief(megapixels: float) -> NormalMap:
     return NormalMap(vectors, np.ones((height, width), np.bool_))
 
 
-def cases(given: NormalMap, filters: list[str], w: int) -> dict[str, Callable[[], object]]:
-    made: dict[str, Callable[[], object]] = {"copy": given.normals.copy}
+def cases(normals: NormalMap, filters: list[str], w: int) -> dict[str, Callable[[], object]]:
+    work: dict[str, Callable[[], object]] = {"copy": normals.normals.copy}
     for name in filters:
         kind, order = name.split("-")
         by = ShapeFilter(cast(FilterKind, kind), int(order), w)
-        made[f"separate {name}"] = partial(by.split, given)
-    parts = separate(given, order=1, w=w)
-    made["combine"] = partial(combine, parts.shape, parts.detail)
-    return made
+        work[f"separate {name}"] = partial(by.split, normals)
+    parts = separate(normals, order=1, w=w)
+    work["combine"] = partial(combine, parts.shape, parts.detail)
+    return work
 
 
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument(
-        "--megapixels", type=float, nargs="+", default=[0.3, 1.0, 5.0, 20.0], help="of each map"
+        "--megapixels",
+        type=float,
+        nargs="+",
+        default=[0.3, 1.0, 5.0, 20.0],
+        help="megapixels per map",
     )
     parser.add_argument("--w", type=int, default=5, help="half width of the window in pixels")
     parser.add_argument(
@@ -55,16 +59,16 @@ def main() -> None:
     print(f"{numba.get_num_threads()} threads, w={options.w}\n")
     print(f"{'':25}{'CPU s':>8}{'ns/px':>8}{'copies':>8}{'maps':>8}")
     for megapixels in options.megapixels:
-        given = relief(megapixels)
+        normals = relief(megapixels)
         copy = 0.0
-        for name, work in cases(given, options.filters, options.w).items():
+        for name, work in cases(normals, options.filters, options.w).items():
             work()
             cost, _ = measured(work, runs=3)
             copy = copy or cost.cpu_s
             print(
                 f"{f'{megapixels:g} Mpx {name}':25}{cost.cpu_s:8.4f}"
-                f"{cost.cpu_s / given.mask.size * 1e9:8.1f}{cost.cpu_s / copy:8.1f}"
-                f"{cost.peak_bytes / given.normals.nbytes:8.2f}",
+                f"{cost.cpu_s / normals.mask.size * 1e9:8.1f}{cost.cpu_s / copy:8.1f}"
+                f"{cost.peak_bytes / normals.normals.nbytes:8.2f}",
                 flush=True,
             )
 

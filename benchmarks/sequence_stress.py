@@ -1,12 +1,12 @@
-"""Recordings in sequences on a busy host: whether any ends, and which LED lit which frame.
+"""Record in sequences on a busy host: check that no recording ends and that no LED is mixed up.
 
-The bench's code records on a virtual board and a virtual GenICam camera, one session for each
-recording, with hashes, flushes and journal as ever, while other processes compute without pause.
-The pixels of a frame say its LED. `--buffers` limits what the GenTL producer takes, as some do, and
-`--lose` loses that share of the frames on their way, which a busy host alone no longer does.
+The bench's code records on a virtual board and a virtual GenICam camera, one session per recording,
+with hashes, flushes and journal as usual, while other processes compute all the time. The pixels of
+a frame encode its LED. `--buffers` limits the buffers of the GenTL producer, as some producers do.
+`--lose` loses the given share of the frames in transit, which a busy host alone no longer does.
 
-Exit code 1 where a recording ended, a frame lies under another LED than it shows, a session is not
-whole, or an LED stayed on.
+Exit code 1 if a recording ended early, a frame is recorded under another LED than it shows, a
+session is damaged or incomplete, or an LED stayed on.
 """
 
 import shutil
@@ -31,7 +31,7 @@ BLACK_DN = 100
 
 
 def frames(width, height):
-    """Every pixel says the LED: 100 grey values and 50 for each LED above the darkness."""
+    """Return a function whose pixels encode the LED: 100 grey values, plus 50 per LED number."""
 
     def frame(led):
         above = 0 if led is None else 50 * (led + 1)
@@ -41,7 +41,7 @@ def frames(width, height):
 
 
 def led_seen(pixels):
-    """Return the LED that the pixels show, None for darkness, a text where they show neither."""
+    """Return the LED that the pixels show, None for darkness, or a text if they show neither."""
     code, rest = divmod(int(pixels[0, 0]) - BLACK_DN, 50)
     if rest or not (pixels == pixels[0, 0]).all():
         return "no single LED"
@@ -50,7 +50,7 @@ def led_seen(pixels):
 
 class Tally:
     def __init__(self):
-        self.ended = self.frames = self.wrong = self.unwhole = self.left_on = 0
+        self.ended = self.frames = self.wrong = self.damaged = self.left_on = 0
         self.lost = self.retaken = self.pauses = 0
         self.problems = []
 
@@ -60,11 +60,11 @@ class Tally:
         self.pauses += event == "paused"
 
     def session(self, folder):
-        """Judge what a recording left."""
-        found = verify_session(folder)
-        if not (found.ok and found.complete and not found.missing):
-            self.unwhole += 1
-            self.problems += [f"{folder.name}: {problem}" for problem in found.problems]
+        """Check the session of a recording."""
+        report = verify_session(folder)
+        if not (report.ok and report.complete and not report.missing):
+            self.damaged += 1
+            self.problems += [f"{folder.name}: {problem}" for problem in report.problems]
         for frame in Session.open(folder).frames:
             self.frames += 1
             seen = led_seen(frame.read())
@@ -133,18 +133,24 @@ def stress(options, out):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--sequences", type=int, default=200, help="recordings, each a sequence")
-    parser.add_argument("--lights", type=int, default=36, help="of a sequence, and a dark frame")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames a second")
-    parser.add_argument("--size", default="640x512", help="pixels of the camera")
-    parser.add_argument("--exposure-us", type=float, default=2000.0, help="of each frame")
-    parser.add_argument("--buffers", type=int, help="most that the GenTL producer takes")
-    parser.add_argument("--lose", type=float, default=0.0, help="share of frames that are lost")
-    parser.add_argument("--seed", type=int, default=1, help="of the frames that are lost")
-    parser.add_argument("--out", type=Path, help="where the sessions go; default: a temporary one")
+    parser.add_argument(
+        "--sequences", type=int, default=200, help="recordings of one sequence each"
+    )
+    parser.add_argument(
+        "--lights", type=int, default=36, help="lights of a sequence, in addition to a dark frame"
+    )
+    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
+    parser.add_argument("--size", default="640x512", help="image size in pixels")
+    parser.add_argument("--exposure-us", type=float, default=2000.0, help="exposure time per frame")
+    parser.add_argument("--buffers", type=int, help="most buffers that the GenTL producer accepts")
+    parser.add_argument("--lose", type=float, default=0.0, help="share of lost frames")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the choice of lost frames")
+    parser.add_argument(
+        "--out", type=Path, help="folder for the sessions; default: a temporary folder"
+    )
     busy_option(parser)
     options = parser.parse_args()
-    # Its first call compiles.
+    # The first call compiles the function.
     measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
     out = Path(tempfile.mkdtemp(prefix="sgp-stress-", dir=options.out))
     began = time.monotonic()
@@ -157,19 +163,19 @@ def main():
     own_s = options.sequences * (options.lights + 1) / options.rate
     print(
         f"{options.sequences} sequences of {options.lights} and a dark frame, {options.size}, at "
-        f"{options.rate:g} frames/s, {options.busy} busy processes beside it: {seconds:.0f} s, "
-        f"{seconds / own_s:.2f} of the camera's own\n"
+        f"{options.rate:g} frames/s, {options.busy} other busy processes: {seconds:.0f} s, "
+        f"{seconds / own_s:.2f} times the camera's own time\n"
         f"  recordings ended                {tally.ended}\n"
         f"  frames kept                     {tally.frames}\n"
         f"  frames under a wrong LED        {tally.wrong}\n"
-        f"  sessions not whole              {tally.unwhole}\n"
+        f"  sessions damaged or incomplete  {tally.damaged}\n"
         f"  LEDs left on                    {tally.left_on}\n"
         f"  frames lost, then taken again   {tally.lost}, {tally.retaken}\n"
         f"  pauses for the disk             {tally.pauses}"
     )
     for problem in tally.problems[:20]:
         print(f"  ! {problem}")
-    bad = tally.ended or tally.wrong or tally.unwhole or tally.left_on
+    bad = tally.ended or tally.wrong or tally.damaged or tally.left_on
     print("FAILED" if bad else "passed")
     sys.exit(bool(bad))
 

@@ -1,4 +1,4 @@
-"""End commands by signals while numba compiles for them, and count how they end.
+"""End commands by signals while numba compiles their code, and count how they end.
 
 python benchmarks/signals_at_start.py [--signals 200] [--seed 0] [--keep FOLDER]
 
@@ -7,14 +7,14 @@ random moment between its start and its usual end. How a command may end:
 
 clean       exit code 128 + the signal's number and one line on stderr that names the signal
 no line     the same exit code without a line, or with more than one
-killed      the signal's default action ended the process without a word
-done        the command had ended before
+killed      the signal's default action ended the process without a message
+done        the command had already ended
 FAULT       anything else: another exit code, SIGSEGV, SIGABRT
-HANG        it still ran five minutes after the signal
+HANG        the command still ran five minutes after the signal
 
-Every trial has a temporary folder of its own; what is left there afterwards is counted as well.
+Every trial has a temporary folder of its own; files that are left there are counted as well.
 
-Exit code 1 where a trial ended in FAULT or HANG.
+Exit code 1 if a trial ended in FAULT or HANG.
 """
 
 import os
@@ -35,7 +35,7 @@ PATIENCE_S = 300.0
 KINDS = ("clean", "no line", "killed", "done", "FAULT", "HANG")
 START = (
     "import signal\n"
-    # A shell ignores these for what it runs in the background, and children inherit that.
+    # A shell ignores these signals for background processes, and children inherit this.
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
     "import sgp\n"
@@ -50,13 +50,13 @@ height = 80
 
 
 def program(*words):
-    """Return the command line of ``sgp``, or of ``capture`` where that is the first word."""
+    """Return the command line of ``sgp``, or of ``capture`` if that is the first word."""
     entry, rest = ("capture", words[1:]) if words[0] == "capture" else ("main", words)
     return [sys.executable, "-P", "-c", f"{START}sgp.{entry}()", *map(str, rest)]
 
 
 def prepare(root):
-    """Record and process a small scene; return the commands to be interrupted."""
+    """Record and process a small scene; return the commands that will be interrupted."""
     session, normals, rig = root / "session", root / "normals", root / "rig.toml"
     rig.write_text(RIG)
     size = "--lights", 6, "--size", "96x80"
@@ -85,7 +85,7 @@ class Trial:
         scratch = self.folder / "tmp"
         scratch.mkdir()
         out = self.folder / "out"
-        # `capture run` names its folder first, the others by an option.
+        # `capture run` takes its folder as an argument, the other commands as an option.
         words = (*words, out) if words[0] == "capture" else (*words, "--out", out)
         environment = os.environ | {
             "NUMBA_CACHE_DIR": str(self.folder / "cache"),
@@ -103,7 +103,7 @@ class Trial:
             )
 
     def kind(self, number):
-        """Wait for the end and return how the command ended."""
+        """Wait until the command ends and return how it ended."""
         try:
             code = self.process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
@@ -127,7 +127,7 @@ class Trial:
         return self.errors.read_text(errors="replace")
 
     def left(self):
-        """Return what is left in the temporary folder, once the board's process has gone too."""
+        """Return what remains in the temporary folder after the board's process has ended."""
         ends_s = time.monotonic() + 3
         while (left := os.listdir(self.folder / "tmp")) and time.monotonic() < ends_s:
             time.sleep(0.05)
@@ -138,7 +138,9 @@ def main():
     parser = command_line(__doc__)
     parser.add_argument("--signals", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--keep", type=Path, help="folder for stderr of what did not end clean")
+    parser.add_argument(
+        "--keep", type=Path, help="folder for stderr of trials that did not end clean"
+    )
     options = parser.parse_args()
     root = Path(tempfile.mkdtemp(prefix="sgp-signals-"))
     try:
@@ -167,7 +169,7 @@ def run(options, root):
             after_s = draw.uniform(0.05, usual_s[name])
             table[name][strike(root, commands[name], number, after_s, left, options.keep)] += 1
     except KeyboardInterrupt:
-        pass  # the table of what there was until now
+        pass  # print the table of the trials so far
     print(f"\n{'':22}" + "".join(f"{kind:>9}" for kind in KINDS))
     for name, counts in table.items():
         print(f"{name:22}" + "".join(f"{counts[kind]:9}" for kind in KINDS))
@@ -176,7 +178,7 @@ def run(options, root):
 
 
 def strike(root, words, number, after_s, left, keep):
-    """Start a command, end it by a signal after a time, and return how it ended."""
+    """Start a command, send a signal after a time, and return how the command ended."""
     trial = Trial(root, words)
     time.sleep(after_s)
     trial.process.send_signal(number)

@@ -1,15 +1,16 @@
-"""Soak: thousands of flashes, faults among them, and which LED lit which frame by its pixels.
+"""Soak test: thousands of flashes, some with faults, with the LED of each frame read from pixels.
 
 The rig is the bench's code on virtual devices: pyserial on a pty, harvesters on a GenTL producer.
-The plane of each LED carries its number in pixels of its own, so a frame shows which LEDs burned
-and whether they did so for the whole exposure. Faults strike board, serial line or camera; a shot
-that fails is taken again. Flashes are triggered by software, by the board, and in sequences, a
-third each.
+The plane of each LED encodes its number in pixels of its own, so a frame shows which LEDs were on
+and whether they were on for the full exposure. Faults are injected into board, serial line or
+camera; a failed shot is taken again. A third of the flashes each is triggered by software, by the
+board, and in sequences.
 
-`double-led` is left out: no board knows that two LEDs hang on one output; `sgp rig selftest` does.
+`double-led` is not tested: a board cannot detect two LEDs on one output, but `sgp rig selftest`
+does.
 
-Exit code 1 where a frame was given to a wrong LED, an LED stayed on, a shot failed without a fault,
-or a rig did not come back; or where opening and closing fails, leaves files open, or takes more
+Exit code 1 if a frame was attributed to a wrong LED, an LED stayed on, a shot failed without a
+fault, or a rig did not recover; or if opening and closing fails, leaves files open, or takes more
 memory after the first tenth of the cycles than --growth-mib.
 """
 
@@ -34,7 +35,7 @@ from simulator._camera.gentl_camera import GentlCamera
 LEDS = 36
 BITS = 8
 EXPOSURE_US = 500.0
-# A dead host's LED is dark within a second; nobody's LED may burn for longer after its shot.
+# The watchdog turns LEDs off within a second; no LED may stay on for longer after its shot.
 LEFT_ON_S = 1.25
 ATTEMPTS = 40
 
@@ -58,7 +59,7 @@ LIT_BY = {
 
 
 def plane(led):
-    """A row of pixels: one for each bit of LED + 1, then one for each bit's opposite."""
+    """Return rows with one pixel for each bit of LED + 1, then one for each inverted bit."""
     code = 0 if led is None else led + 1
     bits = np.array([code >> bit & 1 for bit in range(BITS)], np.float32)
     row = np.concatenate([bits, (1 - bits) * (led is not None)])
@@ -66,7 +67,7 @@ def plane(led):
 
 
 def led_seen(pixels):
-    """Return the LED the pixels show, None for darkness, a text where it is no single one."""
+    """Return the LED that the pixels show, None for darkness, or a text if it is not one LED."""
     row = pixels[0].astype(int)
     if not (pixels == pixels[0]).all():
         return "rows differ"
@@ -80,7 +81,7 @@ def led_seen(pixels):
 
 
 class Bench:
-    """Virtual devices, and a rig on them that is opened again when it was lost."""
+    """Virtual devices, and a rig on them that is reopened after it was lost."""
 
     def __init__(self, mode, frame_timeout_s=0.15):
         self.mode = mode
@@ -100,7 +101,7 @@ class Bench:
         self.opened = 0
 
     def open(self):
-        """Return an open rig; a board that hung up takes a moment to come back."""
+        """Return an open rig; a board that hung up needs a moment to recover."""
         if self.rig is None:
             self.camera.replug()
             config = RigConfig(
@@ -129,7 +130,7 @@ class Bench:
             self.rig = None
 
     def dark_in_time(self):
-        """Tell whether the bench is dark, at the latest when the board's watchdog has acted."""
+        """Return whether the bench is dark by the time at which the board's watchdog acts."""
         ends = time.monotonic() + LEFT_ON_S
         while self.state.led(time.monotonic_ns()) is not None:
             if time.monotonic() > ends:
@@ -145,7 +146,7 @@ class Bench:
 
 
 def draw_fault(draw, mode, at):
-    """Return the kind and the fault: of the board, or of the camera as (frame, kind, late_ms)."""
+    """Return a kind and a fault of the board, or of the camera as (frame, kind, late_ms)."""
     triggers = () if mode == "software" else TRIGGER_FAULTS
     kind = draw.choice((*CAMERA_FAULTS, *LINE_FAULTS, *LIT_BY, *triggers))
     if kind in CAMERA_FAULTS:
@@ -163,7 +164,7 @@ def draw_fault(draw, mode, at):
 
 
 def strike(bench, faults):
-    """Let these faults strike the flashes to come."""
+    """Inject these faults into the next flashes."""
     first = bench.camera.counts().exposures
     for _, fault in faults:
         if isinstance(fault, tuple):
@@ -175,9 +176,9 @@ def strike(bench, faults):
 class Tally:
     def __init__(self):
         self.frames = self.flashes = self.wrong = self.left_on = self.failures = 0
-        self.recovered, self.told = Counter(), Counter()
+        self.recovered, self.reported = Counter(), Counter()
         self.problems = []
-        self.shaken = False  # the burst before had faults
+        self.shaken = False  # whether the previous burst had faults
         self.doing = ""
 
     def frame(self, asked, shot):
@@ -186,12 +187,13 @@ class Tally:
         if not (seen == asked == shot.led):
             self.wrong += 1
             self.problems.append(
-                f"{self.doing}: asked LED {asked}, told LED {shot.led}, the pixels show {seen}"
+                f"{self.doing}: requested LED {asked}, reported LED {shot.led}, the pixels show "
+                f"{seen}"
             )
 
 
 def take(bench, leds, tally):
-    """Take these LEDs once, as far as it goes; return how many were taken."""
+    """Take frames of these LEDs until a shot fails; return how many were taken."""
     rig = bench.open()
     if bench.mode == "sequence":
         done = 0
@@ -204,7 +206,7 @@ def take(bench, leds, tally):
 
 
 def burst(bench, leds, faults, tally):
-    """Take these LEDs, those that are left again where a shot fails."""
+    """Take frames of these LEDs; after a failed shot continue with the remaining ones."""
     bench.open()
     strike(bench, faults)
     tally.doing = f"{bench.mode}, {[fault for _, fault in faults]}"
@@ -215,14 +217,14 @@ def burst(bench, leds, faults, tally):
             take(bench, leds, tally)
         except RigError as error:
             failures += 1
-            # A frame that comes twice shows when the next flash begins.
+            # A frame that is delivered twice is detected only when the next flash begins.
             if not (faults or tally.shaken):
                 tally.problems.append(f"{bench.mode}, failed without a fault: {error}")
             if not bench.dark_in_time():
                 tally.left_on += 1
             leds = leds[tally.frames - taken :]
             bench.drop()
-            time.sleep(0.12)  # a board that hung up comes back
+            time.sleep(0.12)  # a board that hung up recovers
             if leds:
                 continue
         break
@@ -235,8 +237,8 @@ def burst(bench, leds, faults, tally):
     tally.failures += failures
     tally.shaken = bool(faults)
     for kind, _ in faults:
-        # Of several faults in one sequence nobody can say which one failed it.
-        outcome = tally.told if failures else tally.recovered
+        # If a sequence had several faults, it is not known which one made it fail.
+        outcome = tally.reported if failures else tally.recovered
         outcome[kind] += 1
 
 
@@ -261,14 +263,14 @@ def soak(flashes, share, seed):
 
 
 def held():
-    """Return resident memory in MiB, and how many files are open."""
+    """Return the resident memory in MiB and the number of open files."""
     gc.collect()
     return resident_bytes() / 2**20, len(list(Path("/proc/self/fd").iterdir()))
 
 
 def cycles(count, growth_mib):
-    """Open and close the rig many times, tell what is held, and return what is wrong."""
-    # Nothing is made to fail here, so a frame may take as long as a busy machine needs.
+    """Open and close the rig many times, print memory and open files, and return problems."""
+    # There are no faults here, so a frame may take as long as a busy machine needs.
     bench = Bench("software", frame_timeout_s=10.0)
     began = time.monotonic()
     warm_mib, warm_files = 0.0, 0
@@ -298,11 +300,13 @@ def cycles(count, growth_mib):
 
 def main():
     parser = command_line(__doc__)
-    parser.add_argument("--flashes", type=int, default=10_000, help="of all three kinds")
-    parser.add_argument("--share", type=float, default=0.05, help="of flashes hit by a fault")
-    parser.add_argument("--cycles", type=int, default=1000, help="of opening and closing")
-    parser.add_argument("--growth-mib", type=float, default=16.0, help="allowed after a tenth")
-    parser.add_argument("--seed", type=int, default=1, help="of LEDs and faults")
+    parser.add_argument("--flashes", type=int, default=10_000, help="flashes of all three kinds")
+    parser.add_argument("--share", type=float, default=0.05, help="share of flashes with a fault")
+    parser.add_argument("--cycles", type=int, default=1000, help="cycles of opening and closing")
+    parser.add_argument(
+        "--growth-mib", type=float, default=16.0, help="allowed growth after a tenth of the cycles"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="seed of LEDs and faults")
     busy_option(parser)
     options = parser.parse_args()
     with busy(options.busy):
@@ -311,16 +315,19 @@ def main():
 
 def run(options):
     tally, seconds = soak(options.flashes, options.share, options.seed)
-    faults = sum((tally.told + tally.recovered).values())
+    faults = sum((tally.reported + tally.recovered).values())
     print(f"{tally.flashes} flashes in {seconds:.0f} s, {faults} faults injected")
     print(f"  frames taken                          {tally.frames}")
     print(f"  frames attributed to the wrong LED    {tally.wrong}")
     print(f"  LEDs left on                          {tally.left_on}")
-    print(f"  faults told (a shot of it failed)     {tally.told.total()}")
+    print(f"  faults reported (a shot failed)       {tally.reported.total()}")
     print(f"  faults recovered from (no shot failed){tally.recovered.total()}")
-    print(f"  failures told                         {tally.failures}")
-    for kind in sorted(tally.told | tally.recovered):
-        print(f"    {kind:<22} told {tally.told[kind]:4d}  recovered {tally.recovered[kind]:4d}")
+    print(f"  failures reported                     {tally.failures}")
+    for kind in sorted(tally.reported | tally.recovered):
+        print(
+            f"    {kind:<22} reported {tally.reported[kind]:4d}  recovered "
+            f"{tally.recovered[kind]:4d}"
+        )
     problems = tally.problems[:20]
     if options.cycles:
         problems += cycles(options.cycles, options.growth_mib)

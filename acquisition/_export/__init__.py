@@ -1,1 +1,1 @@
-"""Sessions and sources written in the formats of other programs."""
+"""Export of sessions to the formats of other programs."""

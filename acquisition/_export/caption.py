@@ -1,4 +1,4 @@
-"""What is said of a recording in the images made from it: as plain text fields and as XMP."""
+"""Texts about a recording in its exported images: plain text fields and XMP."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from acquisition._session.manifest import Manifest
 
 @dataclass(frozen=True)
 class Caption:
-    """Texts for people, empty where not known.
+    """Texts for human readers; empty if not known.
 
     Parameters
     ----------
     title
-        The object.
+        Name of the object.
     creator
-        The operator.
+        Name of the operator.
     place, notes, rights
-        As in the session.
+        The session's entries of the same names.
     taken
-        When the recording began.
+        Time at which the recording began.
     software
-        Name and version of the program that recorded it.
+        Name and version of the program that recorded the session.
     exposure_us
-        Exposure of this image, microseconds; None where not known.
+        Exposure time of this image, microseconds; None if not known.
     """
 
     title: str
@@ -41,7 +41,7 @@ class Caption:
 
     @classmethod
     def of(cls, manifest: Manifest, exposure_us: float | None = None) -> Caption:
-        """Take the texts of a session."""
+        """Build a caption from the texts of a session."""
         return cls(
             title=manifest.object,
             creator=manifest.operator,
@@ -54,7 +54,7 @@ class Caption:
         )
 
     def texts(self) -> dict[str, str]:
-        """Return the fields that are known, under the keywords of PNG where it has one."""
+        """Return the non-empty fields by keyword; the keywords are PNG's where PNG defines one."""
         exposure = "" if self.exposure_us is None else f"{self.exposure_us:.10g} us"
         fields = {
             "Title": self.title,
@@ -69,7 +69,7 @@ class Caption:
         return {keyword: text for keyword, text in fields.items() if text}
 
     def xmp(self) -> str:
-        """Return an XMP packet: Dublin Core, IPTC Core for the place, Exif for the exposure."""
+        """Return an XMP packet: Dublin Core, plus IPTC Core for the place and Exif for exposure."""
         nanoseconds = None if self.exposure_us is None else round(self.exposure_us * 1000)
         exposure = "" if nanoseconds is None else f"{nanoseconds}/1000000000"
         lines = [
@@ -112,5 +112,5 @@ def _listed(name: str, kind: str, text: str) -> str:
 
 
 def _xml(text: str) -> str:
-    """Escape a text; characters that XML 1.0 cannot hold become blanks."""
+    """Escape a text; characters that XML 1.0 does not allow become spaces."""
     return escape(re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", " ", text))

@@ -1,4 +1,4 @@
-"""Sessions written out for other programs."""
+"""Export of a session for other programs."""
 
 from __future__ import annotations
 
@@ -45,20 +45,20 @@ from rig import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A session ready to be written in another layout; nothing was written yet.
+    """A session that is ready to be exported; nothing has been written yet.
 
     Parameters
     ----------
     session
-        What is exported.
+        Session to export.
     layout, values
-        How.
+        Layout of the files and kind of sample values; see `prepare_export`.
     notes
-        What ``recording.json`` will say.
+        Content of ``recording.json``.
     warnings
-        What the layout cannot hold, and what was assumed, one line each.
+        One line for each thing that the layout cannot hold and for each assumption.
     inputs
-        The files read.
+        Files that are read.
     """
 
     session: Session
@@ -79,26 +79,27 @@ class Export:
         on_progress: Progress = no_progress,
         replaced: Iterable[Path] = (),
     ) -> tuple[Path, ...]:
-        """Write all files into a folder, created if need be, and return them.
+        """Write all files into a folder and return their paths.
 
-        They are written aside and appear together. After an error, or when the process is killed,
-        there are none, or `read_source` refuses the folder.
+        The files are written to a hidden folder first and appear together. After an error, or if
+        the process is killed, there are no files, or `read_source` refuses the folder.
 
         Parameters
         ----------
         out
-            Files of the same names are replaced.
+            Output folder, created if it does not exist. Files of the same names are replaced.
         on_progress
             Receives the stage ``exporting``, one step per image.
         replaced
-            Files of an earlier export, removed when this one is whole and before it appears.
+            Files of an earlier export, removed when the new files are complete and before they
+            appear.
 
         Raises
         ------
         DataError
             If a frame is damaged.
         StorageError
-            If the disk refuses.
+            If a file cannot be written.
         """
         with staged(out, replaced) as place:
             files = []
@@ -156,40 +157,41 @@ def prepare_export(
     lights: Lights | None = None,
     mask_path: Path | None = None,
 ) -> Export:
-    """Read a session and decide how it will look in another layout.
+    """Read a session and prepare its export.
 
     Parameters
     ----------
     folder
-        The session, complete or not.
+        Session folder, complete or not.
     layout
         ``diligent``: 16-bit PNGs, filenames.txt, light_directions.txt, light_intensities.txt,
-        mask.png, and Normal_gt.mat where truth is known. ``lp``: 16-bit PNGs and lights.lp.
-        ``alicevision``: 16-bit PNGs and alicevision_lights.json, with the LED's number as view.
-        These three take one image of each light. ``exr``: every frame that counts, dark frames
-        too, as float. All have recording.json and, where they are known, lights.json and
-        camera.json beside.
+        mask.png, and Normal_gt.mat if the true normals are known. ``lp``: 16-bit PNGs and
+        lights.lp. ``alicevision``: 16-bit PNGs and alicevision_lights.json, with the LED number as
+        view id. These three layouts have one image per light. ``exr``: every frame that counts,
+        dark frames included, as float. All layouts have recording.json and, if the lights and the
+        camera are known, lights.json and camera.json.
     values
-        ``raw``: samples as recorded, black level and all. ``linear``: less the ambient frames of
-        the same exposure, else its dark frames, else the black level; the white level becomes
-        65535, or in EXR 1 with nothing cut off.
+        ``raw``: samples as recorded, black level included. ``linear``: the mean of the ambient
+        frames of the same exposure is subtracted, or that of its dark frames, or the black level,
+        in this order of preference; the white level becomes 65535, or 1 in EXR, where values are
+        not clipped.
     bracket
-        The exposure to take, for layouts with one image of each light.
+        Index of the exposure to export, for layouts with one image per light.
     lights, mask_path
-        Instead of the session's own.
+        Lights and mask file to use instead of the session's.
 
     Returns
     -------
     Export
-        To be written.
+        Export that is ready to be written.
 
     Raises
     ------
     MissingPathError
         If the folder does not exist.
     DataError
-        If it is no session or damaged, the layout needs lights and none are known, no light was
-        recorded with that bracket, or the lights do not fit.
+        If the folder is not a session or is damaged, the layout needs lights and none are known,
+        no light was recorded with that bracket, or the lights do not match the frames.
     """
     session = Session.open(folder)
     source = read_source(folder, lights=lights, mask_path=mask_path)
@@ -197,12 +199,16 @@ def prepare_export(
     pairs = list(zip(session.frames, source.frames, strict=True))
     if layout != "exr":
         if source.lights is None:
-            raise DataError(f"{folder}: no lights are known, which {layout} needs: give --lights")
+            raise DataError(
+                f"{folder}: no lights are known, but layout {layout} needs them: give the lights"
+            )
         pairs = _one_of_each_light(session, pairs, bracket, warnings)
     elif values == "linear":
         pairs = [pair for pair in pairs if pair[1].role in ("light", "flat")]
         if not pairs:
-            raise DataError(f"{folder}: holds no lit frames: export the raw values")
+            raise DataError(
+                f"{folder}: the session has no light or flat frames: export the raw values"
+            )
     samples = Samples(source, values)
     notes = recording_notes(session, source, pairs, layout, samples)
     warnings += layout_remarks(session, source, pairs, layout, samples)
@@ -227,9 +233,10 @@ def _one_of_each_light(
     lit = [pair for pair in pairs if pair[0].role == "light"]
     brackets = sorted({recorded.bracket for recorded, _ in lit})
     if bracket not in brackets:
-        known = ", ".join(map(str, brackets)) or "none"
+        available = ", ".join(map(str, brackets)) or "none"
         raise DataError(
-            f"{session.folder}: no light was recorded with bracket {bracket}: there are {known}"
+            f"{session.folder}: no light was recorded with bracket {bracket}: "
+            f"the brackets are {available}"
         )
     chosen: dict[str, Pair] = {}
     for pair in sorted(lit, key=lambda pair: pair[0].line.repeat):
@@ -249,14 +256,14 @@ def _one_of_each_light(
     ]
     if left_out:
         warnings.append(
-            f"frames not exported, as the layout has one image a light: {', '.join(left_out)}"
+            "frames not exported because the layout has one image per light: " + ", ".join(left_out)
         )
-    # In the order of the session, which is that of its plan.
+    # Keep the order of the session, which is that of its plan.
     return [pair for pair in lit if chosen.get(pair[1].light_id) is pair]
 
 
 def _lights_of(source: Source, frames: Sequence[Frame]) -> Lights | None:
-    """Return the light of each light id among the frames, in their order."""
+    """Return the light of each light id among the frames, in the order of the frames."""
     if source.lights is None:
         return None
     ids = dict.fromkeys(frame.light_id for frame in frames if frame.role == "light")
@@ -264,10 +271,10 @@ def _lights_of(source: Source, frames: Sequence[Frame]) -> Lights | None:
 
 
 def _as_exposed(lights: Lights, frames: Sequence[ExportedFrame]) -> Lights:
-    """Return lights as strong as they are in images of different exposure."""
+    """Scale the intensities of lights by the exposure of their images, relative to the longest."""
     exposures = [frame.exposure_us for frame in frames]
-    known = np.array([exposure for exposure in exposures if exposure is not None])
-    if len(known) != len(lights) or not np.ptp(known):
+    exposures_us = np.array([exposure for exposure in exposures if exposure is not None])
+    if len(exposures_us) != len(lights) or not np.ptp(exposures_us):
         return lights
-    strengths = np.asarray(lights.intensities) * (known / known.max())[:, None]
+    strengths = np.asarray(lights.intensities) * (exposures_us / exposures_us.max())[:, None]
     return replace(lights, intensities=strengths)

@@ -1,4 +1,4 @@
-"""Images for other programs, linear and said to be so, with their caption inside."""
+"""Images for other programs: marked as linear, with the caption in their metadata."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from acquisition._export.caption import Caption
 from acquisition._pixels.images import encode_image, store_image
 from acquisition._pixels.png_chunks import SIGNATURE
 
-# Five times as fast as the other PNG writer at hand, and smaller on sensor noise.
+# Five times as fast as OpenImageIO's PNG writer, and smaller files on sensor noise.
 _PNG_OPTIONS = (
     cv2.IMWRITE_PNG_STRATEGY,
     cv2.IMWRITE_PNG_STRATEGY_RLE,
@@ -29,27 +29,27 @@ _GAMMA_LINEAR = struct.pack(">I", 100_000)
 
 
 def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Caption) -> None:
-    """Write a 16-bit PNG whose gamma is stated as 1, with the caption as iTXt fields and XMP.
+    """Write a 16-bit PNG with gamma 1 in its header and the caption as iTXt fields and XMP.
 
     Parameters
     ----------
     path
-        File to create or replace; it appears whole or not at all.
+        File to create or replace; it appears complete or not at all.
     pixels
-        ``(H, W)`` or ``(H, W, 3)`` RGB uint16, stored as they are.
+        ``(H, W)`` or ``(H, W, 3)`` RGB uint16, stored unchanged.
     caption
-        What to say in it.
+        Texts to store in the file.
 
     Raises
     ------
     StorageError
-        If the disk refuses, or the file does not read back as written.
+        If the file cannot be written, or does not read back as written.
     """
     image = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     done, encoded = cv2.imencode(".png", image, _PNG_OPTIONS)
     data = encoded.tobytes()
     if not done:
-        raise StorageError(f"{path}: cannot be encoded as PNG: check the memory of this machine")
+        raise StorageError(f"{path}: cannot be encoded as PNG: check the memory of this computer")
     chunks = [_chunk(b"gAMA", _GAMMA_LINEAR)]
     fields = {**caption.texts(), "XML:com.adobe.xmp": caption.xmp()}
     chunks += [_chunk(b"iTXt", _international(*field)) for field in fields.items()]
@@ -59,30 +59,30 @@ def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Cap
 def write_captioned_exr(
     path: Path, pixels: npt.NDArray[np.float32], caption: Caption, attributes: dict[str, Any]
 ) -> None:
-    """Write a float EXR, lossless, with the caption and further attributes in its header.
+    """Write a lossless float EXR with the caption and further attributes in its header.
 
     Parameters
     ----------
     path
-        File to create or replace; it appears whole or not at all.
+        File to create or replace; it appears complete or not at all.
     pixels
         ``(H, W)`` or ``(H, W, 3)`` float32.
     caption
-        What to say in it.
+        Texts to store in the file.
     attributes
-        Text, numbers or tuples of three numbers by name.
+        Texts, numbers or tuples of three numbers by attribute name.
 
     Raises
     ------
     StorageError
-        If the disk refuses, or the file does not read back as written.
+        If the file cannot be written, or does not read back as written.
     """
     image = np.ascontiguousarray(pixels.reshape(*pixels.shape[:2], -1))
     height, width, channels = image.shape
     spec = oiio.ImageSpec(width, height, channels, oiio.FLOAT)
     spec.attribute("compression", "zip")
     spec.attribute("oiio:ColorSpace", "linear")
-    known = {
+    standard = {
         "DocumentName": caption.title,
         "Artist": caption.creator,
         "ImageDescription": caption.notes,
@@ -92,7 +92,7 @@ def write_captioned_exr(
         "Location": caption.place,
         "XMP": caption.xmp(),
     }
-    for name, value in {**known, **attributes}.items():
+    for name, value in {**standard, **attributes}.items():
         if isinstance(value, tuple):
             spec.attribute(name, oiio.TypeDesc("float[3]"), value)
         elif value not in ("", None):
@@ -107,6 +107,6 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def _international(keyword: str, text: str) -> bytes:
-    """Return the data of an iTXt chunk, not compressed, of no stated language."""
+    """Return the data of an uncompressed iTXt chunk without a language tag."""
     clean = text.replace("\0", " ").encode("utf-8", "replace")
     return keyword.encode("latin-1") + b"\0\0\0\0\0" + clean

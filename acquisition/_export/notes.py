@@ -1,4 +1,4 @@
-"""What an export says of itself: its record, what its layout leaves out, and EXR attributes."""
+"""Metadata of an export: recording.json, remarks about the layout, and EXR attributes."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Pair = tuple[SessionFrame, Frame]
 
 LIGHTS_FILE: Final = "lights.json"
 CAMERA_FILE: Final = "camera.json"
-_CLIPPED = 0.001  # share of saturated samples from which it is told
+_CLIPPED = 0.001  # share of saturated samples above which a remark is made
 
 
 def recording_notes(
     session: Session, source: Source, pairs: Sequence[Pair], layout: Layout, samples: Samples
 ) -> RecordingNotes:
-    """Describe the images of an export, each with the shot it was made from."""
+    """Describe the images of an export, each with the shot that it shows."""
     manifest = session.manifest
     height, width = source.size
     kept = manifest.camera.model_dump(include={"vendor", "model", "serial", "channels"})
@@ -71,43 +71,43 @@ def recording_notes(
 def layout_remarks(
     session: Session, source: Source, pairs: Sequence[Pair], layout: Layout, samples: Samples
 ) -> list[str]:
-    """Return what the layout does to the recording that a reader of it would not see."""
-    told = []
+    """Return remarks on what the layout loses or changes that its readers cannot see."""
+    remarks = []
     near = source.lights is not None and source.lights.near
     if near and layout != "exr":
-        told.append(
-            f"the lights have positions, which {layout} has no place for: "
-            f"directions from the origin are written, the positions are in {LIGHTS_FILE}"
+        remarks.append(
+            f"layout {layout} cannot store the positions of the lights: it gets directions from "
+            f"the origin, and {LIGHTS_FILE} has the positions"
         )
     if source.cfa is not None and layout != "exr":
-        told.append(
-            f"frames are mosaics of a colour filter ({source.cfa}), which "
-            f"{layout} has no place for: {RECORD_FILE} names it"
+        remarks.append(
+            f"layout {layout} cannot store the colour filter of the mosaic frames ({source.cfa}): "
+            f"{RECORD_FILE} names it"
         )
     exposures = {frame.exposure_us for _, frame in pairs if frame.role == "light"}
     if layout in ("diligent", "alicevision") and len(exposures) > 1 and None not in exposures:
-        told.append(
-            "lights differ in exposure: their intensities are written "
-            "multiplied by the exposure over the longest"
+        remarks.append(
+            "the lights differ in exposure: each intensity is multiplied by its exposure "
+            "divided by the longest"
         )
     if (
         layout == "lp"
         and source.lights is not None
         and np.ptp(np.asarray(source.lights.intensities))
     ):
-        told.append(f"an .lp holds no intensities: they are in {LIGHTS_FILE}")
+        remarks.append(f"an .lp file holds no intensities: they are in {LIGHTS_FILE}")
     if layout == "diligent" and source.mask is None:
-        told.append("no mask is known, and mask.png is not written: add --mask")
+        remarks.append("mask.png is not written because no mask is known: give a mask")
     clipped = max(recorded.line.clipped_fraction for recorded, _ in pairs)
     if clipped > _CLIPPED:
-        told.append(f"up to {clipped:.1%} of a frame's samples are saturated")
-    return told
+        remarks.append(f"up to {clipped:.1%} of a frame's samples are saturated")
+    return remarks
 
 
 def exr_attributes(
     notes: RecordingNotes, noted: ExportedFrame, lights: Lights | None, light: str
 ) -> dict[str, Any]:
-    """Return what an EXR says of itself besides its caption."""
+    """Return the attributes of an EXR file in addition to its caption."""
     attributes: dict[str, Any] = {
         "sgp:role": noted.role,
         "sgp:bracket": noted.bracket,

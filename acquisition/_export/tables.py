@@ -1,4 +1,4 @@
-"""Lights, masks and normals as other programs want them beside their images."""
+"""Files of lights, masks and normals in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from acquisition._values.lights import Array, Lights
 
 
 def write_mask(folder: Path, mask: npt.NDArray[np.bool_]) -> Path:
-    """Write mask.png, white inside."""
+    """Write mask.png, white on the object."""
     path = folder / "mask.png"
     write_png(path, mask.astype(np.uint8) * np.uint8(255))
     return path
@@ -26,7 +26,10 @@ def write_mask(folder: Path, mask: npt.NDArray[np.bool_]) -> Path:
 def write_diligent_tables(
     folder: Path, names: Sequence[str], lights: Lights, normals: npt.NDArray[np.float32] | None
 ) -> list[Path]:
-    """Write filenames.txt, light_directions.txt, light_intensities.txt, and Normal_gt.mat."""
+    """Write filenames.txt, light_directions.txt, light_intensities.txt, and Normal_gt.mat.
+
+    Normal_gt.mat is written only if ``normals`` is given.
+    """
     files = [
         _text(folder / FILENAMES_FILE, [[name] for name in names]),
         _text(folder / DIRECTIONS_FILE, _numbers(lights.unit_directions)),
@@ -39,14 +42,14 @@ def write_diligent_tables(
 
 
 def write_lp_table(folder: Path, names: Sequence[str], lights: Lights) -> Path:
-    """Write lights.lp: the count, then a file and its unit direction a line."""
+    """Write lights.lp: the count, then one line per file with its unit light direction."""
     vectors = _numbers(lights.unit_directions)
     rows = [[name, *vector] for name, vector in zip(names, vectors, strict=True)]
     return _text(folder / "lights.lp", [[str(len(rows))], *rows])
 
 
 def write_alicevision_lights(folder: Path, views: Sequence[int], lights: Lights) -> Path:
-    """Write the lights JSON of AliceVision: numbers as text, y down and z away from the camera."""
+    """Write AliceVision's lights JSON: numbers as text, y down and z away from the camera."""
     directions = _numbers(lights.unit_directions * (1.0, -1.0, -1.0))
     strengths = _numbers(np.asarray(lights.intensities))
     records = [
@@ -59,7 +62,7 @@ def write_alicevision_lights(folder: Path, views: Sequence[int], lights: Lights)
 
 
 def _numbers(table: Array) -> list[list[str]]:
-    """Return numbers as text that reads back to the last bit, without exponents."""
+    """Format numbers without exponents, with enough digits to read back exactly."""
     return [[np.format_float_positional(value, trim="0") for value in row] for row in table]
 
 

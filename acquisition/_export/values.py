@@ -1,4 +1,4 @@
-"""The sample values of an export: as recorded, or made linear from black to white."""
+"""Sample values of an export: as recorded, or linear between black and white level."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ _FULL = 65535
 
 
 class Samples:
-    """Turns the frames of a session into the values that are written.
+    """Converts the frames of a session to the values that are written.
 
     Parameters
     ----------
     source
-        The session, upright.
+        Session as a source, with upright frames.
     values
         ``raw`` or ``linear``.
     """
@@ -32,7 +32,7 @@ class Samples:
         self._linear = Linearizer(source)
 
     def whole_numbers(self, frame: Frame) -> npt.NDArray[np.uint16]:
-        """Return what a 16-bit image holds; linear: 65535 is white, and what was saturated."""
+        """Return the samples of a 16-bit image; if linear, white and saturated ones are 65535."""
         if self.values == "raw":
             return frame.read().astype(np.uint16)
         signal, saturated = self._linear.signal_and_saturation(frame)
@@ -40,15 +40,15 @@ class Samples:
         return np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16)
 
     def floats(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return what a float image holds; linear: 1 is white, and nothing is cut off."""
+        """Return the samples of a float image; if linear, white is 1 and nothing is clipped."""
         if self.values == "raw":
             return frame.read().astype(np.float32)
         return self._linear.signal(frame)
 
     def levels(self, layout: str, bit_depth: int) -> dict[str, Any]:
-        """Return bit depth, black and white level of what is written, for `CameraRecord`.
+        """Return bit depth, black and white level of the written values, for `CameraRecord`.
 
-        ``bit_depth`` is that of the session.
+        ``bit_depth`` is the bit depth of the session.
         """
         if self.values == "raw":
             return {
@@ -59,22 +59,22 @@ class Samples:
         return {"bit_depth": 16, "white_level_dn": 1.0 if layout == "exr" else float(_FULL)}
 
     def subtracted(self, frames: Sequence[Frame]) -> str:
-        """Say what is taken off the frames."""
+        """Return a text that names what is subtracted from the frames."""
         if self.values == "raw":
             return "nothing"
-        said = {self._linear.reference(frame.exposure_us) or "black level" for frame in frames}
+        offsets = {self._linear.reference(frame.exposure_us) or "black level" for frame in frames}
         return " or ".join(
-            sorted(f"{what} frames" if what != "black level" else what for what in said)
+            sorted(f"{name} frames" if name != "black level" else name for name in offsets)
         )
 
     def warnings(self, frames: Sequence[Frame]) -> list[str]:
-        """Say what a program that takes the values for light would get wrong."""
+        """Return warnings for programs that take the values as proportional to light."""
         source = self._source
         if self.values == "raw" and source.black_level > 0:
             return [
-                f"values are raw, with a black level of {source.black_level:g}: "
-                "--values linear takes it off"
+                f"the values are raw, with a black level of {source.black_level:g}: "
+                "export linear values to subtract it"
             ]
         if self.values == "linear" and self.subtracted(frames) == "black level":
-            return ["no dark frames of these exposures: the black level is taken off"]
+            return ["no dark frames of these exposures: the black level is subtracted instead"]
         return []

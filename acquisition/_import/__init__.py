@@ -1,1 +1,1 @@
-"""Images of other programs and cameras made into sessions."""
+"""Import of images from other programs and cameras into sessions."""

@@ -1,4 +1,4 @@
-"""Recordings made elsewhere, brought into a session."""
+"""Import of recordings from elsewhere into a session."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from acquisition._storage import make_folder
 from acquisition._values.lights import Lights, led_id
 from rig import MAX_PIXELS, Progress, no_progress
 
-# Files named as a session names them keep their LED.
+# Files that are named like the frames of a session keep their LED number.
 _OUR_NAME = re.compile(r"L(\d{2,4})(?:_E\d+)?(?:_R\d+)?", re.IGNORECASE)
 _IMPORTED = "imported"
 
@@ -44,17 +44,17 @@ def read_import(
     mask_path: Path | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
-    """Read a source to be imported.
+    """Read a source for import.
 
-    Parameters and errors are those of `read_source`; a DataError too if it is an export of floats,
-    which no session holds.
+    Parameters and errors are those of `read_source`. In addition, a DataError is raised if the
+    source is an export of floats, which a session cannot hold.
     """
     path = Path(path)
     notes = read_recording_notes(_folder(path)) if path.exists() else None
     if notes is not None and Path(notes.frames[0].file).suffix == ".exr":
         raise DataError(
-            f"{path}: is an EXR stack, which holds floats, and a session holds whole numbers: "
-            "export the session as lp, diligent or alicevision to bring it back"
+            f"{path}: an EXR stack holds floats, but a session holds whole numbers: "
+            "export the session as lp, diligent or alicevision to import it again"
         )
     return read_source(path, lights=lights, mask_path=mask_path, max_pixels=max_pixels)
 
@@ -70,64 +70,64 @@ def import_frames(
     rights: str = "",
     on_progress: Progress = no_progress,
 ) -> Session:
-    """Write the frames of a source into a new session, sample for sample.
+    """Write the frames of a source into a new session without changing any sample.
 
     Parameters
     ----------
     source
-        What `read_import` or `read_source` made of images, camera RAW or a DiLiGenT folder. 8-bit
+        Source from `read_import` or `read_source`: images, camera RAW or a DiLiGenT folder. 8-bit
         samples keep their values in 16-bit files, with white level 255. CFA pattern, black and
-        white level, exposures, lights and camera are recorded where known. Mask and true normals
-        go into ``derived/``, where `read_source` finds them.
+        white level, exposures, lights and camera are recorded if known. Mask and true normals
+        are written into ``derived/``, where `read_source` finds them.
     folder
         New or empty folder.
     operator, object_name, notes, place, rights
-        For people. What is empty is taken from the ``recording.json`` of an export.
+        Texts for human readers. An empty one is taken from the ``recording.json`` of an export.
     on_progress
         Receives the stage ``importing``, one step per frame.
 
     Returns
     -------
     Session
-        Complete, without a plan or a rig. Image i is filed under LED i, or under the LED that
-        ``recording.json`` or its name tells (``L07.png``); its light is called so too, and the
-        journal keeps the name of the file it came from. An ``imported`` event tells what the files
-        told and the format has no other place for: sensitivity, black level by colour.
+        Complete session without a plan or a rig. Image i is recorded as LED i, or as the LED that
+        ``recording.json`` or the file name gives (``L07.png``); its light is named after the same
+        LED, and the journal keeps the name of the original file. An ``imported`` event records the
+        metadata that has no other place in the format: sensitivity, black level by colour.
 
     Raises
     ------
     DataError
-        If the source is a session already, or holds float samples, or an image is damaged or of
+        If the source is already a session or holds float samples, or if an image is damaged or of
         another kind than the first.
     StorageError
-        If the folder is not empty, or the disk refuses.
+        If the folder is not empty or cannot be written.
 
     Notes
     -----
-    After an error in mid-way the session stays behind incomplete, of which a note of the error
-    tells, and the images are as they were.
+    After an error midway an incomplete session remains, as a note of the error states; the images
+    are unchanged.
     """
     if source.kind == "session":
-        raise DataError(f"{source.path}: is a session already: copy the folder")
-    known = _notes_of(source)
-    # Before a folder is made: images of another kind, or a first one that is damaged.
+        raise DataError(f"{source.path}: is already a session: copy the folder")
+    record = _notes_of(source)
+    # Fail before a folder is created if the images are of another kind or the first is damaged.
     first = _read(source.frames[0], source)
-    shots = _shots(source.frames, known)
+    shots = _shots(source.frames, record)
     lights = source.lights
     if lights is not None:
         lights = replace(lights, ids=tuple(led_id(shot.led or 0) for shot in shots))
     texts: dict[str, Any] = {
-        "operator": operator or (known.operator if known else ""),
-        "object": object_name or (known.object if known else ""),
-        "place": place or (known.place if known else ""),
-        "notes": notes or (known.notes if known else ""),
-        "rights": rights or (known.rights if known else ""),
+        "operator": operator or (record.operator if record else ""),
+        "object": object_name or (record.object if record else ""),
+        "place": place or (record.place if record else ""),
+        "notes": notes or (record.notes if record else ""),
+        "rights": rights or (record.rights if record else ""),
     }
-    if known is not None:
-        texts["started_utc"] = known.started_utc
+    if record is not None:
+        texts["started_utc"] = record.started_utc
     manifest = Manifest.begin(
         folder,
-        camera=_camera(first, source, known),
+        camera=_camera(first, source, record),
         camera_model=source.camera,
         lights=lights,
         **texts,
@@ -135,7 +135,7 @@ def import_frames(
     with SessionWriter.create(folder, manifest) as writer:
         try:
             _write_maps(source, writer.folder)
-            writer.write_event(_IMPORTED, **told_by(first), source=source.path.name)
+            writer.write_event(_IMPORTED, **camera_metadata(first), source=source.path.name)
             for done, (frame, shot) in enumerate(zip(source.frames, shots, strict=True), 1):
                 image = first if done == 1 else _read(frame, source)
                 image.check_like(first)
@@ -143,9 +143,7 @@ def import_frames(
                 on_progress("importing", done, len(shots))
             writer.complete()
         except BaseException as error:
-            error.add_note(
-                f"{folder}: an incomplete session stays behind: delete it, then import again"
-            )
+            error.add_note(f"{folder}: an incomplete session remains: delete it, then import again")
             raise
     return Session.open(folder)
 
@@ -157,9 +155,9 @@ def write_imported(
     *,
     exposure_us: float | None = None,
 ) -> FrameLine:
-    """Store an image as a frame, with the exposure and the time its camera noted.
+    """Store an image as a frame, with the exposure and time that its camera recorded.
 
-    ``exposure_us`` is used instead of what the file tells. Errors are those of
+    ``exposure_us``, if given, replaces the exposure from the file. Errors are those of
     `SessionWriter.write_frame`.
     """
     taken = image.data.taken
@@ -172,8 +170,8 @@ def write_imported(
     )
 
 
-def told_by(image: ImportedImage) -> dict[str, Any]:
-    """Return what an image tells of the camera, for an event."""
+def camera_metadata(image: ImportedImage) -> dict[str, Any]:
+    """Return the camera metadata of an image as details of an event."""
     return {
         "iso": image.data.iso,
         "black_levels_dn": list(image.black_levels_dn),
@@ -183,7 +181,7 @@ def told_by(image: ImportedImage) -> dict[str, Any]:
 
 
 def camera_of(image: ImportedImage) -> dict[str, Any]:
-    """Return an image's camera as the fields of `CameraRecord`."""
+    """Return the fields of `CameraRecord` for an image."""
     height, width = image.pixels.shape[:2]
     return {
         "width": width,
@@ -198,14 +196,14 @@ def camera_of(image: ImportedImage) -> dict[str, Any]:
     }
 
 
-def _camera(first: ImportedImage, source: Source, known: RecordingNotes | None) -> dict[str, Any]:
+def _camera(first: ImportedImage, source: Source, record: RecordingNotes | None) -> dict[str, Any]:
     camera = camera_of(first) | {
         "cfa": source.cfa,
         "black_level_dn": source.black_level,
         "white_level_dn": source.white_level,
     }
-    if known is not None:
-        kept = known.camera.model_dump(include={"bit_depth", "vendor", "model", "serial"})
+    if record is not None:
+        kept = record.camera.model_dump(include={"bit_depth", "vendor", "model", "serial"})
         camera |= {name: value for name, value in kept.items() if value}
     return camera
 
@@ -215,7 +213,7 @@ def _folder(path: Path) -> Path:
 
 
 def _notes_of(source: Source) -> RecordingNotes | None:
-    """Return the notes of an export, if they tell of all these frames."""
+    """Return the notes of an export if they list all frames of the source, else None."""
     notes = read_recording_notes(_folder(source.path))
     if notes is None:
         return None
@@ -223,14 +221,14 @@ def _notes_of(source: Source) -> RecordingNotes | None:
     return notes if all(frame.path.name in noted for frame in source.frames) else None
 
 
-def _shots(frames: Sequence[Frame], known: RecordingNotes | None) -> list[PlannedShot]:
-    """Find out which shot each image is of."""
-    if known is not None:
-        noted = {frame.file: frame for frame in known.frames}
-        found = [noted[frame.path.name] for frame in frames]
+def _shots(frames: Sequence[Frame], record: RecordingNotes | None) -> list[PlannedShot]:
+    """Return the shot that each image shows."""
+    if record is not None:
+        noted = {frame.file: frame for frame in record.frames}
+        listed = [noted[frame.path.name] for frame in frames]
         return [
             PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
-            for shot in found
+            for shot in listed
         ]
     leds = list(range(len(frames)))
     named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in frames]

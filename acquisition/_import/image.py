@@ -1,4 +1,4 @@
-"""One image to be imported: its samples, and what the camera wrote beside them."""
+"""One image for import: its samples and the metadata that the camera wrote."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
 from acquisition._text_files import text_of
 from rig import MAX_PIXELS, UnreadableError, refusing
 
-# Some cameras measure the black level anew for each frame: how much it may vary, of white.
+# Some cameras measure the black level for each frame: allowed difference, relative to white.
 _BLACK_SLACK = 0.001
 
 
 @dataclass(frozen=True)
 class ShotData:
-    """What a file tells of its exposure; None where it does not.
+    """Metadata of one shot from an image file; None if the file does not state it.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class ShotData:
     iso
         Sensitivity.
     taken
-        By the camera's clock, which knows no time zone: UTC is put in its place.
+        Time of the shot by the camera's clock, which has no time zone; UTC is assumed.
     vendor, model
-        The camera; empty where not known.
+        Vendor and model of the camera; empty if not known.
     """
 
     exposure_us: float | None = None
@@ -48,22 +48,22 @@ class ShotData:
 
 @dataclass(frozen=True, eq=False)
 class ImportedImage:
-    """An image as a session will hold it.
+    """An image in the form in which a session stores it.
 
     Parameters
     ----------
     path
-        The file.
+        Image file.
     pixels
         ``(H, W)`` or ``(H, W, 3)`` uint16; 8-bit samples keep their values.
     data
-        What the file tells of its exposure.
+        Metadata from the file.
     bit_depth
-        Significant low bits of a sample.
+        Number of significant low bits of a sample.
     cfa, black_level_dn, white_level_dn
-        Colour filter of a mosaic, and the levels of its samples.
+        Colour filter pattern of a mosaic, or None, and the levels of the samples.
     black_levels_dn
-        Of each place in the filter's block; empty where there is none.
+        Black level at each position of the filter's block; empty without a colour filter.
     """
 
     path: Path
@@ -76,7 +76,7 @@ class ImportedImage:
     black_levels_dn: tuple[float, ...] = ()
 
     def check_like(self, first: ImportedImage) -> None:
-        """Refuse an image that cannot be of the same recording as the first.
+        """Refuse an image that cannot belong to the same recording as the first.
 
         Raises
         ------
@@ -89,27 +89,28 @@ class ImportedImage:
             ("colour filter", self.cfa, first.cfa),
             ("white level", self.white_level_dn, first.white_level_dn),
         )
-        differing = [(what, one, other) for what, one, other in facts if one != other]
+        differing = [(name, one, other) for name, one, other in facts if one != other]
         one, other = self.black_level_dn, first.black_level_dn
         if abs(one - other) > _BLACK_SLACK * self.white_level_dn:
             differing.append(("black level", one, other))
         if differing:
-            what, mine, firsts = differing[0]
+            name, mine, firsts = differing[0]
             raise DataError(
-                f"{self.path}: {what} {_text(mine)}, but {first.path.name} has {_text(firsts)}: "
-                "one recording has images of one kind, taken with one camera setting"
+                f"{self.path}: {name} {_text(mine)}, but {first.path.name} has {_text(firsts)}: "
+                "all images of a recording must be of the same kind and camera settings"
             )
 
 
 def read_for_import(path: Path, *, max_pixels: int = MAX_PIXELS) -> ImportedImage:
-    """Read an image or a camera RAW file with what it tells of itself.
+    """Read an image or a camera RAW file with its metadata.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is damaged, not understood, has more than ``max_pixels``, or holds float samples.
+        If the file is damaged, of an unknown format, has more than ``max_pixels`` pixels, or holds
+        float samples.
     """
     header = _header(path, max_pixels)
     if is_raw(path):
@@ -129,15 +130,15 @@ def read_for_import(path: Path, *, max_pixels: int = MAX_PIXELS) -> ImportedImag
 
 
 def imported_image(path: Path, pixels: Image, data: ShotData) -> ImportedImage:
-    """Take pixels that were read already.
+    """Build an imported image from pixels that were already read.
 
     Raises
     ------
     DataError
-        If they are floats.
+        If the pixels are floats.
     """
     if pixels.dtype.kind != "u":
-        raise DataError(f"{path}: a session holds whole numbers: save it as 8 or 16 bit")
+        raise DataError(f"{path}: a session holds whole numbers: save the image as 8 or 16 bit")
     bits = 8 * pixels.dtype.itemsize
     return ImportedImage(
         path=path,
@@ -151,12 +152,12 @@ def imported_image(path: Path, pixels: Image, data: ShotData) -> ImportedImage:
 
 
 def read_shot_data(path: Path) -> ShotData:
-    """Read what a file tells of its exposure, from its header alone; nothing is no error.
+    """Read the metadata of a shot from the file header only; missing metadata is no error.
 
     Raises
     ------
     DataError
-        If it is named as camera RAW and is none.
+        If the file has a suffix of camera RAW but is not one.
     """
     header = _header(path)
     if not is_raw(path):
@@ -166,7 +167,7 @@ def read_shot_data(path: Path) -> ShotData:
 
 
 def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
-    """Read Exif, also of RAW files built like TIFF, of which the library sees the thumbnail."""
+    """Read Exif metadata; in TIFF-based RAW files OpenImageIO finds it with the thumbnail."""
     try:
         check_image_head(path, max_pixels)
         file = open_image(path)
@@ -189,7 +190,7 @@ def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
 
 
 def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
-    """Return an attribute, or None if it is absent; text that is not UTF-8 is read as Latin-1."""
+    """Return an attribute, or None if it is missing; text that is not UTF-8 is read as Latin-1."""
     try:
         with refusing(name):
             value = spec.getattribute(name)
@@ -201,8 +202,8 @@ def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
 
 
 def _number(value: Any) -> float | None:
-    known = isinstance(value, (int, float)) and 0 < value < math.inf
-    return float(value) if known else None
+    valid = isinstance(value, (int, float)) and 0 < value < math.inf
+    return float(value) if valid else None
 
 
 def _microseconds(value: Any) -> float | None:

@@ -1,4 +1,4 @@
-"""A folder that a tethered camera fills: each image goes into the session as it appears."""
+"""Tethered capture: images that a camera saves into a folder are recorded as they appear."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._import.frames import camera_of, told_by, write_imported
+from acquisition._import.frames import camera_metadata, camera_of, write_imported
 from acquisition._import.image import ImportedImage
 from acquisition._import.watch_files import WatchedFolder
 from acquisition._import.watch_match import (
@@ -36,16 +36,16 @@ _WATCHED: Final = "watched"
 
 @dataclass(frozen=True, eq=False)
 class WatchResult:
-    """What came of a watch.
+    """Result of `watch_folder`.
 
     Parameters
     ----------
     session
-        Complete where every shot has its image.
+        Recorded session; complete if every shot has its image.
     missing
-        Shots without one.
+        Shots without an image.
     warnings
-        Gaps, images that no shot was left for, one line each.
+        One line for each gap, each image without a free shot, and each other remark.
     """
 
     session: Session
@@ -62,42 +62,42 @@ def watch_folder(
     on_progress: Progress = no_progress,
     texts: dict[str, Any] | None = None,
 ) -> WatchResult:
-    """Record images as they appear, until every shot has one or none came for too long.
+    """Record images as they appear, until every shot has one or the timeout has passed.
 
-    An image is taken when its file is whole: it stayed as it is for a while, and decodes. A gap in
-    time leaves a hole instead of shifting every later image to the wrong light. Times are those
-    the camera wrote into the images, else of the files. An image named after its shot
-    (``L12.CR2``) is that shot's, whenever it appears.
+    An image is recorded when its file is complete: the file has not changed for a while, and it
+    decodes. A gap in time leaves a shot empty instead of shifting every later image to the wrong
+    light. Times are those that the camera wrote into the images, or else those of the files. An
+    image named after a shot (``L12.CR2``) is always recorded as that shot.
 
     Parameters
     ----------
     watch
-        What to watch for.
+        Folder and shots.
     out
-        New folder, or the incomplete session of an earlier watch, which is then taken up.
+        New folder, or the incomplete session of an earlier watch, which is then continued.
     lights
-        Lights of the LEDs, by their ids (``L07``) or in their order.
+        Lights of the LEDs, matched by id (``L07``) or by order.
     tell
-        Called with one line for each thing a person should know.
+        Called with each line of text for the user.
     on_frame
-        Called after each frame with how many shots are recorded, and how many there are.
+        Called after each frame with the number of recorded shots and the number of all shots.
     texts
         ``operator``, ``object``, ``place``, ``notes``, ``rights`` of a new session.
 
     Returns
     -------
     WatchResult
-        The session is complete, or incomplete and may be taken up.
+        Result with a complete session, or with an incomplete one that can be continued.
 
     Raises
     ------
     MissingPathError
-        If there is no such folder.
+        If the folder does not exist.
     DataError
-        If an image stays damaged, differs from the first in kind, or an earlier watch was for
-        other shots; or no image came at all.
+        If an image remains damaged or differs in kind from the first, if an earlier watch was for
+        other shots, or if no image appeared at all.
     StorageError
-        If the disk refuses.
+        If the session cannot be written.
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
@@ -131,10 +131,10 @@ class _Watcher:
         self._first: ImportedImage | None = None
         self._writer: SessionWriter | None = None
         if is_session(out):
-            self._take_up()
+            self._continue_session()
 
     def run(self) -> WatchResult:
-        """Poll until all is there, or nothing new came for too long."""
+        """Poll the folder until all shots are recorded or the timeout has passed."""
         changed_s = time.monotonic()
         while not self._complete:
             if self._files.scan():
@@ -148,7 +148,7 @@ class _Watcher:
         return self._result()
 
     def close(self) -> None:
-        """Let go of the session."""
+        """Close the session."""
         if self._writer is not None:
             self._writer.close()
 
@@ -161,41 +161,41 @@ class _Watcher:
     def _complete(self) -> bool:
         return not self._missing
 
-    def _take_up(self) -> None:
-        """Go on with the session of an earlier watch, if it was for the same shots."""
+    def _continue_session(self) -> None:
+        """Continue the session of an earlier watch if it was for the same shots."""
         session = Session.open(self._out)
         begun = next((line.details for line in session.events if line.event == _WATCHED), None)
-        # A watch that was killed at once left a session in which nothing stands yet.
+        # A watch that was killed at once left a session without any line.
         blank = session.manifest.rig is None and not (session.recorded or session.events)
         if not blank and (begun is None or begun.get("shots") != shot_files(self._watch.shots)):
             raise DataError(
-                f"{self._out}: was not begun by watching a folder for these shots: choose a new "
-                "folder, or the same --leds or --plan"
+                f"{self._out}: was not started by watching a folder for these shots: choose a new "
+                "folder, or give the same LEDs or the same plan"
             )
         self._writer = SessionWriter.reopen(self._out)
         if begun is None:
             self._writer.write_event(_WATCHED, shots=shot_files(self._watch.shots))
         indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
-        # Now that no other watch can add to it.
+        # Read the session again: from here on no other watch can add to it.
         for frame in Session.open(self._out).frames:
             if frame.line.origin is None:
                 continue
             if frame.line.key not in indices:
                 raise DataError(
-                    f"{frame.path}: is of none of the shots that this session was begun for; "
+                    f"{frame.path}: does not match any shot for which this session was started: "
                     "restore the session from a copy, or choose a new folder"
                 )
             self._recorded[frame.line.origin] = indices[frame.line.key]
-        self._say(f"{self._out}: taken up with {len(self._recorded)} images")
+        self._say(f"{self._out}: continued with {len(self._recorded)} images")
 
     def _match(self, *, decide: bool) -> Match:
-        """Match the files that are there, in order, up to the first that is not whole yet."""
+        """Match the files in the folder, in order, up to the first that is not complete yet."""
         names, shots = self._files.names, self._watch.shots
         gone = next((name for name in self._recorded if name not in names), None)
         if gone is not None:
             raise DataError(
-                f"{self._watch.folder / gone}: is recorded, but gone from the folder: put it back, "
-                "since the order of the files tells their lights"
+                f"{self._watch.folder / gone}: was recorded, but is no longer in the folder: put "
+                "it back, because lights are assigned by the order of the files"
             )
         series: list[Arrival] = []
         named: dict[str, int] = {}
@@ -209,35 +209,38 @@ class _Watcher:
                 named[name] = index
             elif not waiting:
                 series.append(arrival)
-        # Until the pace is known a gap would go unseen, so the first images wait for each other.
+        # Gaps cannot be seen until the pace is known, so the first images wait for each other.
         if self._watch.gaps and self._watch.interval_s is None and not decide:
             enough = min(PACE_INTERVALS + 1, len(shots) - len(named))
             if len(series) < enough:
                 series = []
         pace = pace_of(series, self._watch.interval_s) if self._watch.gaps else None
         if self._watch.gaps and pace is None and len(series) > PACE_INTERVALS:
-            self._say("taken at no steady pace: a missing image shows in the numbers of the names")
+            self._say(
+                "the images have no steady pace: missing images are found by the numbers in the "
+                "file names"
+            )
         if pace is not None and not decide and self._may_be_late(series, pace):
             series = series[:-1]
-        known = {**named, **self._recorded}
-        match = match_shots(series, len(shots), known, pace, gaps=self._watch.gaps)
+        assigned = {**named, **self._recorded}
+        match = match_shots(series, len(shots), assigned, pace, gaps=self._watch.gaps)
         return replace(match, shots={**named, **match.shots})
 
     def _may_be_late(self, series: Sequence[Arrival], pace: Pace) -> bool:
-        """Tell whether the last image, after a gap, is to wait for the next for two paces.
+        """Return whether the last image follows a gap and must wait two paces for the next.
 
-        Where that one comes too early there is no gap: the image was only held up on its way.
+        If the next image then arrives early, there is no gap: the image was only delayed.
         """
         if not ends_with_gap(series, pace) or series[-1].name in self._recorded:
             return False
         return self._files.age_s(series[-1].name) < 2 * pace.interval_s
 
     def _record(self, match: Match) -> bool:
-        """Record what was matched; tell whether there was anything."""
+        """Record the matched images; return whether there were any."""
         for gap in match.gaps:
             self._say(gap)
         for name in match.unused:
-            self._say(f"{name}: no shot is left for it")
+            self._say(f"{name}: no shot is left for this image")
         new = [(name, index) for name, index in match.shots.items() if name not in self._recorded]
         for name, index in new:
             image = self._files.take(name)
@@ -249,20 +252,20 @@ class _Watcher:
         missing = self._missing
         if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
             self._say(
-                f"the last shot is there, {len(missing)} missing before it: save an image as "
-                f"{Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to fill its place"
+                f"the last shot is recorded, but {len(missing)} before it are missing: save an "
+                f"image as {Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to add the first"
             )
         return bool(new)
 
     def _open(self, image: ImportedImage) -> SessionWriter:
-        """Return the writer; the first image tells what the session will hold."""
+        """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             earlier = next(iter(self._recorded), None)
             self._first = image if earlier is None else self._files.take(earlier)
         image.check_like(self._first)
         if self._writer is None:
             if image.bit_depth == 8:
-                self._say(f"{image.path.name}: 8 bits, and hardly linear: record camera RAW")
+                self._say(f"{image.path.name}: 8 bits, probably not linear: record camera RAW")
             manifest = Manifest.begin(
                 self._out,
                 camera=camera_of(image),
@@ -272,12 +275,12 @@ class _Watcher:
             )
             self._writer = SessionWriter.create(self._out, manifest)
             self._writer.write_event(
-                _WATCHED, shots=shot_files(self._watch.shots), **told_by(image)
+                _WATCHED, shots=shot_files(self._watch.shots), **camera_metadata(image)
             )
         return self._writer
 
     def _say(self, line: str) -> None:
-        """Tell a line, once."""
+        """Report a line, but only once."""
         if line not in self._said:
             self._said[line] = None
             self._tell(line)
@@ -286,7 +289,8 @@ class _Watcher:
         if self._writer is None:
             reason = next((f"{line}; " for line in self._files.damaged), "")
             raise DataError(
-                f"{reason}{self._watch.folder}: no image came within {self._watch.timeout_s:g} s"
+                f"{reason}{self._watch.folder}: no image appeared within "
+                f"{self._watch.timeout_s:g} s"
             )
         if self._complete:
             self._writer.complete()

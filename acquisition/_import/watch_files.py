@@ -1,4 +1,4 @@
-"""The files of a folder that something else is writing: which of them are whole by now."""
+"""Images in a folder that another program writes: which files are complete so far."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from acquisition._pixels.raw import is_raw
 from acquisition._suffixes import IMAGE_SUFFIXES
 from rig import MAX_PIXELS
 
-# Images kept in memory between the check that they decode and their recording.
+# Number of images kept in memory between the check that they decode and their recording.
 _KEPT: Final = 3
 
 
@@ -31,20 +31,21 @@ class _File:
 
 
 class WatchedFolder:
-    """Images in a folder, each told when its file stayed as it is for a while and decodes.
+    """Images in a folder; an image counts when its file is unchanged for a while and decodes.
 
-    Names that begin with a dot are ignored, and where there is camera RAW every other image is.
+    Names that begin with a dot are ignored. If there are camera RAW files, all other images are
+    ignored.
 
     Parameters
     ----------
     folder
-        It exists.
+        Existing folder.
     settle_s
-        How long a file must stay as it is.
+        Time for which a file must stay unchanged, seconds.
     say
-        Called with one line for each file that is waited for.
+        Called with one line for each file that is incomplete or was overwritten.
     max_pixels
-        The most that an image may have.
+        Largest allowed number of pixels per image.
     """
 
     def __init__(
@@ -62,26 +63,26 @@ class WatchedFolder:
 
     @property
     def names(self) -> list[str]:
-        """Every image there is, whole or not, in the order in which they were taken."""
+        """Names of all images, complete or not, in the order in which they were taken."""
         return in_order({name: file.state[1] / 1e9 for name, file in self._files.items()})
 
     @property
     def damaged(self) -> list[str]:
-        """What is wrong with the files that do not decode, one line each."""
+        """One line for each file that does not decode, with the reason."""
         return [file.complaint for file in self._files.values() if file.complaint]
 
     def scan(self) -> bool:
-        """Look at the folder; tell whether anything changed since the last time.
+        """List the folder; return whether anything changed since the last scan.
 
-        A file that was taken is known as it was then, whatever becomes of it.
+        A file that was taken keeps its state, even if it is overwritten later.
 
         Raises
         ------
         DataError
-            If it cannot be listed.
+            If the folder cannot be listed.
         """
         now = time.monotonic()
-        found: dict[str, _File] = {}
+        files: dict[str, _File] = {}
         try:
             for path in self.folder.iterdir():
                 if path.name.startswith(".") or not _is_picture(path):
@@ -93,33 +94,33 @@ class WatchedFolder:
                 if not stat.S_ISREG(status.st_mode):
                     continue
                 state = (status.st_size, status.st_mtime_ns)
-                known = self._files.get(path.name)
-                if known is None or not (known.taken or known.state == state):
-                    known = _File(state, now)
-                elif known.state != state:
+                file = self._files.get(path.name)
+                if file is None or not (file.taken or file.state == state):
+                    file = _File(state, now)
+                elif file.state != state:
                     self._say(
-                        f"{path.name}: was written anew after it was recorded; the session holds "
-                        "what it was"
+                        f"{path.name}: was overwritten after it was recorded; the session holds "
+                        "the earlier image"
                     )
-                found[path.name] = known
+                files[path.name] = file
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
-        if any(is_raw(Path(name)) for name in found):
-            found = {name: file for name, file in found.items() if is_raw(Path(name))}
-        changed = {name: file.state for name, file in found.items()} != {
+        if any(is_raw(Path(name)) for name in files):
+            files = {name: file for name, file in files.items() if is_raw(Path(name))}
+        changed = {name: file.state for name, file in files.items()} != {
             name: file.state for name, file in self._files.items()
         }
-        self._files = found
+        self._files = files
         return changed
 
     def age_s(self, name: str) -> float:
-        """Return for how long a file has been as it is, seconds."""
+        """Return the time for which a file has been unchanged, seconds."""
         return time.monotonic() - self._files[name].since_s
 
     def arrival(self, name: str, recorded: Container[str]) -> Arrival | None:
-        """Return a file as it may be matched, None while it is not whole.
+        """Return the arrival of a file for matching, or None if the file is not complete yet.
 
-        Of a file in ``recorded`` only the header is read, at once.
+        For a file in ``recorded`` only the header is read, without waiting.
         """
         file, path = self._files[name], self.folder / name
         if file.arrival is None and not file.complaint:
@@ -134,16 +135,16 @@ class WatchedFolder:
                         file.image = image
             except (DataError, MissingPathError) as error:
                 file.complaint = str(error)
-                self._say(f"waiting for the rest: {error}")
+                self._say(f"waiting for the rest of the file: {error}")
         return file.arrival
 
     def take(self, name: str) -> ImportedImage:
-        """Return the image of a file that is whole.
+        """Return the image of a complete file and mark the file as taken.
 
         Raises
         ------
         DataError
-            If it is damaged or gone since.
+            If the file has become damaged or has disappeared.
         """
         file, path = self._files[name], self.folder / name
         image, file.image = file.image, None

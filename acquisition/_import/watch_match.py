@@ -1,4 +1,4 @@
-"""Which shot each image of a tethered camera is of: by order, and by time where one is missing."""
+"""Matching of a tethered camera's images to shots: by order, and by time if one is missing."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from itertools import pairwise
 from statistics import median_low
 from typing import Final
 
-# Intervals from which the pace of a series is taken; with fewer nothing is said about gaps.
+# Number of intervals from which the pace of a series is measured.
 PACE_INTERVALS: Final = 5
-# Copying a card's files is faster than any rig: such times are not those of the shots.
+# Shorter intervals come from copying the files of a memory card, not from the shots.
 _LEAST_PACE_S: Final = 0.5
-# How far an interval may lie from a whole number of paces for a series to count as regular.
+# Largest deviation of an interval from a whole number of paces in a regular series.
 _SLACK: Final = 0.3
 _GAP: Final = 1.5
-# How many later files may show that one was not taken late but only written late.
+# Number of later files that can show that a file was written late but not taken late.
 _LOOK_AHEAD: Final = 3
-# Cameras note whole seconds: a pace below this cannot be told from them.
+# Cameras record whole seconds: a shorter pace cannot be measured from them.
 _CLOCK_PACE_S: Final = 3.0
-# Running numbers have four digits: those near the end come before those near the beginning.
+# Running numbers have four digits: after a turnover, high numbers come before low ones.
 _HIGH, _LOW = 9000, 999
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """A file that is there and whole.
+    """A complete image file.
 
     Parameters
     ----------
     name
-        Of the file.
+        Name of the file.
     written_s
-        When it was written, seconds since 1970.
+        Time at which the file was written, seconds since 1970.
     taken_s
-        When the camera says it was taken, in whole seconds; None where it does not.
+        Time at which the camera took the image, in whole seconds since 1970; None if not assigned.
     """
 
     name: str
@@ -44,26 +44,26 @@ class Arrival:
 
     @property
     def number(self) -> tuple[str, int] | None:
-        """The last number in the name with what stands around it, for counting files."""
-        found = list(re.finditer(r"\d+", self.name.rpartition(".")[0]))
-        if not found:
+        """The last number in the name, after the text around it; None without a number."""
+        numbers = list(re.finditer(r"\d+", self.name.rpartition(".")[0]))
+        if not numbers:
             return None
-        last = found[-1]
+        last = numbers[-1]
         return f"{self.name[: last.start()]}#{self.name[last.end() :]}", int(last.group())
 
 
 @dataclass(frozen=True)
 class Match:
-    """What became of the arrivals.
+    """Assignment of files to shots.
 
     Parameters
     ----------
     shots
         Index of the shot by file name.
     gaps
-        One line for each gap that was seen.
+        One line for each gap that was found.
     unused
-        Names that no shot is left for.
+        Names of files for which no shot is left.
     """
 
     shots: dict[str, int]
@@ -72,7 +72,7 @@ class Match:
 
 
 def natural(name: str) -> tuple[object, ...]:
-    """Return a key that sorts names as people count."""
+    """Return a key that sorts names in natural order, by the value of their numbers."""
     return tuple(
         (0, int(part), "") if part.isdecimal() else (1, 0, part.casefold())
         for part in re.split(r"(\d+)", name)
@@ -81,15 +81,15 @@ def natural(name: str) -> tuple[object, ...]:
 
 
 def in_order(written_s: Mapping[str, float]) -> list[str]:
-    """Return names as people count, and as cameras do: after 9999 they begin anew.
+    """Return names in natural order; a camera's numbers may restart after 9999.
 
     Parameters
     ----------
     written_s
-        When each file was written, by name.
+        Time at which each file was written, by name.
     """
     names = sorted(written_s, key=natural)
-    numbers = [found[1] if (found := Arrival(name, 0).number) else 0 for name in names]
+    numbers = [last[1] if (last := Arrival(name, 0).number) else 0 for name in names]
     turn = next((i for i, number in enumerate(numbers) if number >= _HIGH), 0)
     if not turn or numbers[turn - 1] > _LOW or written_s[names[turn]] > written_s[names[0]]:
         return names
@@ -98,7 +98,7 @@ def in_order(written_s: Mapping[str, float]) -> list[str]:
 
 @dataclass(frozen=True)
 class Pace:
-    """The steady pace of a series: seconds between shots, and which of the two times tells it."""
+    """Steady pace of a series: seconds between shots, and whether from ``taken_s`` of the files."""
 
     interval_s: float
     taken: bool
@@ -113,21 +113,21 @@ class Pace:
 def pace_of(arrivals: Sequence[Arrival], interval_s: float | None = None) -> Pace | None:
     """Return the pace of a series of images.
 
-    The camera's own times are preferred, where they are fine enough. Times of files count if the
-    camera's do not contradict them, as they do where files were copied later.
+    The camera's own times are preferred if they are precise enough. The times of the files are
+    used unless the camera's times contradict them, as they do if the files were copied later.
 
     Parameters
     ----------
     arrivals
-        In order. The first `PACE_INTERVALS` intervals count, at least three.
+        Files in order. The first `PACE_INTERVALS` intervals are used; at least three are needed.
     interval_s
-        Seconds between shots, where known.
+        Seconds between shots, if assigned.
 
     Returns
     -------
     Pace or None
-        None where the intervals are too few, too short for a camera, or not whole multiples of one
-        another, as when a person presses the button.
+        None if the intervals are too few, too short for a camera, or not whole multiples of one
+        another, for instance if the shutter was released by hand.
     """
     first = arrivals[: PACE_INTERVALS + 1]
     taken = [arrival.taken_s for arrival in first if arrival.taken_s is not None]
@@ -150,7 +150,7 @@ def _regular(times: Sequence[float]) -> float | None:
     rough = median_low(intervals)
     if rough < _LEAST_PACE_S or min(intervals) < 0.5 * rough:
         return None
-    # Over all of them the unevenness of single intervals hardly counts.
+    # The mean over all intervals hardly depends on the jitter of single ones.
     pace = sum(intervals) / sum(round(interval / rough) for interval in intervals)
     off = [abs(interval / pace - round(interval / pace)) for interval in intervals]
     return pace if max(off) <= _SLACK else None
@@ -159,61 +159,63 @@ def _regular(times: Sequence[float]) -> float | None:
 def match_shots(
     arrivals: Sequence[Arrival],
     count: int,
-    known: Mapping[str, int],
+    assigned: Mapping[str, int],
     pace: Pace | None,
     *,
     gaps: bool = True,
 ) -> Match:
-    """Give each file its shot, leaving a hole where one is missing.
+    """Assign each file to its shot; a shot whose image is missing stays empty.
 
-    Files come in the order of the shots. One that comes after about k paces leaves k - 1 holes;
-    without a pace the running numbers in the names tell: ``IMG_4`` after ``IMG_2`` leaves one.
+    Files are in the order of the shots. A file that follows after about k paces leaves k - 1
+    shots empty. Without a pace the running numbers in the names decide: ``IMG_4`` after ``IMG_2``
+    leaves one shot empty.
 
     Parameters
     ----------
     arrivals
-        In order.
+        Files in order.
     count
         Number of shots.
-    known
-        Shots of files that have theirs already; other files do not get these.
+    assigned
+        Index of the shot by name, for files that are already assigned; other files do not get
+        these shots.
     pace
-        None where only the names can tell.
+        Pace of the series; None if only the names can show a gap.
     gaps
-        False where order alone counts.
+        False if only the order counts.
     """
     shots: dict[str, int] = {}
-    told: list[str] = []
+    seen_gaps: list[str] = []
     unused: list[str] = []
-    given = set(known.values())
+    used_shots = set(assigned.values())
     before: Arrival | None = None
     last = -1
     for place, arrival in enumerate(arrivals):
         later = arrivals[place + 1 : place + 1 + _LOOK_AHEAD]
         steps = 1 if before is None or not gaps else _steps(before, arrival, later, pace)
-        index = known.get(arrival.name, last + steps)
-        if arrival.name not in known:
-            if index >= count or index in given:
+        index = assigned.get(arrival.name, last + steps)
+        if arrival.name not in assigned:
+            if index >= count or index in used_shots:
                 unused.append(arrival.name)
                 continue
             if steps > 1 and before is not None:
-                told.append(_gap(before, arrival, steps, pace))
+                seen_gaps.append(_gap(before, arrival, steps, pace))
         shots[arrival.name] = index
-        given.add(index)
+        used_shots.add(index)
         before, last = arrival, index
-    return Match(shots, tuple(told), tuple(unused))
+    return Match(shots, tuple(seen_gaps), tuple(unused))
 
 
 def ends_with_gap(arrivals: Sequence[Arrival], pace: Pace) -> bool:
-    """Tell whether a gap lies before the last file that later files may yet show to be none."""
+    """Return whether the last file follows a gap, which later files may still disprove."""
     return len(arrivals) > 1 and _steps(arrivals[-2], arrivals[-1], (), pace) > 1
 
 
 def _steps(before: Arrival, arrival: Arrival, later: Sequence[Arrival], pace: Pace | None) -> int:
-    """Return how many shots a file lies after another: 1 where none is missing between.
+    """Return the number of shots from one file to another: 1 if no image is missing between.
 
-    A file that was held up on its way, or written anew, has a late time. Those after it then come
-    too early for the gap before it to be one.
+    A file that was delayed or overwritten has a late time. The files after it then arrive too
+    early for a real gap.
     """
     if pace is not None:
         paces = [pace.between(before, other) / pace.interval_s for other in (arrival, *later)]
@@ -231,6 +233,6 @@ def _gap(before: Arrival, arrival: Arrival, steps: int, pace: Pace | None) -> st
     if pace is None:
         return f"{missing} missing by number between {before.name} and {arrival.name}"
     return (
-        f"{missing} missing between {before.name} and {arrival.name}, taken "
-        f"{pace.between(before, arrival):.1f} s apart where {pace.interval_s:.1f} s is the pace"
+        f"{missing} missing between {before.name} and {arrival.name}: they are "
+        f"{pace.between(before, arrival):.1f} s apart, the pace is {pace.interval_s:.1f} s"
     )

@@ -1,4 +1,4 @@
-"""What a tethered camera is watched for: the shots, their names, and their lights."""
+"""Shots that a tethered camera is expected to take, with their file names and lights."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from rig import MAX_PIXELS
 
 @dataclass(frozen=True)
 class Watch:
-    """What to watch for.
+    """Folder and shots of a tethered capture, and how images are matched to shots.
 
     Parameters
     ----------
     folder
-        Where the camera's images appear. Names that begin with a dot are ignored, and where there
-        is camera RAW everything else is.
+        Folder in which the camera's images appear. Names that begin with a dot are ignored; if
+        there are camera RAW files, all other files are ignored.
     shots
-        The shots in the order in which they are taken: `CapturePlan.shots`, or `lights_in_order`.
+        Shots in the order in which they are taken: `CapturePlan.shots`, or `lights_in_order`.
     plan
-        The plan they come from, if any; it is stored in the session.
+        Plan of the shots, if any; it is stored in the session.
     interval_s
-        Seconds between shots; default: found from the first images.
+        Seconds between shots; None measures it from the first images.
     gaps
-        False where pauses mean nothing: images are matched by order alone.
+        False if pauses have no meaning: images are matched by order only.
     timeout_s
-        How long to wait for the next image.
+        Longest time to wait for the next image, seconds.
     settle_s
-        How long a file must stay as it is to count as whole.
+        Time for which a file must stay unchanged to count as complete, seconds.
     max_pixels
-        The most that an image may have.
+        Largest allowed number of pixels per image.
     """
 
     folder: Path
@@ -48,19 +48,20 @@ class Watch:
 
 
 def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:
-    """Return one shot of each LED from 0, of unknown exposure."""
+    """Return one shot per LED, numbered from 0, with unknown exposure."""
     return tuple(PlannedShot("light", led, 0, 0, None) for led in range(leds))
 
 
 def shot_files(shots: Sequence[PlannedShot]) -> list[str]:
-    """Return the names of the shots' files."""
+    """Return the file names of the shots."""
     return [shot.file for shot in shots]
 
 
 def shots_by_name(shots: Sequence[PlannedShot]) -> dict[str, int]:
-    """Return the shots by the names of files meant for them: ``l07_e0``, or ``l07`` for its first.
+    """Return the index of each shot by the file names that select it.
 
-    In lower case, without a suffix.
+    Names are in lower case without a suffix: ``l07_e0`` for each shot, and ``l07`` for the first
+    shot of LED 7.
     """
     names: dict[str, int] = {}
     for index, shot in enumerate(shots):
@@ -71,7 +72,7 @@ def shots_by_name(shots: Sequence[PlannedShot]) -> dict[str, int]:
 
 
 def lights_of_shots(shots: Sequence[PlannedShot], lights: Lights | None) -> Lights | None:
-    """Return the lights of the shots' LEDs, under the LEDs' names."""
+    """Return the lights of the shots' LEDs, with the names of the LEDs as ids."""
     if lights is None:
         return None
     ids = list(dict.fromkeys(led_id(shot.led) for shot in shots if shot.led is not None))

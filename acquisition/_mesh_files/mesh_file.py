@@ -1,4 +1,4 @@
-"""What a mesh file holds."""
+"""Content of a mesh file."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """A triangle mesh or a point cloud as its file has it.
+    """A triangle mesh or a point cloud, unchanged from its file.
 
     Parameters
     ----------
     vertices
         ``(V, 3)`` float64; points that a scanner missed may be NaN.
     faces
-        ``(F, 3)`` int64 vertex numbers, polygons cut into triangles; not checked against the
-        vertices. None where the file has no surface.
+        ``(F, 3)`` int64 vertex indices; polygons are split into triangles. They are not checked
+        against the number of vertices. None if the file has no surface.
     normals
-        ``(V, 3)`` normals that came with the vertices, or None.
+        ``(V, 3)`` normals of the vertices; None if the file has no normals.
     warnings
-        What was left out, a line each.
+        One line for each kind of data that was left out.
     """
 
     vertices: npt.NDArray[np.float64]

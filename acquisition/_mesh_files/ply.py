@@ -1,7 +1,7 @@
 """PLY files: meshes of polygons or triangle strips, and point clouds.
 
-Format: Greg Turk, The PLY Polygon File Format (1994). Triangle strips are those of Stanford's
-scanning repository: an element ``tristrips`` with a list of vertices, in which -1 ends a strip.
+Format: Greg Turk, The PLY Polygon File Format (1994). Triangle strips follow Stanford's scanning
+repository: an element ``tristrips`` has a list of vertices in which -1 ends a strip.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rig import UnreadableError
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
-# How an unsigned type writes -1.
+# Values that represent -1 in unsigned types.
 _UNSIGNED_ENDS = (0xFF, 0xFFFF, 0xFFFFFFFF)
 
 
@@ -26,15 +26,14 @@ def read_ply(data: bytes) -> MeshFile:
     Raises
     ------
     UnreadableError
-        If it is damaged or truncated, has no vertices, or has a surface of another kind.
+        If the file is damaged or truncated, has no vertices, or has an unsupported kind of surface.
     """
     order, elements, begin = read_header(data)
     tables = read_body(memoryview(data)[begin:], order, elements)
     vertex = tables.get("vertex", Table({}, {}))
     if not {"x", "y", "z"} <= set(vertex.columns):
         raise UnreadableError("its header has no element vertex with x, y and z")
-    known = {element.name: element for element in elements}
-    faces, warnings = _surface(known, tables)
+    faces, warnings = _surface({element.name: element for element in elements}, tables)
     normals = None
     if {"nx", "ny", "nz"} <= set(vertex.columns):
         normals = np.stack([vertex.columns[name] for name in ("nx", "ny", "nz")], axis=1)
@@ -45,14 +44,14 @@ def read_ply(data: bytes) -> MeshFile:
 def _surface(
     elements: dict[str, Element], tables: dict[str, Table]
 ) -> tuple[Whole | None, tuple[str, ...]]:
-    """Return the triangles of faces and strips, None where the file has neither."""
+    """Return the triangles of faces and strips, and warnings; None if the file has neither."""
     triangles: list[Whole] = []
     warnings: tuple[str, ...] = ()
     if "face" in elements and elements["face"].count:
-        made, lost = _fans(_corners(elements["face"], tables["face"]))
-        triangles.append(made)
+        fans, lost = _fans(_corners(elements["face"], tables["face"]))
+        triangles.append(fans)
         if lost:
-            warnings = (f"faces left out as they have fewer than three corners: {lost}",)
+            warnings = (f"{lost} faces with fewer than three corners were left out",)
     if _STRIPS in elements and elements[_STRIPS].count:
         strips = elements[_STRIPS]
         kind = next((one.kind for one in strips.lists), "i4")
@@ -62,7 +61,7 @@ def _surface(
     for element in elements.values():
         if element.count and any(one.name in _CORNERS for one in element.lists):
             raise UnreadableError(
-                f"its surface is made of {element.name} elements, which are not read: save it with "
+                f"its surface has {element.name} elements, which are not supported: save it with "
                 "triangles"
             )
     return None, ()
@@ -73,14 +72,14 @@ def _corners(element: Element, table: Table) -> Lists:
     named = [name for name in names if name in _CORNERS] or names
     if len(named) != 1 or next(o for o in element.lists if o.name == named[0]).kind[0] == "f":
         raise UnreadableError(
-            f"its {element.name} elements have no list of whole numbers called vertex_indices"
+            f"its {element.name} elements have no list of integers named vertex_indices"
         )
-    found = table.lists[named[0]]
-    return Lists(found.lengths, whole(found.values))
+    corners = table.lists[named[0]]
+    return Lists(corners.lengths, whole(corners.values))
 
 
 def _fans(polygons: Lists) -> tuple[Whole, int]:
-    """Cut polygons into triangles; return these, and how many had fewer than three corners."""
+    """Split polygons into triangles; also return how many had fewer than three corners."""
     begins = np.cumsum(polygons.lengths) - polygons.lengths
     cut = np.maximum(polygons.lengths - 2, 0)
     first = np.repeat(begins, cut)
@@ -90,11 +89,11 @@ def _fans(polygons: Lists) -> tuple[Whole, int]:
 
 
 def _of_strips(strips: Lists, kind: str) -> Whole:
-    """Return the triangles of strips, all wound as the first of each strip is.
+    """Return the triangles of strips, wound like the first triangle of each strip.
 
-    Triangles with a vertex twice, which lead from one strip to the next, are left out.
+    Degenerate triangles with a repeated vertex, which connect strips, are left out.
     """
-    # Lists end strips as well as -1 does.
+    # The end of a list ends a strip, like -1.
     ends = np.cumsum(strips.lengths)[:-1]
     run = np.insert(strips.values, ends, -1)
     if kind[0] == "u":

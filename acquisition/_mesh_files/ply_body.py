@@ -1,4 +1,4 @@
-"""The body of a PLY file: rows of numbers and lists, as text or in either byte order."""
+"""The body of a PLY file: rows of numbers and lists, as text or binary in either byte order."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Whole = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Lists:
-    """One list property of every row: their lengths, and all values one after another."""
+    """One list property of all rows: the lengths of the lists, and their concatenated values."""
 
     lengths: Whole
     values: npt.NDArray[Any]
@@ -28,19 +28,19 @@ class Lists:
 
 @dataclass(frozen=True)
 class Table:
-    """The rows of an element: a column for each number, and for each list."""
+    """The rows of an element: one column per scalar property, and one per list property."""
 
     columns: dict[str, Double]
     lists: dict[str, Lists]
 
 
 def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> dict[str, Table]:
-    """Return the rows of each element by its name.
+    """Return the rows of each element by the name of the element.
 
     Raises
     ------
     UnreadableError
-        If there are fewer rows than announced, or what is to be a number is none.
+        If there are fewer rows than the header states, or a value is not a number.
     """
     if order:
         return dict(_binary(data, order, elements))
@@ -65,7 +65,7 @@ def _text(numbers: Double, elements: tuple[Element, ...]) -> Iterator[tuple[str,
 
 
 def _row_sizes_alike(element: Element, numbers: Double) -> list[int] | None:
-    """Return how many numbers each property takes, where it is as many in every row."""
+    """Return the count of numbers per property if it is the same in all rows, else None."""
     sizes = []
     at = 0
     for one in element.properties:
@@ -120,9 +120,9 @@ def _chased(element: Element, numbers: Double, at: int) -> tuple[Table, int]:
 
 
 def _length(numbers: Double, at: int) -> int:
-    """Return the length of the list that begins there."""
+    """Return the length of the list that begins at ``at``."""
     if at >= len(numbers):
-        raise UnreadableError("truncated: it ends within a list: get the whole file")
+        raise UnreadableError("truncated: it ends within a list: get the complete file")
     length = numbers[at]
     if not (0 <= length <= len(numbers) and length == int(length)):
         raise UnreadableError(f"a list of {length:g} numbers: the file is damaged")
@@ -148,7 +148,7 @@ def _binary(
 def _rows_alike(
     data: memoryview, order: str, element: Element
 ) -> tuple[npt.NDArray[Any] | None, memoryview]:
-    """Read rows whose lists are all as long as those of the first row."""
+    """Read rows if all their lists have the lengths of the first row, else return None."""
     fields: list[Any] = []
     at = 0
     for one in element.properties:
@@ -234,44 +234,44 @@ def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table
 
 
 def _reader(kind: np.dtype[Any]) -> struct.Struct:
-    """Return what reads one number of a type, faster than an array of one does."""
+    """Return a struct that reads one number of a type, which is faster than NumPy."""
     return struct.Struct((">" if kind.str[0] == ">" else "<") + kind.char)
 
 
 def _length_at(data: memoryview, at: int, reader: struct.Struct) -> int:
-    """Return the length of the list that begins there."""
+    """Return the length of the list that begins at ``at``."""
     if at + reader.size > len(data):
-        raise UnreadableError("truncated: it ends within a list: get the whole file")
+        raise UnreadableError("truncated: it ends within a list: get the complete file")
     (length,) = reader.unpack_from(data, at)
     if not 0 <= length <= len(data):
-        raise UnreadableError(f"a list of {length} numbers: the file is damaged or cut short")
+        raise UnreadableError(f"a list of {length} numbers: the file is damaged or truncated")
     return int(length)
 
 
 def whole(values: npt.NDArray[Any]) -> Whole:
-    """Return values as whole numbers; an UnreadableError if they are none."""
+    """Return values as integers; raise an UnreadableError if they are not integers."""
     if values.dtype.kind in "iu":
         return np.asarray(values, np.int64)
-    # Beyond, a double leaves out whole numbers.
+    # Above 2**53 a double cannot represent every integer.
     if not (np.abs(values) < 2.0**53).all() or (values != np.rint(values)).any():
-        raise UnreadableError("a list of vertices with a number that is not whole")
+        raise UnreadableError("a list of vertices with a number that is not an integer")
     return np.asarray(values, np.int64)
 
 
 def _ranges(begins: Whole, lengths: Whole) -> Whole:
-    """Return begin, begin + 1, ... of so many, for each in turn."""
+    """Return the concatenated index ranges ``begin, begin + 1, ...`` of the given lengths."""
     ends = np.cumsum(lengths)
     total = int(ends[-1]) if len(ends) else 0
     return np.asarray(np.arange(total) + np.repeat(begins - (ends - lengths), lengths), np.int64)
 
 
-def _check_room(element: Element, wanted: int, held: int) -> None:
-    if wanted > held:
+def _check_room(element: Element, needed: int, available: int) -> None:
+    if needed > available:
         raise _truncated(element)
 
 
 def _truncated(element: Element) -> UnreadableError:
     return UnreadableError(
-        f"truncated: its header promises {element.count} {element.name} elements, it holds fewer: "
-        "get the whole file"
+        f"truncated: it has fewer than the {element.count} {element.name} elements of its header: "
+        "get the complete file"
     )

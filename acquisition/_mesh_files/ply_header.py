@@ -1,4 +1,4 @@
-"""The header of a PLY file: which elements there are, and what properties they have."""
+"""The header of a PLY file: its elements and their properties."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 from rig import UnreadableError
 
-# Scanners write comments and a few dozen properties.
+# Enough for the comments and the few dozen properties that scanners write.
 _MOST_BYTES: Final = 1 << 16
 _ORDERS: Final = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES: Final = {
@@ -20,7 +20,7 @@ _TYPES: Final = {
 
 @dataclass(frozen=True)
 class Property:
-    """A property: its name, the type of its values, and of their count where it is a list."""
+    """A property: its name, the type of its values, and for a list the type of its count."""
 
     name: str
     kind: str
@@ -29,7 +29,7 @@ class Property:
 
 @dataclass(frozen=True)
 class Element:
-    """An element: its name, how many there are, and the properties of each."""
+    """An element: its name, the number of its rows, and the properties of each row."""
 
     name: str
     count: int
@@ -37,21 +37,21 @@ class Element:
 
     @property
     def lists(self) -> tuple[Property, ...]:
-        """The properties that are lists."""
+        """Properties that are lists."""
         return tuple(one for one in self.properties if one.count)
 
 
 def read_header(data: bytes) -> tuple[str, tuple[Element, ...], int]:
-    """Return the byte order (empty for text), the elements, and where the body begins.
+    """Return the byte order (empty for text), the elements, and the offset of the body.
 
     Raises
     ------
     UnreadableError
-        If it is no header of PLY 1.0; the message names the line.
+        If the data do not begin with a header of PLY 1.0; the message names the line.
     """
     end = re.search(rb"^end_header[ \t]*\r?(\n|$)", data[:_MOST_BYTES], re.MULTILINE)
     if data[:3] != b"ply" or end is None:
-        raise UnreadableError("no PLY header: does the file begin with 'ply', is it whole?")
+        raise UnreadableError("no PLY header from 'ply' to 'end_header': get a complete PLY file")
     order: str | None = None
     elements: list[tuple[str, int, list[Property]]] = []
     lines = data[: end.start()].decode("latin-1").splitlines()[1:]
@@ -72,10 +72,10 @@ def read_header(data: bytes) -> tuple[str, tuple[Element, ...], int]:
             case _:
                 raise UnreadableError(f"line {number} of its header is damaged: {line[:60]!r}")
     if order is None:
-        raise UnreadableError("its header names no format 1.0")
-    made = tuple(Element(name, count, tuple(of)) for name, count, of in elements)
-    for element in made:
+        raise UnreadableError("its header has no line 'format ... 1.0'")
+    complete = tuple(Element(name, count, tuple(of)) for name, count, of in elements)
+    for element in complete:
         names = [one.name for one in element.properties]
         if len(set(names)) < len(names):
-            raise UnreadableError(f"the element {element.name} has a property twice")
-    return order, made, end.end()
+            raise UnreadableError(f"the element {element.name} has two properties of one name")
+    return order, complete, end.end()

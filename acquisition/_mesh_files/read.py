@@ -1,4 +1,4 @@
-"""One reader for every format of meshes and point clouds."""
+"""One reader for all formats of meshes and point clouds."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from acquisition._text_files import text_of
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head, refusing
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
-# Beyond, areas and lengths would overflow.
+# With larger coordinates, areas and lengths would overflow.
 _LARGEST: Final = 1e30
 _LONG_NUMBER = re.compile(rb"\d{300}")
 
 
 def read_mesh_file(path: str | Path) -> MeshFile:
-    """Read a triangle mesh or a point cloud as its file has it.
+    """Read a triangle mesh or a point cloud.
 
     Parameters
     ----------
     path
-        OBJ, PLY, STL, GLB or OFF; or XYZ, a text of ``x y z`` or ``x y z nx ny nz`` lines.
+        OBJ, PLY, STL, GLB or OFF file; or XYZ, a text of ``x y z`` or ``x y z nx ny nz`` lines.
 
     Returns
     -------
     MeshFile
-        Polygons and triangle strips are cut into triangles.
+        Content of the file; polygons and triangle strips are split into triangles.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is of another kind, damaged or truncated, or holds coordinates above 1e30.
+        If the file is of another kind, damaged or truncated, or has coordinates above 1e30.
     """
     file = Path(path)
     with declared(file):
-        read_head(file, 0)  # what is not there is missed first
+        read_head(file, 0)  # a missing file is reported before a wrong suffix
     suffix = file.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")
@@ -63,22 +63,22 @@ def read_mesh_file(path: str | Path) -> MeshFile:
                 mesh = _by_library(shape_of_glb(data), suffix)
             case _:
                 _check_text(data, suffix)
-                # Of other encodings the library asks a package that is not here.
+                # For other encodings trimesh needs a package that is not installed.
                 mesh = _by_library(text_of(data).encode(), suffix)
         far = np.abs(mesh.vertices) > _LARGEST
         if (far & np.isfinite(mesh.vertices)).any():
             raise UnreadableError(
-                f"vertex {int(far.any(axis=1).argmax())} lies beyond {_LARGEST:g}"
+                f"vertex {int(far.any(axis=1).argmax())} has a coordinate beyond {_LARGEST:g}"
             )
     return mesh
 
 
 def _by_library(data: bytes, suffix: str) -> MeshFile:
-    # The library takes long to import.
+    # Importing trimesh takes long.
     import trimesh
 
-    with refusing("not readable as a mesh, is it whole?"), np.errstate(all="ignore"):
-        # From memory: a file name would let it look for materials beside the file.
+    with refusing("not readable as a mesh: damaged or truncated"), np.errstate(all="ignore"):
+        # From memory: with a file name trimesh would look for material files in its folder.
         loaded: Any = trimesh.load(
             io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True
         )
@@ -90,7 +90,7 @@ def _by_library(data: bytes, suffix: str) -> MeshFile:
 
 
 def _check_text(data: bytes, suffix: str) -> None:
-    """Refuse an OBJ or OFF with numbers that are none, or an OFF of too few lines."""
+    """Refuse an OBJ or OFF file with invalid numbers, or an OFF file with too few lines."""
     if b"\0" in data or _LONG_NUMBER.search(data):
         raise UnreadableError("not a text of vertices and faces")
     if suffix != ".off":
@@ -100,12 +100,12 @@ def _check_text(data: bytes, suffix: str) -> None:
     counts = [word for word in head if word.upper() != b"OFF"][:2]
     if len(counts) < 2 or not all(re.fullmatch(rb"[0-9]{1,10}", count) for count in counts):
         raise UnreadableError("its header has no counts of vertices and faces")
-    promised = int(counts[0]) + int(counts[1])
-    held = len(lines) - (2 if lines[0] == [b"OFF"] else 1)
-    if held < promised:
+    expected = int(counts[0]) + int(counts[1])
+    actual = len(lines) - (2 if lines[0] == [b"OFF"] else 1)
+    if actual < expected:
         raise UnreadableError(
-            f"truncated: its header promises {promised} lines of vertices and faces, it holds "
-            f"{held}: get the whole file"
+            f"truncated: its header states {expected} lines of vertices and faces, it has "
+            f"{actual}: get the complete file"
         )
 
 
@@ -113,14 +113,16 @@ def _xyz(data: bytes) -> MeshFile:
     lines = [line for line in data.replace(b",", b" ").splitlines() if line.strip()]
     lines = [line for line in lines if not line.startswith(b"#")]
     if not lines:
-        raise UnreadableError("the point cloud holds no point")
+        raise UnreadableError("the point cloud has no points")
     columns = len(lines[0].split())
     if columns < 3:
         raise UnreadableError(f"lines of {columns} numbers, expected x y z or x y z nx ny nz")
     wrong = next((line for line in lines if len(line.split()) != columns), None)
     if wrong is not None:
         shown = wrong[:40].decode("ascii", "backslashreplace")
-        raise UnreadableError(f"not a table of x y z lines: {shown!r} has not {columns} numbers")
+        raise UnreadableError(
+            f"not a table of x y z lines: {shown!r} does not have {columns} numbers"
+        )
     try:
         table = numbers_of(b"\n".join(lines)).reshape(-1, columns)
     except UnreadableError as error:

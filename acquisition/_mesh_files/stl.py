@@ -15,20 +15,20 @@ _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("mo
 
 
 def read_stl(data: bytes) -> MeshFile:
-    """Read an STL file; every facet has three vertices of its own.
+    """Read an STL file; every facet gets three vertices of its own.
 
     Raises
     ------
     UnreadableError
-        If it is neither text nor as long as its header announces.
+        If the file is damaged, or shorter than its header states.
     """
     count = int.from_bytes(data[80:84], "little")
     size = _HEAD + count * _FACET.itemsize
-    # Some programs begin a binary file with the word of the text format.
+    # Some programs start binary files with the keyword of the text format.
     if data.lstrip()[:5].lower() == b"solid" and len(data) != size:
         return _text(data)
     if len(data) < max(size, _HEAD):
-        raise UnreadableError("truncated: shorter than its header says: get the whole file")
+        raise UnreadableError("truncated: shorter than its header says: get the complete file")
     corners = np.frombuffer(data, _FACET, count, _HEAD)["corners"].reshape(-1, 3)
     return MeshFile(corners.astype(np.float64), _each_three(len(corners)))
 
@@ -39,8 +39,8 @@ def _text(data: bytes) -> MeshFile:
     facets = words.count(b"endfacet")
     if not facets or len(places) != 3 * facets or b"endsolid" not in words[-200:]:
         raise UnreadableError(
-            f"{len(places)} vertices for {facets} whole facets: truncated or damaged, get the "
-            "whole file"
+            f"truncated or damaged: {len(places)} vertices for {facets} complete facets: get the "
+            "complete file"
         )
     numbers = numbers_of(b" ".join(b" ".join(words[at + 1 : at + 4]) for at in places))
     if len(numbers) != 3 * len(places):

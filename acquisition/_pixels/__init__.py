@@ -1,1 +1,1 @@
-"""Image files, their pixels, and what is measured on them."""
+"""Image files, their pixels, and measurements of image quality."""

@@ -1,6 +1,7 @@
-"""The first bytes of an image file: its kind, and its size where a decoder would not wait for it.
+"""Checks on the first bytes of an image file: its kind and, for some formats, its size.
 
-Three decoders unpack pixels as soon as they open a file: the size of these is checked here.
+Three decoders unpack the pixels as soon as they open a file; for their formats the size is checked
+here.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ _SIGNATURES: Final = {
     "pnm": rb"P[1-6Ff]\s",
     "dpx": rb"SDPX|XPDS",
 }
-# Truevision's format has no signature at its begin.
+# Truevision's format has no signature at its beginning.
 _TARGA_SUFFIXES: Final = (".tga", ".tpic")
 
 
 def kind_of(head: bytes, suffix: str) -> str | None:
-    """Return the kind of image that a file begins like, None where it is none that is read."""
+    """Return the kind of an image by its first bytes; None if it is not a supported kind."""
     for kind, signature in _SIGNATURES.items():
         if re.match(signature, head, re.DOTALL):
             return kind
@@ -38,21 +39,23 @@ def kind_of(head: bytes, suffix: str) -> str | None:
 
 
 def check_image_head(path: Path, max_pixels: int) -> int:
-    """Refuse what begins like no image, and what is too large; return the size of the file.
+    """Refuse files that are not images or are too large; return the size of the file in bytes.
 
     Raises
     ------
     FileNotFoundError
-        If there is no such file.
+        If the file does not exist.
     UnreadableError
-        If it is no regular file, empty, no image of a kind that is read, or one of those that are
-        unpacked when opened and declares too many pixels.
+        If it is not a regular file, is empty, is not an image of a supported kind, or is of a kind
+        that is unpacked when opened and declares too many pixels.
     """
     head, file_bytes = read_head(path, _HEAD)
     kind = kind_of(head, path.suffix)
     if kind is None:
         empty = "" if head else " (it is empty)"
-        raise UnreadableError(f"not a readable image{empty}: no format that is read begins so")
+        raise UnreadableError(
+            f"not a readable image{empty}: its first bytes match no supported format"
+        )
     size = _SIZES[kind](head) if kind in _SIZES else None
     if size is not None:
         check_pixels(*size, 8, file_bytes, max_pixels)
@@ -62,7 +65,7 @@ def check_image_head(path: Path, max_pixels: int) -> int:
 
 
 def _jpeg_2000(head: bytes) -> tuple[int, int] | None:
-    """Read the marker SIZ: ISO/IEC 15444-1, A.5.1."""
+    """Read the size from the SIZ marker: ISO/IEC 15444-1, A.5.1."""
     at = head.find(b"\xff\x4f\xff\x51")
     if at < 0 or len(head) < at + 24:
         return None
@@ -73,7 +76,7 @@ def _jpeg_2000(head: bytes) -> tuple[int, int] | None:
 
 
 def _webp(head: bytes) -> tuple[int, int] | None:
-    """Read the canvas or the frame header: RFC 9649."""
+    """Read the size from the canvas or the frame header: RFC 9649."""
     kind, body = head[12:16], head[20:]
     if len(body) < 10:
         return None
@@ -89,7 +92,7 @@ def _webp(head: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_xl(head: bytes) -> tuple[int, int] | None:
-    """Read the SizeHeader: ISO/IEC 18181-1, 5.3."""
+    """Read the size from the SizeHeader: ISO/IEC 18181-1, 5.3."""
     at = 0
     if head[:2] != b"\xff\x0a":
         boxes = [head.find(name) for name in (b"jxlc", b"jxlp")]

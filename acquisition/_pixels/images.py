@@ -1,7 +1,7 @@
 """Image files as arrays: one reader for every format, and writers for TIFF, PNG and EXR.
 
-OpenImageIO does the work. Its errors are return values, its defaults rescale pixels, multiply by
-alpha and invent a date; this module is the only place that has to know.
+This module wraps OpenImageIO, which reports errors as return values and by default rescales
+pixels, multiplies by alpha and adds the current date. No other module has to handle that.
 """
 
 from __future__ import annotations
@@ -44,31 +44,31 @@ _FILE_TYPES = {"uint8": oiio.UINT8, "uint16": oiio.UINT16, "float32": oiio.FLOAT
 
 
 def read_image(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Image:
-    """Read an image in its own sample type, without any gamma, scaling or rotation.
+    """Read an image in its own sample type, without gamma correction, scaling or rotation.
 
     Parameters
     ----------
     path
-        TIFF, PNG, TGA, EXR, JPEG, BMP, HDR, DPX, JPEG 2000, JPEG XL, WebP or PNM. Camera RAW is for
-        `read_raw`.
+        TIFF, PNG, TGA, EXR, JPEG, BMP, HDR, DPX, JPEG 2000, JPEG XL, WebP or PNM. For camera RAW
+        use `read_raw`.
     max_pixels
-        The most that the image may have. It is checked before anything is decoded.
+        Largest allowed number of pixels, checked before anything is decoded.
 
     Returns
     -------
     Image
         ``(H, W)`` for one channel, ``(H, W, 3)`` for RGB; contiguous. uint8 and uint16 as stored
-        (fewer bits are stretched to the next of the two), floats as float32. Alpha is dropped and
-        colours are not multiplied by it; palettes are resolved.
+        (samples with fewer bits are scaled to the next of the two), floats as float32. Alpha is
+        dropped and colours are not multiplied by it; palettes are resolved.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is a folder, empty, not an image, cut short or damaged, has more than ``max_pixels``
-        or far more than a file of its size can hold, or holds samples or channels that are not the
-        above.
+        If the file is a folder, empty, not an image, truncated or damaged, has more than
+        ``max_pixels`` pixels or far more than a file of its size can hold, or has other sample
+        types or channels than those above.
     """
     return read_image_with_alpha(path, max_pixels=max_pixels)[0]
 
@@ -76,28 +76,29 @@ def read_image(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Image:
 def read_image_with_alpha(
     path: str | Path, *, max_pixels: int = MAX_PIXELS
 ) -> tuple[Image, Image | None]:
-    """Read an image as `read_image` does, and its alpha beside it.
+    """Read an image as `read_image` does, together with its alpha channel.
 
     Returns
     -------
     tuple[Image, Image | None]
-        What `read_image` returns, and alpha ``(H, W)`` of the same type, or None where there is
-        none. Both are as stored: whether the file's colours are multiplied by alpha is not known.
+        The image that `read_image` returns, and alpha ``(H, W)`` of the same type, or None if the
+        file has no alpha. Both are as stored; the file does not state whether its colours are
+        multiplied by alpha.
     """
     path = Path(path)
     with _opened(path, max_pixels) as (file, spec, channels, dtype):
-        # After the header, which may refuse the file for less.
+        # After the header check, which is faster and may refuse the file.
         _check_png_file(path)
         with declared(path), refusing("cut short or damaged, copy it again"):
             pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
-            # JPEG returns pixels from a file cut short, and only the message tells.
+            # JPEG returns pixels from a truncated file; only the message shows it.
             message = file.geterror()
     if pixels is None or message:
         raise DataError(f"{path}: cut short or damaged ({_line(message)}): copy it again")
     pixels = _as_type(pixels, dtype)
     alpha_channel = spec.alpha_channel
     alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
-    if channels != list(range(pixels.shape[2])):  # picking copies, and most files need none
+    if channels != list(range(pixels.shape[2])):  # most files need no copy
         pixels = pixels[..., channels]
     return np.ascontiguousarray(pixels[..., 0] if len(channels) == 1 else pixels), alpha
 
@@ -105,9 +106,9 @@ def read_image_with_alpha(
 def image_form(
     path: str | Path, *, max_pixels: int = MAX_PIXELS
 ) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    """Return the shape and sample type that `read_image` would give, from the header alone.
+    """Return the shape and sample type that `read_image` would return, from the header only.
 
-    Errors are those of `read_image`, but for damage behind the header.
+    Errors are those of `read_image`, except for damage after the header.
     """
     with _opened(Path(path), max_pixels) as (_, spec, channels, dtype):
         size = (spec.height, spec.width)
@@ -120,14 +121,14 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
     Parameters
     ----------
     path
-        File to create or replace. It appears whole or not at all.
+        File to create or replace. It appears complete or not at all.
     pixels
-        ``(H, W)`` or ``(H, W, 3)`` RGB, uint8 or uint16, stored as they are.
+        ``(H, W)`` or ``(H, W, 3)`` RGB, uint8 or uint16, stored unchanged.
 
     Raises
     ------
     StorageError
-        If the folder does not exist or the disk refuses the write.
+        If the folder does not exist or the file cannot be written.
     DataError
         If the array has another shape or type.
     """
@@ -140,7 +141,7 @@ def write_png(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.u
 
 
 def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
-    """Write a float32 EXR ``(H, W)`` or ``(H, W, 3)``, lossless, NaN and infinity kept.
+    """Write a lossless float32 EXR ``(H, W)`` or ``(H, W, 3)``; NaN and infinity are kept.
 
     Errors are those of `write_tiff`.
     """
@@ -151,9 +152,9 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
 def _opened(
     path: Path, max_pixels: int
 ) -> Iterator[tuple[oiio.ImageInput, oiio.ImageSpec, list[int], type[np.generic]]]:
-    """Open an image that is understood; give it, its spec, its colours and the type they get."""
+    """Open an image; yield its reader, its spec, its colour channels and the NumPy sample type."""
     if is_raw(path):
-        raise DataError(f"{path}: camera RAW has no picture of its own: read it as RAW")
+        raise DataError(f"{path}: camera RAW is not an ordinary image: read it as RAW")
     with declared(path):
         file_bytes = check_image_head(path, max_pixels)
         file = open_image(path)
@@ -163,8 +164,8 @@ def _opened(
             sample, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
         if sample not in _NATIVE or spec.deep or spec.depth > 1:
             raise DataError(
-                f"{path}: samples of type {sample} are not understood: save it as 8 or 16 bit "
-                "unsigned, or float"
+                f"{path}: samples of type {sample} are not supported: save the image as 8 or 16 "
+                "bit unsigned, or float"
             )
         with declared(path):
             bits = bits or 8 * spec.format.size()
@@ -175,12 +176,12 @@ def _opened(
 
 
 def open_image(path: Path) -> oiio.ImageInput:
-    """Open an image whose head was checked.
+    """Open an image after `check_image_head`.
 
     Raises
     ------
     UnreadableError
-        If the library does not understand it.
+        If OpenImageIO cannot open it.
     """
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
@@ -194,7 +195,7 @@ def open_image(path: Path) -> oiio.ImageInput:
 
 
 def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
-    # Doubles that no float holds become infinite, and what infinity is to mean is for the caller.
+    # Doubles beyond the range of float32 become infinite; callers handle infinity.
     with np.errstate(over="ignore"):
         return pixels.astype(dtype, copy=False)
 
@@ -212,7 +213,7 @@ def _colour_channels(spec: oiio.ImageSpec, path: Path) -> list[int]:
     colours = [i for i in range(len(names)) if i != spec.alpha_channel]
     if len(colours) not in (1, 3):
         raise DataError(
-            f"{path}: channels {', '.join(names)} are not understood: save it as grey or RGB"
+            f"{path}: channels {', '.join(names)} are not supported: save the image as grey or RGB"
         )
     return colours
 
@@ -222,30 +223,31 @@ def _write(
 ) -> None:
     array = np.asarray(pixels)
     if array.dtype.name not in allowed:
-        wanted = " or ".join(sorted(allowed))
-        raise DataError(f"{path}: {array.dtype} samples cannot be written here: give {wanted}")
+        types = " or ".join(sorted(allowed))
+        raise DataError(f"{path}: {array.dtype} samples cannot be written here: give {types}")
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3) or not array.size:
         raise DataError(f"{path}: an array of shape {array.shape} is not an image")
-    # A 2-D, strided or byte-swapped array would be written with wrong pixels and no error.
+    # OpenImageIO writes wrong pixels, without an error, from 2-D, strided or byte-swapped arrays.
     array = array.reshape(*array.shape[:2], -1)
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
     height, width, channels = array.shape
     spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
     spec.attribute("compression", compression)
-    spec.attribute("png:compressionLevel", 1)  # half the time of the default, the same size
-    spec.attribute("DateTime", "")  # otherwise the clock goes into the file
+    spec.attribute("png:compressionLevel", 1)  # half the time of the default, same size
+    spec.attribute("DateTime", "")  # otherwise the current time is written
     store_image(path, encode_image(path, kind, spec, array), array)
 
 
 def encode_image(
     path: Path, kind: str, spec: oiio.ImageSpec, array: npt.NDArray[np.generic]
 ) -> bytes:
-    """Return an image as the bytes of a file; of ``path`` is only told.
+    """Encode an image as the bytes of a file.
 
     Parameters
     ----------
     path
-        Where the image will lie, for messages.
+        Path of the future file; nothing is written there. It must be a name that `read_image` can
+        open, and messages show it.
     kind
         OpenImageIO's name of the format.
     spec
@@ -256,36 +258,40 @@ def encode_image(
     Raises
     ------
     DataError
-        If `read_image` could not open a file of that name.
+        If `read_image` could not open a file with this name.
     StorageError
         If the encoder fails.
     """
     library_path(path)
     file = oiio.ImageOutput.create(kind)
     if file is None:
-        raise StorageError(f"{path}: no writer for {kind} in this OpenImageIO: install another")
+        raise StorageError(
+            f"{path}: this OpenImageIO has no writer for {kind}: install another build"
+        )
     with disk(path, "encode"), scratch_file() as place:
         done = file.open(str(place), spec)
         done = done and file.write_image(array)
         message = file.geterror()
-        # After close a TIFF that is right may leave a message about Exif: only the results count.
+        # Closing a correct TIFF may leave a message about Exif: only the return values count.
         if not (file.close() and done):
             raise StorageError(
-                f"{path}: cannot be encoded ({_line(message)}): free memory of this computer, or "
+                f"{path}: cannot be encoded ({_line(message)}): free memory on this computer, or "
                 "raise its limit on file sizes"
             )
         return place.read_bytes()
 
 
 def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> None:
-    """Write an encoded image; it appears whole and checked to hold these pixels, or not at all.
+    """Write an encoded image and check that it holds these pixels.
+
+    The file appears complete and checked, or not at all.
 
     Raises
     ------
     DataError
-        If `read_image` could not open a file of that name.
+        If `read_image` could not open a file with this name.
     StorageError
-        If the disk refuses, or the file does not read back as written.
+        If the file cannot be written, or does not read back as written.
     """
     library_path(path)
     with published(path) as part:
@@ -296,12 +302,12 @@ def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> Non
 
 
 def holds(path: Path, pixels: npt.NDArray[np.generic]) -> bool:
-    """Tell whether a file that was just written gives these pixels."""
+    """Return whether a file that was just written reads back as these pixels."""
     try:
         stored = read_image(path, max_pixels=pixels.shape[0] * pixels.shape[1])
     except DataError:
         return False
-    # As bytes, because NaN equals nothing.
+    # Compare bytes, because NaN is not equal to itself.
     return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()
 
 

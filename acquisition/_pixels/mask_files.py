@@ -1,4 +1,4 @@
-"""Masks as image files."""
+"""Masks from image files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rig import MAX_PIXELS
 def read_mask(
     path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
 ) -> npt.NDArray[np.bool_]:
-    """Read a mask; inside is what is brighter than half of the file's range.
+    """Read a mask; pixels brighter than half of the file's range are inside.
 
     Parameters and errors are those of `read_mask_shares`.
 
@@ -32,30 +32,33 @@ def read_mask(
 def read_mask_shares(
     path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
 ) -> npt.NDArray[np.float64]:
-    """Read a mask whose edges may be anti-aliased: how much of each pixel lies inside.
+    """Read a mask with anti-aliased edges as the share of each pixel that is inside.
 
     Parameters
     ----------
     path
-        An image of any kind. Of colours, the brightest counts. One that is transparent in places
-        is the mask that its alpha draws, if what is seen of it has one colour.
+        Image file of any kind. In a colour image the brightest channel counts. In an image with
+        transparent pixels the alpha channel is the mask, provided that its visible pixels have one
+        colour or its colours give the same mask.
     size
         (height, width) that the mask must have.
     max_pixels
-        The most that it may have; a mask of the ``size`` that is given always may.
+        Largest allowed number of pixels; a mask of the given ``size`` is always allowed.
 
     Returns
     -------
     npt.NDArray[np.float64]
-        ``(H, W)`` shares 0..1 of the file's range, of floats 0..1; what is no number is outside.
+        ``(H, W)`` shares 0..1 of the file's range, or of 0..1 in float images; NaN counts as
+        outside.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is not an image, of another size, has more than ``max_pixels``, no pixel lies inside
-        by more than half, or its colours and its alpha draw two different masks.
+        If the file is not an image, has another size or more than ``max_pixels`` pixels, has no
+        pixel that is more than half inside, or if its colours and its alpha give two different
+        masks.
     """
     path = Path(path)
     if size is not None:
@@ -64,7 +67,7 @@ def read_mask_shares(
         if (height, width) != size:
             raise DataError(
                 f"{path}: a mask of {width} x {height} pixels, but the images have {size[1]} x "
-                f"{size[0]}: give the mask of these images"
+                f"{size[0]}: give a mask of the same size"
             )
     pixels, alpha = read_image_with_alpha(path, max_pixels=max_pixels)
     shares = _shares(pixels if pixels.ndim == 2 else pixels.max(axis=2))
@@ -73,14 +76,14 @@ def read_mask_shares(
         seen = pixels[opacity > 0]
         if (seen != seen[:1]).any() and ((shares > 0.5) != (opacity > 0.5)).any():
             raise DataError(
-                f"{path}: its colours and its transparency draw two different masks: save it "
-                "without transparency, the object in white"
+                f"{path}: its colours and its transparency give two different masks: save it "
+                "without transparency, with the object in white"
             )
         shares = opacity
     if not (shares > 0.5).any():
         raise DataError(
-            f"{path}: a mask with nothing inside: paint the object in white, by more than half of "
-            "the range"
+            f"{path}: a mask with nothing inside: paint the object in white, brighter than half "
+            "of the range"
         )
     return shares
 

@@ -1,4 +1,4 @@
-"""True normals as the MAT-file of a DiLiGenT object folder."""
+"""Writer for the MAT-file of true normals in a DiLiGenT object folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from acquisition._storage import write_durably
 
-# The first 116 bytes are text for people, in which SciPy puts the time and the system.
+# The first 116 bytes are free text, to which SciPy writes the time and the system.
 _TEXT: Final = b"MATLAB 5.0 MAT-file".ljust(116)
 
 
@@ -21,11 +21,11 @@ def write_normals_mat(path: Path, normals: npt.NDArray[np.float32]) -> None:
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If the file cannot be written.
     """
     # SciPy's writers take as long to import as the rest of this package.
     from scipy.io import savemat
 
-    file: Any = io.BytesIO()  # SciPy's types know only names of files
+    file: Any = io.BytesIO()  # SciPy's annotations allow only file names
     savemat(file, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)
     write_durably(path, _TEXT, file.getbuffer()[len(_TEXT) :])

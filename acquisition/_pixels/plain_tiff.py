@@ -1,4 +1,4 @@
-"""TIFF files that are not compressed: a header, and after it the samples as they lie in memory."""
+"""Uncompressed TIFF files: a header, followed by the samples as they are in memory."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ _LONG_ENTRY: Final = struct.Struct("<HHII")
 
 
 def plain_tiff_header(shape: tuple[int, ...], size: int) -> bytes:
-    """Return what stands before the samples of a little-endian TIFF 6.0 file with one strip.
+    """Return the bytes before the samples of a little-endian TIFF 6.0 file with one strip.
 
     Parameters
     ----------
     shape
         ``(H, W)`` or ``(H, W, 3)`` RGB.
     size
-        Bytes of the samples, which follow.
+        Size of the samples that follow, in bytes.
     """
     height, width, channels = (*shape, 1)[:3]
     count = 14
@@ -43,7 +43,7 @@ def plain_tiff_header(shape: tuple[int, ...], size: int) -> bytes:
         _LONG_ENTRY.pack(282, _RATIONAL, 1, scale_at),
         _LONG_ENTRY.pack(283, _RATIONAL, 1, scale_at),
         _ENTRY.pack(284, _SHORT, 1, 1, 0),  # channels innermost
-        _ENTRY.pack(296, _SHORT, 1, 1, 0),  # pixels of no known size
+        _ENTRY.pack(296, _SHORT, 1, 1, 0),  # pixel size not known
     )
     return b"".join(
         (

@@ -1,4 +1,4 @@
-"""Is a PNG file whole? Asked before the decoder, which prints its complaints to stderr."""
+"""Integrity check for PNG files, made before decoding: the decoder prints errors to stderr."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def check_png(data: bytes, name: str) -> None:
-    """Walk the chunks of a PNG file up to its end and check each one's CRC.
+    """Check the CRC of every chunk of a PNG file up to its end chunk.
 
-    The decoder overlooks a file that stops after its last pixels, and the encoder does not
-    notice a full disk; both show here. Bytes after the end chunk are allowed.
+    The decoder accepts a file that stops after its last pixels, and the encoder does not notice a
+    full disk; this check finds both. Bytes after the end chunk are allowed.
 
     Raises
     ------
     DataError
-        If a chunk is cut short or altered, or the end chunk is missing.
+        If a chunk is truncated or altered, or the end chunk is missing.
     """
     position = len(SIGNATURE)
     view = memoryview(data)

@@ -1,4 +1,4 @@
-"""How good a raw frame is, in numbers an operator can act on."""
+"""Quality figures of raw frames: clipping, percentiles, sharpness and mean."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-# Per mille, so that ranks are whole-number arithmetic.
+# In per mille, so that ranks are computed with integers.
 _PERCENTILES = {"1": 10, "50": 500, "99": 990, "99.9": 999}
 PERCENTILE_NAMES = ("0", *_PERCENTILES, "100")
 
 
 @dataclass(frozen=True)
 class FrameQuality:
-    """Figures of one frame, on raw values over the full frame.
+    """Quality figures of one frame, computed from the raw values of the full frame.
 
     Parameters
     ----------
@@ -23,14 +23,14 @@ class FrameQuality:
         Share of samples at or above the white level, 0 to 1.
     percentiles_dn
         Smallest grey value that at least this percentage of samples does not exceed; ``0`` and
-        ``100`` are the least and the greatest.
+        ``100`` are the minimum and the maximum.
     sharpness
         Mean squared difference of samples two apart, along rows and columns, over the squared mean
         grey value above black (Brenner et al. 1976). Samples two apart have the same colour under
-        a Bayer filter. Comparable between frames of one scene and exposure only; 0 for a frame
-        that is black.
+        a Bayer filter. Comparable only between frames of the same scene and exposure; 0 for a
+        black frame.
     mean_dn
-        Mean grey value; None for a frame of a session that does not tell it.
+        Mean grey value; None for a frame of a session that does not record it.
     """
 
     clipped_fraction: float
@@ -80,17 +80,17 @@ def measure_quality(
 
 
 def above_dark(lit: FrameQuality, dark: FrameQuality | None, range_dn: float) -> float | None:
-    """Return how far the mean of a frame is above that of a dark one, relative to the range.
+    """Return how far the mean of a frame is above that of a dark frame, relative to the range.
 
-    None where one of the means is not known. Rounded to a millionth.
+    The result is rounded to a millionth, or None if one of the means is not known.
     """
     if dark is None or lit.mean_dn is None or dark.mean_dn is None:
         return None
     return round((lit.mean_dn - dark.mean_dn) / range_dn, 6)
 
 
-# Without the GIL, because the thread that holds the light must not wait for this; and on one core,
-# as the parallel loops of several threads would disturb one another.
+# Without the GIL, because the thread that controls the light must not wait for this; on one core,
+# because parallel loops of several threads would slow each other down.
 @numba.njit(cache=True, nogil=True)
 def _scan(rows: npt.NDArray[np.uint16], step: int) -> tuple[npt.NDArray[np.int64], np.uint64]:
     """Return how often each value occurs, and the squared differences of pairs, summed up.

@@ -1,4 +1,4 @@
-"""Camera RAW files as the sensor wrote them."""
+"""Camera RAW files, read without any processing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNREADABLE = "not a readable camera RAW file"
 
 @dataclass(frozen=True, eq=False)
 class RawFrame:
-    """One RAW exposure: linear, no white balance, no gamma, no rotation.
+    """One RAW exposure: linear, without white balance, gamma correction or rotation.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class RawFrame:
     white_level_dn
         Grey value at which a sample counts as saturated.
     black_levels_dn
-        Grey value without light of each place of the block, in the order of ``cfa``.
+        Grey value without light at each position of the block, in the order of ``cfa``.
     exposure_us
-        Exposure time, microseconds; None where the file does not tell.
+        Exposure time, microseconds; None if the file does not state it.
     iso
-        Sensitivity; None where the file does not tell.
+        Sensitivity; None if the file does not state it.
     taken
-        When it was taken, by the camera's clock, which knows no time zone: UTC is put in its place.
-        None where the file does not tell.
+        Time of the exposure by the camera's clock, which has no time zone; UTC is assumed. None if
+        the file does not state it.
     """
 
     pixels: npt.NDArray[np.uint16]
@@ -57,20 +57,20 @@ class RawFrame:
 
 
 def is_raw(path: Path) -> bool:
-    """Say whether a file's suffix is one of camera RAW."""
+    """Return whether a file has a suffix of camera RAW."""
     return path.suffix.lower() in RAW_SUFFIXES
 
 
 def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
-    """Read a camera RAW file with everything LibRaw knows and nothing it would improve.
+    """Read the unprocessed mosaic of a camera RAW file with its levels and metadata.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If LibRaw cannot decode it, the sensor has no colour filter mosaic or more than
-        ``max_pixels``, or its levels make no sense.
+        If LibRaw cannot decode the file, the sensor has no colour filter mosaic or more than
+        ``max_pixels`` pixels, or the black level is not below the white level.
     """
     path = Path(path)
     with _opened(path) as (raw, file_bytes):
@@ -87,15 +87,15 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
                 colours = raw.color_desc.decode("ascii")
                 levels = np.asarray(raw.black_level_per_channel, np.float64)
                 white = float(raw.white_level)
-                exposure_us, iso, taken = _told(raw)
+                exposure_us, iso, taken = _shot_metadata(raw)
     if pattern is None:
         raise DataError(
-            f"{path}: this RAW holds no colour filter mosaic: convert it to 16-bit TIFF"
+            f"{path}: this RAW file has no colour filter mosaic: convert it to 16-bit TIFF"
         )
     if not pixels.size or len(block) != rows * columns:
-        raise DataError(f"{path}: holds no pixels: the file is damaged, copy it again")
+        raise DataError(f"{path}: the file has no pixels and is damaged: copy it again")
     if block.max() >= min(len(colours), len(levels)):
-        raise DataError(f"{path}: its colour filter is damaged: copy the file again")
+        raise DataError(f"{path}: the colour filter in the file is damaged: copy the file again")
     black = float(np.mean(levels[np.unique(block)]))
     if not 0 <= black < white:
         raise DataError(f"{path}: black level {black:g} is not below white level {white:g}")
@@ -114,19 +114,19 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
 def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | None]:
     """Return exposure (microseconds), ISO and time of a RAW file without decoding its pixels.
 
-    What is not known is None. A DataError names a file that is no RAW.
+    Unknown values are returned as None. A DataError is raised if the file is not a RAW file.
     """
     with (
         _opened(path) as (raw, _),
         declared(path),
         refusing(_UNREADABLE, rawpy.LibRawError),
     ):
-        return _told(raw)
+        return _shot_metadata(raw)
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int]]:
-    """Open a RAW file; give it, its pixels still packed, and the size of the file."""
+    """Open a RAW file without decoding its pixels; yield it and the size of the file in bytes."""
     raw = rawpy.RawPy()
     try:
         with declared(path):
@@ -138,15 +138,15 @@ def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int]]:
         raw.close()
 
 
-def _told(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:
+def _shot_metadata(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:
     shot = raw.other
-    # LibRaw holds single precision, of which seven digits mean something.
+    # LibRaw holds single precision, which has seven significant digits.
     exposure_us = _positive(float(f"{shot.shutter_speed * 1e6:.7g}"))
     return exposure_us, _positive(shot.iso_speed), _taken(shot.timestamp)
 
 
 def _positive(value: float) -> float | None:
-    """Return a value unless it is LibRaw's sign for not known."""
+    """Return a value, or None if it is LibRaw's marker for an unknown value."""
     return float(value) if np.isfinite(value) and value > 0 else None
 
 

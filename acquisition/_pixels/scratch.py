@@ -1,7 +1,7 @@
-"""A file for libraries that write only to a name, where nobody else can put anything in its place.
+"""A private scratch file for image libraries that can write only to a file name.
 
-The image libraries open a name themselves, through any link that stands there, and do not say why a
-disk refused. So they encode into memory, and the bytes are written as all other files are.
+The image libraries open the name themselves, follow any link there, and do not report why a write
+failed. So they encode into this file, and the bytes are then written like all other files.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from pathlib import Path
 
 @contextmanager
 def scratch_file() -> Iterator[Path]:
-    """Give the name of a new file that no other process can name; it is gone afterwards.
+    """Yield the name of a new file that no other process can name, and remove it afterwards.
 
-    In memory on Linux, so that a process that is killed leaves nothing; elsewhere in a private
-    folder among the temporary files.
+    On Linux the file is in memory, so that a killed process leaves nothing behind. On other
+    systems it is in a private temporary folder.
     """
     if sys.platform == "linux":
         descriptor = os.memfd_create("image", os.MFD_CLOEXEC)

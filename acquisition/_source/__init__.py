@@ -1,1 +1,1 @@
-"""Anything that holds frames and lights, read as one kind of source."""
+"""Readers for all kinds of recordings, which return the same kind of source."""

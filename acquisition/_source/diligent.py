@@ -1,4 +1,4 @@
-"""Object folders as the DiLiGenT benchmark has them (Shi et al., 2016)."""
+"""Object folders in the layout of the DiLiGenT benchmark (Shi et al., 2016)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LONGEST = 1e100
 
 
 def is_diligent(folder: Path) -> bool:
-    """Tell a DiLiGenT folder from other folders."""
+    """Return whether a folder is a DiLiGenT folder."""
     return (folder / FILENAMES_FILE).is_file() or (folder / DIRECTIONS_FILE).is_file()
 
 
@@ -37,19 +37,22 @@ def read_diligent(
     Raises
     ------
     DataError
-        If a file is missing, the counts disagree, or mask or normals have another size.
+        If a file is missing, the counts differ, or mask or normals have another size.
     """
     if not (folder / FILENAMES_FILE).is_file():
-        raise DataError(f"{folder}: holds {DIRECTIONS_FILE} but no {FILENAMES_FILE}: restore it")
+        raise DataError(f"{folder}: has {DIRECTIONS_FILE} but no {FILENAMES_FILE}: restore it")
     names = [name for _, name in numbered_lines(read_text(folder / FILENAMES_FILE))]
     if not names:
         raise DataError(f"{folder / FILENAMES_FILE}: an empty file: list the images")
     for name, count in Counter(names).items():
         if count > 1:
-            raise DataError(f"{folder / FILENAMES_FILE}: {name[:80]} is there twice: remove one")
-        # Not by pathlib, which raises where a name is too long.
+            raise DataError(f"{folder / FILENAMES_FILE}: {name[:80]} is listed twice: remove one")
+        # Not with pathlib, which raises an error if a name is too long.
         if not os.path.isfile(folder / name):
-            raise DataError(f"{folder / FILENAMES_FILE}: lists {name[:80]}, which is not there")
+            raise DataError(
+                f"{folder / FILENAMES_FILE}: lists {name[:80]}, which does not exist: restore the "
+                "image, or remove the line"
+            )
     mask = mask_path or folder / "mask.png"
     masks = [mask] if mask_path or mask.exists() else []
     source = images_source(folder, [folder / name for name in names], masks, max_pixels)
@@ -60,7 +63,7 @@ def read_diligent(
         others += [DIRECTIONS_FILE, INTENSITIES_FILE]
     warnings = source.warnings
     if lights is not None and not (folder / INTENSITIES_FILE).is_file():
-        warnings += (f"{folder}: no {INTENSITIES_FILE}: all lights are taken as equally strong",)
+        warnings += (f"{folder}: no {INTENSITIES_FILE}: all lights are assumed equally strong",)
     source = replace(
         source,
         kind="diligent",
@@ -84,12 +87,12 @@ def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
     if normals.shape != (*size, 3):
         raise DataError(
             f"{path}: normals of shape {normals.shape}, but the images have {size[1]} x {size[0]} "
-            "pixels"
+            "pixels: restore the file of these images"
         )
-    # Longer vectors are no normals, and their length would overflow.
+    # Longer vectors are not normals, and computing their length would overflow.
     normals[~(np.abs(normals) < _LONGEST).all(axis=2)] = 0
     length = np.linalg.norm(normals, axis=2, keepdims=True)
-    known = length > 0.5
-    unit = np.divide(normals, length, out=np.zeros_like(normals), where=known)
+    valid = length > 0.5
+    unit = np.divide(normals, length, out=np.zeros_like(normals), where=valid)
     truth: npt.NDArray[np.float32] = unit.astype(np.float32)
     return truth

@@ -1,4 +1,4 @@
-"""What an export of ours tells of its images beyond what their layout has a place for."""
+"""Metadata from recording.json, which an export writes because its layout cannot hold them."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
 
-# What an export writes besides, which tells nothing more.
+# Other files of an export, which hold no further data.
 _FOR_OTHERS = ("export.json", "alicevision_lights.json")
 
 
 def with_export_notes(source: Source) -> Source:
     """Take levels, filter pattern, exposures, lights and camera from a ``recording.json``.
 
-    It lies beside the images. Without one, and for the floats of an EXR stack, which have no level
-    at which they saturate, the source is returned as it is.
+    The file is in the folder of the images. Without it, and for an EXR stack, whose floats have no
+    saturation level, the source is returned unchanged.
 
     Raises
     ------
     DataError
-        If the file, or one that it names, is there and is not understood, or an image that it
-        lists is missing.
+        If the file, or an existing file that it names, is invalid, or if an image that it lists is
+        missing.
     """
     folder = source.path if source.path.is_dir() else source.path.parent
     notes = None if source.kind == "session" else read_recording_notes(folder)
@@ -33,27 +33,27 @@ def with_export_notes(source: Source) -> Source:
     noted = {frame.file: frame for frame in notes.frames}
     strange = next((f.path for f in source.frames if f.path.name not in noted), None)
     if strange is not None:
-        told = f"{strange}: is not in {RECORD_FILE} beside it, which is left aside"
-        return replace(source, warnings=(*source.warnings, told))
+        warning = f"{strange}: is not in {RECORD_FILE} of the same folder, which is not used"
+        return replace(source, warnings=(*source.warnings, warning))
     missing = [frame.file for frame in notes.frames if not (folder / frame.file).is_file()]
     if missing:
         raise DataError(
-            f"{folder}: {len(missing)} images that {RECORD_FILE} lists are missing, first "
+            f"{folder}: {len(missing)} images that {RECORD_FILE} lists are missing, the first is "
             f"{missing[0]}: restore them, or export the session again"
         )
     named = [name for name in (notes.lights_file, notes.camera_file) if name is not None]
-    there = [name for name in named if (folder / name).is_file()]
+    present = [name for name in named if (folder / name).is_file()]
     lost = tuple(
-        f"{folder}: {name}, which {RECORD_FILE} names, is gone: what the layout tells is taken"
+        f"{folder}: {name}, which {RECORD_FILE} names, is missing: the data of the layout are used"
         for name in named
-        if name not in there
+        if name not in present
     )
     lights, camera = source.lights, source.camera
-    if notes.lights_file in there:
+    if notes.lights_file in present:
         lights = read_lights(folder / notes.lights_file)
-    if notes.camera_file in there:
+    if notes.camera_file in present:
         camera = read_camera(folder / notes.camera_file)
-    ours = (RECORD_FILE, *there)
+    ours = (RECORD_FILE, *present)
     return replace(
         source,
         frames=tuple(

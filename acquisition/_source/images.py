@@ -1,4 +1,4 @@
-"""Plain folders of images, and images with an .lp."""
+"""Plain folders of images, and folders of images with an .lp file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def read_images(
     series = numbered_series([path for path in files if path not in masks])
     if not series:
         raise DataError(
-            f"{folder}: no numbered images (such as name.0.png, name.1.png): name another folder"
+            f"{folder}: no numbered images (name.0.png, name.1.png, ...): choose another folder"
         )
     source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
     return with_ignored(source, folder)
@@ -45,7 +45,7 @@ def lp_files(folder: Path) -> list[Path]:
 def read_lp_folder(
     folder: Path, lp: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
 ) -> Source:
-    """Read the images that an .lp lists, or if it names none of them, the numbered ones."""
+    """Read the images that an .lp file lists, or the numbered images if it lists none of them."""
     lights = read_lights(lp)
     files = _files(folder)
     masks = [path for path in files if _is_mask(path)]
@@ -55,16 +55,18 @@ def read_lp_folder(
     listed = {
         name: by_name.get(name.casefold()) or by_stem.get(light_id(name)) for name in lights.ids
     }
-    found = [path for path in listed.values() if path is not None]
-    if found and len(set(found)) < len(listed):
+    present = [path for path in listed.values() if path is not None]
+    if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
         raise DataError(
-            f"{lp}: lists {len(listed)} images, {len(set(found))} of them are there, {absent} is "
-            "not: add the image or remove its line"
+            f"{lp}: lists {len(listed)} images, but only {len(set(present))} of them are there, "
+            f"{absent} is not: add the image or remove its line"
         )
-    series = found or numbered_series(images)
+    series = present or numbered_series(images)
     if not series:
-        raise DataError(f"{folder}: no images for the {len(lights)} lights of {lp.name}")
+        raise DataError(
+            f"{folder}: no images for the {len(lights)} lights of {lp.name}: add the images"
+        )
     source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
     return with_ignored(source, folder)
@@ -81,19 +83,19 @@ def images_source(
     Parameters
     ----------
     path
-        What was named.
+        Folder or file that the caller named.
     series
-        The images, in order.
+        Images, in order.
     masks
-        Their mask, if any; more than one cannot be meant.
+        Mask of the images, if any; more than one is an error.
     max_pixels
-        The most that each may have.
+        Largest allowed number of pixels per image.
 
     Raises
     ------
     DataError
-        If an image cannot be read or differs from the first in size or type, or the mask does not
-        fit or is one of several.
+        If an image cannot be read or differs from the first in size or type, if the mask has
+        another size, or if there are several masks.
     """
     cfa, black = None, 0.0
     if is_raw(series[0]):
@@ -115,7 +117,7 @@ def images_source(
         frames = tuple(Frame(file, file.stem, shape, max_pixels=max_pixels) for file in series)
     if len(masks) > 1:
         raise DataError(
-            f"{path}: {masks[0].name} and {masks[1].name} are both masks: say which one is meant"
+            f"{path}: {masks[0].name} and {masks[1].name} are both masks: choose one of them"
         )
     return Source(
         path=path,
@@ -131,13 +133,13 @@ def images_source(
 
 
 def with_ignored(source: Source, folder: Path) -> Source:
-    """Name what the folder holds and the source does not use."""
+    """Add the names of the files in the folder that the source does not use."""
     used = {path for file in source.files for path in (file, *file.parents)}
     return replace(source, ignored=tuple(path.name for path in _files(folder) if path not in used))
 
 
 def numbered_series(files: Sequence[Path]) -> list[Path]:
-    """Return the images that differ only in one number, the most numerous such, by that number.
+    """Return the largest series of images that differ only in one number, sorted by that number.
 
     Raises
     ------
@@ -158,8 +160,8 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
     for other in rest:
         if {path for _, path in other[1]} != {path for _, path in first[1]}:
             raise DataError(
-                f"{first[1][0][1].parent}: {longest} images {first[0]} and as many {other[0]}: put "
-                "each series into a folder of its own"
+                f"{first[1][0][1].parent}: {longest} images {first[0]} and {longest} images "
+                f"{other[0]}: put each series into a folder of its own"
             )
     return [path for _, path in first[1]]
 
@@ -176,8 +178,8 @@ def _same_form(
         form = image_form(path, max_pixels=max_pixels)
         if form != first:
             raise DataError(
-                f"{path}: {_describe(*form)}, but {series[0].name} is {_describe(*first)}: one "
-                "recording has images of one kind"
+                f"{path}: {_describe(*form)}, but {series[0].name} is {_describe(*first)}: all "
+                "images of a recording must have the same size and type"
             )
     return first
 
@@ -187,7 +189,7 @@ def _describe(shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> str:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Return what a folder holds, without hidden files."""
+    """Return the files and folders in a folder, without hidden ones."""
     try:
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:

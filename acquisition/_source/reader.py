@@ -1,4 +1,4 @@
-"""One way in for recordings of every kind."""
+"""One reader for recordings of every kind."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ def read_source(
     camera: CameraModel | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
-    """Find out what a recording is and read all but its pixels.
+    """Detect the kind of a recording and read everything except its pixels.
 
     Parameters
     ----------
     path
-        A session, a DiLiGenT object folder, a folder of images with an .lp (or the .lp itself), a
-        plain folder of images, or one image file. In a plain folder the frames are the images
-        that differ in one number only, in natural order; ``mask.*`` or ``*.mask.*`` is the mask.
-        Of an export of ours, ``recording.json`` tells levels, filter pattern and exposures, and
-        which files beside it hold all that is known of lights and camera.
+        A session, a DiLiGenT object folder, a folder of images with an .lp file (or the .lp file
+        itself), a plain folder of images, or one image file. In a plain folder the frames are the
+        images that differ only in one number, in natural order; ``mask.*`` or ``*.mask.*`` is the
+        mask. In an export written by this package, ``recording.json`` gives levels, filter pattern
+        and exposures, and names the files with the full data of lights and camera.
     lights
-        Lights to use instead of those of the source: matched by id, else by order with a warning.
+        Lights to use instead of those of the source: matched by id, or by order with a warning.
     mask_path
         Mask to use instead of that of the source.
     camera
         Camera to use instead of that of the source.
     max_pixels
-        The most that an image may have. It is checked before anything is decoded.
+        Largest allowed number of pixels per image, checked before anything is decoded.
 
     Returns
     -------
     Source
-        Its frames are read one by one when asked for.
+        Recording whose frames are read one by one on request.
 
     Raises
     ------
     MissingPathError
         If ``path`` or ``mask_path`` does not exist.
     DataError
-        If it is none of these, its export was cut off, or its parts disagree: counts of images and
-        lights, sizes of images, mask, camera and true normals; or an image has more than
-        ``max_pixels``.
+        If the path is not a recording of these kinds, its export was interrupted, or its parts do
+        not match: counts of images and lights, sizes of images, mask, camera and true normals; or
+        if an image has more than ``max_pixels`` pixels.
     """
     path = Path(path)
     if not path.exists():
@@ -88,7 +88,7 @@ def _dispatch(path: Path, mask_path: Path | None, max_pixels: int) -> Source:
         return read_diligent(path, mask_path, max_pixels)
     lps = lp_files(path)
     if len(lps) > 1:
-        raise DataError(f"{path}: {lps[0].name} and {lps[1].name}: name the .lp that is meant")
+        raise DataError(f"{path}: has {lps[0].name} and {lps[1].name}: give one of these .lp files")
     if lps:
         return read_lp_folder(path, lps[0], mask_path, max_pixels)
     return read_images(path, mask_path, max_pixels)
@@ -99,13 +99,13 @@ def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
         return None
     if given:
         return "given"
-    # An export is laid out as a plain folder too, but its mask is that of a session.
+    # An export may be a plain folder too, but its mask comes from a session.
     plain = source.kind == "images" and not (source.path / RECORD_FILE).exists()
     return "folder" if plain else "recording"
 
 
 def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
-    """Put one light to each light id of the frames, in their order and under their ids."""
+    """Assign one light to each light id of the frames, in their order and with their ids."""
     ids = source.light_ids
     if lights is None or not ids:
         return replace(source, lights=None)
@@ -116,7 +116,7 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
     warnings = source.warnings
     if not by_name:
         warnings += (
-            f"{source.path}: lights are matched to images by order, as their names differ "
+            f"{source.path}: lights are matched to images by order because their names differ "
             f"({lights.ids[0]} to {ids[0]} and so on)",
         )
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)

@@ -1,4 +1,4 @@
-"""recording.json: what the images of an export are, so that reading them loses nothing of it."""
+"""recording.json: metadata of exported images, so that they can be read without any loss."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from acquisition._text_files import read_text
 RECORD_FILE: Final = "recording.json"
 
 Values = Literal["raw", "linear"]
-# A file in the same folder.
+# Name of a file in the same folder.
 _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=255)]
 
 
@@ -25,7 +25,7 @@ class _Record(BaseModel):
 
 
 class ExportedFrame(_Record):
-    """One image: its file in the folder, and the shot of the session it was made from."""
+    """One image: its file in the folder, and the shot of the session that it shows."""
 
     file: _Name
     role: Role
@@ -37,12 +37,12 @@ class ExportedFrame(_Record):
 
 
 class RecordingNotes(_Record):
-    """Everything that the layouts of others have no place for.
+    """Metadata that the layouts of other programs cannot hold.
 
-    ``camera`` describes the samples of the files here: with ``values`` raw they are those of the
-    session and its levels; linear ones have black 0, and 1 (EXR) or 65535 as white. ``subtracted``
-    says what was taken off. ``lights_file`` and ``camera_file`` name the files with all that is
-    known of the lights and of the camera as geometry.
+    ``camera`` describes the samples of the exported files: if ``values`` is raw, samples and
+    levels are those of the session; linear samples have black level 0 and white level 1 (EXR) or
+    65535. ``subtracted`` names the offset that was subtracted. ``lights_file`` and
+    ``camera_file`` name the files with the full data of the lights and of the camera model.
     """
 
     format: Literal["sgp-recording"] = "sgp-recording"
@@ -63,22 +63,22 @@ class RecordingNotes(_Record):
 
 
 def write_recording_notes(folder: Path, notes: RecordingNotes) -> Path:
-    """Write the notes into the folder of an export; return the file."""
+    """Write the notes into the folder of an export; return the path of the file."""
     path = folder / RECORD_FILE
     write_durably(path, (notes.model_dump_json(indent=1) + "\n").encode())
     return path
 
 
 def read_recording_notes(folder: Path) -> RecordingNotes | None:
-    """Read the notes of an export; None where the folder has none.
+    """Read the notes of an export; return None if the folder has no notes.
 
     Raises
     ------
     DataError
-        If the file is there and is not understood.
+        If the file exists but is invalid.
     """
     path = folder / RECORD_FILE
     if not path.is_file():
         return None
-    hint = "; restore the file, or delete it to read the images alone"
+    hint = "; restore the file, or delete it to read only the images"
     return parse_json(RecordingNotes, read_text(path), path, hint)

@@ -1,4 +1,4 @@
-"""A session as a source."""
+"""Reader for a session as a source."""
 
 from __future__ import annotations
 
@@ -22,15 +22,16 @@ from rig import MAX_PIXELS, Mounting
 def read_session(
     folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
 ) -> Source:
-    """Read a session, complete or not: what is missing becomes a warning.
+    """Read a session, complete or not; missing frames become a warning.
 
-    Frames are turned upright as they are read, and everything else is of the upright image: mask
-    and true normals, which are those in ``derived/``, where they are, camera and filter pattern.
+    Frames are turned upright when they are read. Everything else refers to the upright image: the
+    mask and the true normals from ``derived/``, if they exist, the camera and the filter pattern.
 
     Raises
     ------
     DataError
-        If it is damaged or holds no frame, or its frames have more than ``max_pixels``.
+        If the session is damaged or has no frame, or if its frames have more than ``max_pixels``
+        pixels.
     """
     session = Session.open(folder)
     device, mounting = session.manifest.camera, session.manifest.mounting
@@ -39,7 +40,7 @@ def read_session(
             f"{folder}: frames of {device.width} x {device.height} pixels, {max_pixels} are "
             "allowed: raise the limit on pixels"
         )
-    # The session's own reader checks the hash of the pixels.
+    # Frames are loaded by the session, which checks the hash of the pixels.
     frames = tuple(
         Frame(
             recorded.path,
@@ -53,20 +54,20 @@ def read_session(
         for recorded in session.frames
     )
     if not frames:
-        raise DataError(f"{folder}: a session without any frame: record or resume it")
+        raise DataError(f"{folder}: the session has no frames: record or resume it")
     warnings = list(session.warnings)
     if not session.complete:
-        warnings.append(f"{folder}: the recording was not brought to its end")
+        warnings.append(f"{folder}: the recording is not complete")
     if session.missing:
         warnings.append(
-            f"{folder}: {len(session.missing)} planned frames are missing, first "
+            f"{folder}: {len(session.missing)} planned frames are missing, the first is "
             f"{session.missing[0].file}"
         )
     if session.left_out:
         leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
         warnings.append(
-            f"{folder}: {len(session.left_out)} planned frames were left out, as LED "
-            f"{', '.join(leds)} died"
+            f"{folder}: {len(session.left_out)} planned frames were left out because these LEDs "
+            f"failed: {', '.join(leds)}"
         )
     height, width, *_ = mounting.upright_shape((device.height, device.width))
     size = (height, width)
@@ -120,7 +121,7 @@ def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
     normals = read_image(path, max_pixels=size[0] * size[1])
     if normals.dtype != np.float32 or normals.shape != (*size, 3):
         raise DataError(
-            f"{path}: {normals.dtype} of shape {normals.shape} are no normals of images of "
+            f"{path}: {normals.dtype} of shape {normals.shape} are not normals of images of "
             f"{size[1]} x {size[0]} pixels: delete the file"
         )
     return normals.astype(np.float32, copy=False)

@@ -1,4 +1,4 @@
-"""What every kind of recording becomes before it is processed: frames, lights, mask, camera."""
+"""Common form of all kinds of recordings for processing: frames, lights, mask, camera."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ MaskOrigin = Literal["given", "folder", "recording"]
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One image of a recording, read when asked for.
+    """One image of a recording, read on request.
 
     Parameters
     ----------
     path
-        The file.
+        Image file.
     light_id
-        ``L07`` for LED 7 of a session, the file's stem elsewhere.
+        ``L07`` for LED 7 of a session; the stem of the file name for other sources.
     shape
         ``(H, W)`` or ``(H, W, 3)``, the same for all frames of a source.
     role
         ``light``, ``dark``, ``ambient`` or ``flat``.
     bracket
-        Index of the exposure from 0.
+        Index of the exposure, from 0.
     exposure_us
-        Exposure time, microseconds; None where not known.
+        Exposure time, microseconds; None if not known.
     load
-        How to read the pixels, for files that `read_image` does not read.
+        Function that reads the pixels of files that `read_image` does not read.
     max_pixels
-        The most that the file may have when it is read.
+        Largest allowed number of pixels of the file.
     """
 
     path: Path
@@ -55,64 +55,65 @@ class Frame:
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
 
     def read(self) -> Image:
-        """Return the pixels as stored: no black level taken off, no scaling.
+        """Return the pixels as stored, without subtracting the black level and without scaling.
 
         Raises
         ------
         DataError
-            If the file is gone, damaged, or of another shape than the rest of the source.
+            If the file has been removed, is damaged, or has another shape than the other frames.
         """
         if not self.path.exists():
-            raise DataError(f"{self.path}: is gone since the folder was read: restore it")
+            raise DataError(f"{self.path}: was removed after the folder was read: restore it")
         if self.load is None:
             pixels = read_image(self.path, max_pixels=self.max_pixels)
         else:
             pixels = self.load()
         if pixels.shape != self.shape:
             raise DataError(
-                f"{self.path}: shape {pixels.shape}, the rest of the source has {self.shape}"
+                f"{self.path}: shape {pixels.shape}, but the other frames have {self.shape}: "
+                "restore the file"
             )
         return pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A recording of any kind, ready to be read.
+    """A recording of any kind, ready for reading its frames.
 
     Parameters
     ----------
     path
-        The folder or file that was named.
+        Folder or file that the caller named.
     kind
         ``session``, ``diligent``, ``lp`` (images with an .lp) or ``images``.
     frames
-        All frames that count, at least one; those of a folder in natural order.
+        All frames that count, at least one; frames from a folder of images in natural order.
     lights
-        One light for each of `light_ids`, in that order and with those ids; None where not known.
+        One light for each of `light_ids`, in that order and with those ids; None if not known.
     mask
-        ``(H, W)`` bool, True on the object; None where none came with the images.
+        ``(H, W)`` bool, True on the object; None if there is no mask.
     mask_path
-        The image file that `mask` was read from; None without a mask.
+        Image file from which `mask` was read; None without a mask.
     mask_origin
-        What is known about the mask. ``given``: the caller named the file. ``recording``: it
-        belongs to a session, an export, a DiLiGenT folder or an .lp, and shows the object.
-        ``folder``: it lies in a plain folder of images, and may show a chrome sphere as well as an
-        object. None without a mask.
+        Origin of the mask. ``given``: the caller named the file. ``recording``: the mask belongs
+        to a session, an export, a DiLiGenT folder or an .lp file, and shows the object.
+        ``folder``: the mask is in a plain folder of images, and may show a chrome sphere instead
+        of an object. None without a mask.
     camera
-        The camera as geometry, where known; it has the size of the images.
+        Camera model with the size of the images; None if not known.
     normals_truth
-        ``(H, W, 3)`` float32 unit normals, 0 where not known; None where there is no truth.
+        ``(H, W, 3)`` float32 true unit normals, 0 where not known; None without true normals.
     cfa
-        Colour filter pattern of mosaic frames, row by row from the top left; None elsewhere.
+        Colour filter pattern of mosaic frames, row by row from the top left; None for other frames.
     black_level, white_level
         Grey values without light and at saturation, in the unit of the files. The white level of
-        float images is infinite: no sample is saturated, and their values are taken as they are.
+        float images is infinite: no sample counts as saturated, and values are not limited.
     files
-        Every file that was read, or is read through `frames`.
+        All files that were read or that `frames` read.
     ignored
-        Names in the folder that were not used. Of a session nothing is told.
+        Names in the folder that were not used; always empty for a session.
     warnings
-        What was assumed, one line each.
+        One line for each assumption that was made.
     """
 
     path: Path
@@ -138,5 +139,5 @@ class Source:
 
     @property
     def light_ids(self) -> tuple[str, ...]:
-        """The lights that frames were taken under, each once, in order of the frames."""
+        """Ids of the lights of all frames, each once, in the order of the frames."""
         return tuple(dict.fromkeys(f.light_id for f in self.frames if f.role == "light"))

@@ -1,4 +1,4 @@
-"""Files of camera models: ours, OpenCV's, COLMAP's, and a bare 3 x 3 matrix."""
+"""Files of camera models: our own format, OpenCV's, COLMAP's, and a plain 3 x 3 matrix."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
 from acquisition._values.camera_model import CameraModel
 
-# Where each COLMAP model keeps fx, fy, cx, cy, k1, k2, p1, p2 among its parameters.
+# Indices of fx, fy, cx, cy, k1, k2, p1, p2 among the parameters of each COLMAP model.
 _COLMAP = {
     "SIMPLE_PINHOLE": (0, 0, 1, 2),
     "PINHOLE": (0, 1, 2, 3),
@@ -40,24 +40,25 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     Parameters
     ----------
     path
-        ``.json`` (ours); ``.yml``, ``.yaml`` or ``.xml`` of OpenCV with camera_matrix,
-        distortion_coefficients, image_width, image_height and, ours, working_distance_mm; a text
-        file with a 3 x 3 matrix; or COLMAP's cameras.txt with one camera, whose principal point
-        counts from the corner of the first pixel and is moved by half a pixel.
+        ``.json`` of our own format; ``.yml``, ``.yaml`` or ``.xml`` of OpenCV with camera_matrix,
+        distortion_coefficients, image_width, image_height and our addition working_distance_mm; a
+        text file with a 3 x 3 matrix; or COLMAP's cameras.txt with one camera. COLMAP measures the
+        principal point from the corner of the first pixel; it is shifted by half a pixel.
     size
-        (height, width) of the images, for files that hold none.
+        (height, width) of the images, for files without an image size.
 
     Returns
     -------
     CameraModel
-        Without working distance unless the file has one.
+        Camera model; it has a working distance only if the file has one.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is not understood, has no image size and none is given, or another one than given.
+        If the file is invalid, has no image size and ``size`` is not given, or has another image
+        size than ``size``.
     """
     path = Path(path)
     text = read_text(path)
@@ -80,14 +81,14 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
 
 
 def write_camera(path: str | Path, camera: CameraModel) -> None:
-    """Write a camera model as ``.json`` or as ``.yml``, ``.yaml`` of OpenCV; both keep everything.
+    """Write a camera model as ``.json``, or as OpenCV's ``.yml`` or ``.yaml``; all are lossless.
 
     Raises
     ------
     DataError
-        If the suffix is another.
+        If the file has another suffix.
     StorageError
-        If the disk refuses the write.
+        If the file cannot be written.
     """
     path = Path(path)
     match path.suffix.lower():
@@ -109,7 +110,9 @@ def _parse_opencv(text: str, path: Path, size: tuple[int, int] | None) -> Camera
     nodes = read_storage(text, path)
     K = matrix_of(nodes.get("camera_matrix"), "camera_matrix", path)
     if K is None:
-        raise DataError(f"{path}: camera_matrix is missing: write it by OpenCV's FileStorage")
+        raise DataError(
+            f"{path}: camera_matrix is missing: write the file with OpenCV's FileStorage"
+        )
     name = "distortion_coefficients"
     distortion = matrix_of(nodes.get(name), name, path)
     sides = [number_of(nodes.get(side)) for side in ("image_height", "image_width")]
@@ -144,21 +147,23 @@ def _parse_text(text: str, path: Path, size: tuple[int, int] | None) -> CameraMo
         height, width = _known(size, path)
         return CameraModel(K, width, height)
     if not lines or len(tokens[0]) < 4 or not tokens[0][1].isidentifier():
-        raise DataError(f"{path}: neither a 3 x 3 matrix nor a cameras.txt of COLMAP")
+        raise DataError(
+            f"{path}: neither a 3 x 3 matrix nor COLMAP's cameras.txt: give one of the two"
+        )
     if len(lines) > 1:
-        raise DataError(f"{path}: {len(lines)} cameras: leave only the one that took the images")
+        raise DataError(f"{path}: {len(lines)} cameras: keep only the one that took the images")
     (number, _), (_, model, *words) = lines[0], tokens[0]
     if model not in _COLMAP:
         raise DataError(
-            f"{path} line {number}: model {model} is not understood: use one of "
+            f"{path} line {number}: model {model} is not supported: use one of "
             + ", ".join(_COLMAP)
         )
     values = _floats(words, path, number)
     places = _COLMAP[model]
     if len(values) != 2 + max(places) + 1:
         raise DataError(
-            f"{path} line {number}: {model} has {max(places) + 1} parameters after the size, "
-            f"not {len(values) - 2}"
+            f"{path} line {number}: {model} must have {max(places) + 1} parameters after the "
+            f"size, not {len(values) - 2}"
         )
     fx, fy, cx, cy, *distortion = (values[2 + place] for place in places)
     cx, cy = cx - _COLMAP_PIXEL_CENTRE, cy - _COLMAP_PIXEL_CENTRE
@@ -173,11 +178,13 @@ def _floats(words: list[str], path: Path, number: int) -> list[float]:
         values = [np.nan]
     if not np.isfinite(values).all():
         text = " ".join(words)[:40]
-        raise DataError(f"{path} line {number}: '{text}' are not all finite numbers")
+        raise DataError(
+            f"{path} line {number}: '{text}' are not all finite numbers: correct the line"
+        )
     return values
 
 
 def _known(size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
     if size is None:
-        raise DataError(f"{path}: the file has no image size: give it along with the images")
+        raise DataError(f"{path}: the file has no image size: give the camera with its images")
     return size

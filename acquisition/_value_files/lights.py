@@ -1,4 +1,4 @@
-"""Files of lights, whatever their kind."""
+"""Reader and writer for files of lights in all supported formats."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ def read_lights(path: str | Path) -> Lights:
     Parameters
     ----------
     path
-        ``.json`` (ours), ``.lp`` (RTI: a count, then ``file x y z`` a line), any other text of N
-        rows of three numbers, or a DiLiGenT folder or its light_directions.txt, whose
-        light_intensities.txt and filenames.txt are then read too.
+        ``.json`` of our own format; ``.lp`` of RTI with a count, then one line ``file x y z`` per
+        light; any other text with N rows of three numbers; or a DiLiGenT folder or its
+        light_directions.txt, in which case light_intensities.txt and filenames.txt are read too.
 
     Returns
     -------
     Lights
-        Vectors need not be unit in the file. The ids are those of lights.json, the file names of
-        .lp and of filenames.txt, else L00, L01, ...
+        Lights of the file, whose vectors may have any length there. The ids are those of
+        lights.json, or the file names in the .lp or in filenames.txt, or else L00, L01, ...
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is not understood; the message names the file, and the line or light.
+        If the file is invalid; the message names the file, and the line or light.
     """
     path = Path(path)
     if path.is_dir():
         if not (path / DIRECTIONS_FILE).exists():
-            raise DataError(f"{path}: holds no {DIRECTIONS_FILE}: name a file of lights")
+            raise DataError(f"{path}: has no {DIRECTIONS_FILE}: give a file of lights")
         path = path / DIRECTIONS_FILE
     text = read_text(path)
     match path.suffix.lower():
@@ -58,24 +58,24 @@ def read_lights(path: str | Path) -> Lights:
 def write_lights(
     path: str | Path, lights: Lights, provenance: dict[str, Any] | None = None
 ) -> None:
-    """Write lights as ``.json``, which keeps everything, or as ``.lp``.
+    """Write lights as ``.json``, which is lossless, or as ``.lp``.
 
     Parameters
     ----------
     path
-        The suffix chooses. An ``.lp`` holds only ids and unit directions: near lights are written
-        as seen from the origin, and intensities are lost.
+        Output file; its suffix selects the format. An ``.lp`` file holds only ids and unit
+        directions: near lights are written as directions from the origin, and intensities are lost.
     lights
-        What to write.
+        Lights to write.
     provenance
-        Where they come from, for ``.json`` only: names and finite values that JSON can hold.
+        Origin of the lights, for ``.json`` only: names with finite values that JSON can hold.
 
     Raises
     ------
     DataError
-        If the suffix is another.
+        If the file has another suffix.
     StorageError
-        If the disk refuses the write.
+        If the file cannot be written.
     """
     path = Path(path)
     match path.suffix.lower():

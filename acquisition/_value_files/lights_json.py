@@ -1,4 +1,4 @@
-"""lights.json: everything `Lights` holds, one light a line, with where it comes from."""
+"""lights.json: all data of `Lights`, one line per light, and their origin."""
 
 from __future__ import annotations
 
@@ -48,21 +48,26 @@ def parse_lights_json(text: str, path: Path) -> Lights:
     Raises
     ------
     DataError
-        If it is not understood; the message names ``path`` and the light.
+        If the text is invalid; the message names ``path`` and the light.
     """
     records = parse_json(_LightsFile, text, path).lights
     near = records[0].position_mm is not None
     seen: set[str] = set()
     for record in records:
         if record.id in seen:
-            raise DataError(f"{path}: light {record.id} is there twice: give each its own id")
+            raise DataError(
+                f"{path}: light {record.id} is listed twice: give each light its own id"
+            )
         if (record.position_mm is not None) != near:
             raise DataError(
-                f"{path}: light {record.id} differs in kind: give all a direction, or all a "
-                "position_mm"
+                f"{path}: light {record.id} differs in kind from the first: give all lights a "
+                "direction, or all a position_mm"
             )
         if (record.axis is None) != (records[0].axis is None):
-            raise DataError(f"{path}: light {record.id}: give all lights an axis, or none")
+            raise DataError(
+                f"{path}: light {record.id} differs from the first: give all lights an axis, or "
+                "none of them"
+            )
         seen.add(record.id)
     vectors = np.array([record.position_mm or record.direction for record in records])
     axes = [record.axis for record in records if record.axis is not None]
@@ -80,7 +85,7 @@ def parse_lights_json(text: str, path: Path) -> Lights:
 
 
 def lights_json(lights: Lights, provenance: dict[str, Any]) -> str:
-    """Lay out lights as the text of a lights.json."""
+    """Return the text of a lights.json."""
     key = "direction" if lights.positions_mm is None else "position_mm"
     vectors = lights.directions if lights.positions_mm is None else lights.positions_mm
     columns = {

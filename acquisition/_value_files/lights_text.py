@@ -1,4 +1,4 @@
-"""Lights as text: the .lp of RTI and tables of three numbers a line, as DiLiGenT has them."""
+"""Lights as text: .lp files of RTI, and tables with three numbers per line as in DiLiGenT."""
 
 from __future__ import annotations
 
@@ -18,28 +18,30 @@ _MOST_LIGHTS = 100_000
 
 
 def parse_lp(text: str, path: Path) -> Lights:
-    """Build lights from the text of an .lp: the count, then ``file x y z`` a line.
+    """Build lights from the text of an .lp file: the count, then one line ``file x y z`` per light.
 
-    File names may hold spaces and Windows folders (both dropped from the ids), numbers a decimal
-    comma, vectors any length.
+    File names may contain spaces and Windows folders, which are dropped from the ids. Numbers may
+    have a decimal comma, and vectors may have any length.
 
     Raises
     ------
     DataError
-        If count or rows are not that; the message names ``path`` and the line.
+        If the count or a row is invalid; the message names ``path`` and the line.
     """
     lines = _rows(text, path)
     if not lines:
-        raise DataError(f"{path}: an empty file: the first line of an .lp is the number of lights")
+        raise DataError(
+            f"{path}: an empty file: the first line of an .lp file must be the number of lights"
+        )
     first, count = lines[0]
     if not (count.isascii() and count.isdecimal()):
         raise DataError(
-            f"{path} line {first}: '{count[:40]}' is no count: the first line of an .lp is the "
-            "number of lights"
+            f"{path} line {first}: '{count[:40]}' is not a count: the first line of an .lp file "
+            "must be the number of lights"
         )
     if count.lstrip("0") != str(len(lines) - 1):
         raise DataError(
-            f"{path} line {first}: {count[:40]} lights are announced and {len(lines) - 1} follow: "
+            f"{path} line {first}: the count is {count[:40]}, but {len(lines) - 1} lights follow: "
             "correct the count or the rows"
         )
     names: dict[str, None] = {}
@@ -47,10 +49,12 @@ def parse_lp(text: str, path: Path) -> Lights:
     for number, line in lines[1:]:
         parts = line.rsplit(maxsplit=3)
         if len(parts) != 4:
-            raise DataError(f"{path} line {number}: '{line[:40]}' is not 'file x y z'")
+            raise DataError(
+                f"{path} line {number}: '{line[:40]}' is not 'file x y z': correct the line"
+            )
         name = PureWindowsPath(parts[0]).name
         if name in names:
-            raise DataError(f"{path} line {number}: {name} is there twice: remove one line")
+            raise DataError(f"{path} line {number}: {name} is listed twice: remove one line")
         names[name] = None
         vectors.append(_numbers([part.replace(",", ".") for part in parts[1:]], path, number))
         _refuse_zero(vectors[-1], path, number)
@@ -58,7 +62,7 @@ def parse_lp(text: str, path: Path) -> Lights:
 
 
 def lp_text(lights: Lights) -> str:
-    """Lay out ids and unit directions as the text of an .lp."""
+    """Return the text of an .lp file with ids and unit directions."""
     rows = [
         f"{light} {x:.9f} {y:.9f} {z:.9f}\n"
         for light, (x, y, z) in zip(lights.ids, lights.unit_directions, strict=True)
@@ -67,15 +71,16 @@ def lp_text(lights: Lights) -> str:
 
 
 def parse_directions(text: str, path: Path) -> Lights:
-    """Build lights from N rows of three numbers, under a count or not.
+    """Build lights from N rows of three numbers, with or without a leading count.
 
-    A file called light_directions.txt is taken for DiLiGenT's: light_intensities.txt and
-    filenames.txt beside it add intensities and ids.
+    A file named light_directions.txt is read as DiLiGenT's: light_intensities.txt and filenames.txt
+    in the same folder add intensities and ids.
 
     Raises
     ------
     DataError
-        If a row is not a vector, or the files disagree; the message names file and line.
+        If a row is not a vector, or the files have different counts; the message names file and
+        line.
     """
     rows = _table(text, path)
     for number, vector in rows:
@@ -100,7 +105,7 @@ def _intensities(path: Path) -> Array:
     for number, values in rows:
         if min(values) <= 0:
             raise DataError(
-                f"{path} line {number}: an intensity that is not positive: leave that light out"
+                f"{path} line {number}: an intensity that is not positive: remove that light"
             )
     return np.array([values for _, values in rows])
 
@@ -110,8 +115,8 @@ def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
     if lines and lines[0][1] == str(len(lines) - 1):
         lines = lines[1:]
     if not lines:
-        raise DataError(f"{path}: an empty file: three numbers a line are expected")
-    # With points about, commas are separators; without, they are decimal.
+        raise DataError(f"{path}: an empty file: give three numbers per line")
+    # In a line with points, commas are separators; in other lines they are decimal commas.
     return [
         (number, _numbers(line.replace(",", " " if "." in line else ".").split(), path, number))
         for number, line in lines
@@ -121,7 +126,7 @@ def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
 def _rows(text: str, path: Path) -> list[tuple[int, str]]:
     lines = numbered_lines(text)
     if len(lines) > _MOST_LIGHTS + 1:
-        raise DataError(f"{path}: {len(lines)} lines: {_MOST_LIGHTS} lights are the most")
+        raise DataError(f"{path}: {len(lines)} lines: at most {_MOST_LIGHTS} lights are allowed")
     return lines
 
 
@@ -135,20 +140,22 @@ def _numbers(parts: list[str], path: Path, number: int) -> list[float]:
             f"{path} line {number}: '{' '.join(parts)[:40]}' is not three numbers: correct the line"
         )
     if not all(map(math.isfinite, values)):
-        raise DataError(f"{path} line {number}: not finite: leave that light out or measure it")
+        raise DataError(
+            f"{path} line {number}: a number is not finite: remove that light or measure it"
+        )
     return values
 
 
 def _refuse_zero(vector: list[float], path: Path, number: int) -> None:
     if math.hypot(*vector) < 1e-9:
         raise DataError(
-            f"{path} line {number}: a zero vector is no direction: leave that light out"
+            f"{path} line {number}: a zero vector is not a direction: remove that light"
         )
 
 
 def _same_count(path: Path, count: int, other: Path, other_count: int) -> None:
     if count != other_count:
         raise DataError(
-            f"{path}: {count} lights, but {other.name} beside it has {other_count}: one line per "
-            "light in both"
+            f"{path}: {count} lights, but {other.name} in the same folder has {other_count}: give "
+            "both one line per light"
         )

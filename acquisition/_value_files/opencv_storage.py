@@ -1,7 +1,7 @@
 """Numbers and matrices from the YAML and XML files that OpenCV's FileStorage writes.
 
-FileStorage itself follows any nesting down, until the process ends. This module reads the few nodes
-that a camera file has and passes over all others.
+FileStorage itself follows any depth of nesting until the process crashes. This module reads the
+few nodes of a camera file and ignores all others.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ _SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
 
 
 def read_storage(text: str, path: Path) -> dict[str, str | dict[str, str]]:
-    """Return the nodes at the top of a file: the text of a plain one, the parts of a matrix.
+    """Return the top-level nodes of a file: the text of a scalar node, the parts of a matrix.
 
     Raises
     ------
     DataError
-        If it is neither of the two formats; the message names ``path``.
+        If the text has neither of the two formats; the message names ``path``.
     """
     try:
         return _xml(text) if text.lstrip().startswith("<") else _yaml(text)
     except UnreadableError as error:
-        raise DataError(f"{path}: {error}: write it by OpenCV's FileStorage") from error
+        raise DataError(f"{path}: {error}: write the file with OpenCV's FileStorage") from error
 
 
 def number_of(node: str | dict[str, str] | None) -> float | None:
-    """Return a plain node as a number, None where it is none."""
+    """Return a scalar node as a number, or None if it is not a number."""
     if not isinstance(node, str):
         return None
     try:
@@ -52,12 +52,12 @@ def number_of(node: str | dict[str, str] | None) -> float | None:
 
 
 def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Array | None:
-    """Return a node as a matrix ``(rows, cols)``; None where there is no such node.
+    """Return a node as a matrix ``(rows, cols)``; None if the node does not exist.
 
     Raises
     ------
     DataError
-        If it is no matrix of numbers; the message names ``path`` and ``name``.
+        If the node is not a matrix of numbers; the message names ``path`` and ``name``.
     """
     if node is None:
         return None
@@ -65,22 +65,22 @@ def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Array
     words = parts.get("data", "").replace(",", " ").split()
     rows, columns = number_of(parts.get("rows")), number_of(parts.get("cols"))
     if not words or len(words) > _MOST_NUMBERS or rows is None or columns is None:
-        raise DataError(f"{path}: {name} is no matrix: write it by OpenCV's FileStorage")
+        raise DataError(f"{path}: {name} is not a matrix: write it with OpenCV's FileStorage")
     values = [number_of(word) for word in words]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values) or rows * columns != len(known) or rows != int(rows):
+    numbers = [value for value in values if value is not None]
+    if len(numbers) < len(values) or rows * columns != len(numbers) or rows != int(rows):
         raise DataError(
-            f"{path}: {name} is not {rows:g} x {columns:g} numbers: write it by OpenCV's "
+            f"{path}: {name} does not have {rows:g} x {columns:g} numbers: write it with OpenCV's "
             "FileStorage"
         )
-    return np.array(known, np.float64).reshape(int(rows), int(columns))
+    return np.array(numbers, np.float64).reshape(int(rows), int(columns))
 
 
 def _yaml(text: str) -> dict[str, str | dict[str, str]]:
-    """Read the keys that begin in the first column, and the block that is indented below each."""
+    """Read the keys that begin in the first column, and the indented block below each key."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("%", "#"))]
     if not text.startswith("%YAML") and not any(_KEY.match(line) for line in lines):
-        raise UnreadableError("not a camera file of OpenCV")
+        raise UnreadableError("not an OpenCV camera file")
     nodes: dict[str, str | dict[str, str]] = {}
     block: list[str] = []
     key = rest = ""
@@ -96,24 +96,24 @@ def _yaml(text: str) -> dict[str, str | dict[str, str]]:
             block.append(line)
             continue
         close()
-        found = _KEY.match(line)
-        if found is None:
-            raise UnreadableError(f"not a camera file of OpenCV ({line[:40]!r})")
-        key, rest, block = found["key"], found["rest"].strip(), []
+        match = _KEY.match(line)
+        if match is None:
+            raise UnreadableError(f"not an OpenCV camera file ({line[:40]!r})")
+        key, rest, block = match["key"], match["rest"].strip(), []
     close()
     return nodes
 
 
 def _block(lines: list[str]) -> dict[str, str]:
-    """Read the indented keys of a matrix; a list may go on over several lines."""
+    """Read the indented keys of a matrix; a list may span several lines."""
     parts: dict[str, str] = {}
     key = ""
     pieces: list[str] = []
     for line in lines:
-        found = _KEY.match(line.strip())
-        if found is not None:
+        match = _KEY.match(line.strip())
+        if match is not None:
             parts[key] = " ".join(pieces)
-            key, pieces = found["key"], [found["rest"]]
+            key, pieces = match["key"], [match["rest"]]
         else:
             pieces.append(line)
     parts[key] = " ".join(pieces)
@@ -124,37 +124,37 @@ def _unbracketed(value: str) -> str:
     if value[:1] != "[":
         return value
     if value[-1] != "]":
-        raise UnreadableError("a list without its end: it was cut short")
+        raise UnreadableError("a list has no closing bracket: the file is truncated")
     return value[1:-1]
 
 
 def _xml(text: str) -> dict[str, str | dict[str, str]]:
-    """Read elements of the first and the second level below the root."""
+    """Read the elements of the first and second level below the root."""
     path: list[str] = []
     pieces: dict[tuple[str, ...], list[str]] = {}
 
     def begin(name: str, _: dict[str, str]) -> None:
         path.append(name)
         if len(path) > _MOST_DEPTH:
-            raise UnreadableError(f"nested more than {_MOST_DEPTH} deep")
+            raise UnreadableError(f"nested more than {_MOST_DEPTH} levels deep")
         pieces.setdefault(tuple(path[1:3]), [])
 
     def refuse(*_: object) -> None:
-        raise UnreadableError("a document type, which no camera file has")
+        raise UnreadableError("a document type declaration is not allowed in a camera file")
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = begin
     parser.EndElementHandler = lambda _: path.pop()
-    parser.CharacterDataHandler = lambda said: pieces[tuple(path[1:3])].append(said)
+    parser.CharacterDataHandler = lambda piece: pieces[tuple(path[1:3])].append(piece)
     parser.StartDoctypeDeclHandler = refuse
     try:
-        # Python has decoded it already, whatever its first line says.
+        # The text is already decoded, so the encoding in its first line is removed.
         parser.Parse(re.sub(r"^\s*<\?xml[^>]*\?>", "", text).encode("utf-8"), True)
     except expat.ExpatError as error:
-        raise UnreadableError(f"not a camera file of OpenCV ({error})") from error
+        raise UnreadableError(f"not an OpenCV camera file ({error})") from error
     nodes: dict[str, str | dict[str, str]] = {}
-    for place, said in pieces.items():
-        words = "".join(said).strip()
+    for place, parts_of_text in pieces.items():
+        words = "".join(parts_of_text).strip()
         if len(place) == 1:
             nodes.setdefault(place[0], words)
         elif len(place) == 2:

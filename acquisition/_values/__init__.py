@@ -1,1 +1,1 @@
-"""Lights, camera model and noise model: the values that calibration estimates."""
+"""Lights, camera model and noise model: the values that a calibration estimates."""

@@ -1,4 +1,4 @@
-"""The angle between vectors."""
+"""Angles between vectors."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ Double = npt.NDArray[np.float64]
 
 
 def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
-    """Return the angle between vectors in degrees, exact for small angles too.
+    """Return the angle between vectors in degrees, accurate for small angles too.
 
     Parameters
     ----------
     a, b
-        ``(..., 3)`` vectors of any length; they broadcast against each other.
+        ``(..., 3)`` vectors of any length, which are broadcast against each other.
 
     Returns
     -------
     Double
-        ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 where a vector has no length.
+        ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 if a vector is zero.
     """
     first, second = np.asarray(a, np.float64), np.asarray(b, np.float64)
     ax, ay, az = first[..., 0], first[..., 1], first[..., 2]

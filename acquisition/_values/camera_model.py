@@ -1,4 +1,4 @@
-"""The camera as geometry: which ray a pixel sees."""
+"""Geometric camera model: the ray of each pixel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from acquisition._errors import DataError
 
 Array = npt.NDArray[np.float64]
 
-# OpenCV looks along +Z with Y down, the house looks along -Z with Y up.
+# OpenCV's camera looks along +Z with Y down; in the house frame it looks along -Z with Y up.
 _FLIP = np.array([1.0, -1.0, -1.0])
 
 
@@ -23,20 +23,20 @@ class CameraModel:
     Parameters
     ----------
     K
-        ``(3, 3)`` intrinsic matrix in pixels; (0, 0) is the centre of the first pixel.
+        ``(3, 3)`` intrinsic matrix in pixels; the centre of the first pixel is at (0, 0).
     width, height
         Image size in pixels.
     working_distance_mm
-        Distance from the centre of projection to the working plane along the optical axis. None
-        where no scale is known.
+        Distance from the centre of projection to the working plane along the optical axis; None if
+        the scale is not known.
     distortion
-        ``(5,)`` OpenCV's k1, k2, p1, p2, k3.
+        ``(5,)`` OpenCV coefficients k1, k2, p1, p2, k3.
 
     Raises
     ------
     DataError
-        If K is not an upper triangular matrix with positive focal lengths, or a size is not
-        positive.
+        If K is not an upper triangular matrix with positive focal lengths, a size or the working
+        distance is not positive, or a distortion coefficient is not finite.
     """
 
     K: Array
@@ -48,7 +48,7 @@ class CameraModel:
     def __post_init__(self) -> None:
         K = np.array(self.K, np.float64)
         if K.shape != (3, 3) or not np.isfinite(K).all():
-            raise DataError("a camera matrix K must be 3 x 3 finite numbers")
+            raise DataError("the camera matrix K must have 3 x 3 finite numbers")
         if (
             K[0, 0] <= 0
             or K[1, 1] <= 0
@@ -56,40 +56,44 @@ class CameraModel:
             or np.any(K[[1, 2, 2], [0, 0, 1]])
         ):
             raise DataError(
-                "a camera matrix K must read [fx s cx; 0 fy cy; 0 0 1] with positive focal lengths"
+                "the camera matrix K must have the form [fx s cx; 0 fy cy; 0 0 1] with positive "
+                "focal lengths"
             )
         if self.width < 1 or self.height < 1:
-            raise DataError(f"a camera image of {self.width} x {self.height} pixels has no pixels")
+            raise DataError(
+                f"a camera image of {self.width} x {self.height} pixels has no pixels: give its "
+                "width and height"
+            )
         distance = self.working_distance_mm
         if distance is not None and not (np.isfinite(distance) and distance > 0):
-            raise DataError(f"a working distance of {distance} mm is not a positive length")
+            raise DataError(f"the working distance must be positive and finite, not {distance} mm")
         distortion = np.array(self.distortion, np.float64).ravel()
         if len(distortion) > 5 or not np.isfinite(distortion).all():
-            raise DataError("distortion must be at most five finite numbers: k1 k2 p1 p2 k3")
+            raise DataError("the distortion must have at most five finite numbers: k1 k2 p1 p2 k3")
         object.__setattr__(self, "K", K)
         object.__setattr__(self, "distortion", np.pad(distortion, (0, 5 - len(distortion))))
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width), the shape of an image."""
+        """Shape of the image, (height, width)."""
         return self.height, self.width
 
     @property
     def focal_px(self) -> float:
-        """The mean focal length in pixels: one pixel spans ``1 / focal_px`` radians."""
+        """Geometric mean of the focal lengths in pixels; a pixel spans ``1 / focal_px`` radians."""
         return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
 
     @property
     def centre_mm(self) -> Array:
-        """The centre of projection, ``(0, 0, working distance)``."""
+        """Centre of projection, ``(0, 0, working distance)``."""
         if self.working_distance_mm is None:
             raise DataError("this camera has no working distance: add working_distance_mm to it")
         return np.array([0.0, 0.0, self.working_distance_mm])
 
     def rays(self, pixels: npt.ArrayLike) -> Array:
-        """Return the directions that pixels see, in the house frame, scaled to z = -1.
+        """Return the viewing directions of pixels in the house frame, scaled to z = -1.
 
-        A surface point is ``centre + depth * ray`` with depth along the optical axis.
+        A surface point is ``centre + depth * ray``, with the depth along the optical axis.
 
         Parameters
         ----------
@@ -102,10 +106,10 @@ class CameraModel:
             ``(..., 3)`` float64.
         """
         points = np.asarray(pixels, np.float64)
-        # K is applied here and not by OpenCV, which ignores a skew.
+        # K is applied here because OpenCV ignores the skew.
         y = (points[..., 1] - self.K[1, 2]) / self.K[1, 1]
         x = (points[..., 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0]
-        if self.distortion.any() and points.size:  # OpenCV refuses none
+        if self.distortion.any() and points.size:  # OpenCV refuses empty arrays
             criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
             seen = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
             straight = cv2.undistortPoints(seen, np.eye(3), self.distortion, criteria=criteria)
@@ -119,15 +123,15 @@ class CameraModel:
         return self.rays(np.stack([x, y], axis=-1))
 
     def points_on_plane(self, z_mm: float = 0.0) -> Array:
-        """Return where every pixel's ray meets the plane z = ``z_mm``, ``(height, width, 3)``."""
+        """Return the points ``(height, width, 3)`` at which rays meet the plane z = ``z_mm``."""
         centre = self.centre_mm
         points: Array = centre + (centre[2] - z_mm) * self.pixel_rays()
         return points
 
     def project(self, points_mm: npt.ArrayLike) -> Array:
-        """Return the pixels ``(..., 2)`` at which points ``(..., 3)`` of the house frame appear."""
+        """Return the pixels ``(..., 2)`` that show points ``(..., 3)`` of the house frame."""
         points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
-        if not points.size:  # OpenCV refuses none
+        if not points.size:  # OpenCV refuses empty arrays
             return np.zeros((*points.shape[:-1], 2))
         seen, _ = cv2.projectPoints(
             points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self.distortion

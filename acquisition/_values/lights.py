@@ -1,4 +1,4 @@
-"""The lights of a recording: directions or positions, how strong, and where they point."""
+"""The lights of a recording: directions or positions, intensities, axes and radiation patterns."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Array = npt.NDArray[np.float64]
 
 _SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
 _OF_LED = re.compile(r"l([0-9]{1,9})(?:_e[0-9]+)?(?:_r[0-9]+)?(?:\.z[0-9]*)?")
-# Where a point coincides with a light, so that no direction leads to it.
+# Closer points coincide with a light, so that the direction toward it is undefined.
 _TOUCHING_MM = 1e-9
 
 
 def led_id(led: int) -> str:
-    """Return the name of the light that an LED makes: ``L07`` for LED 7."""
+    """Return the light id of an LED: ``L07`` for LED 7."""
     return f"L{led:02d}"
 
 
 def led_of(name: str) -> int | None:
-    """Return the LED that a name of a light or frame tells, 5 for ``L05_E0_R1.tif``, or None."""
-    found = _OF_LED.fullmatch(light_id(name))
-    return None if found is None else int(found[1])
+    """Return the LED number in the name of a light or frame, 5 for ``L05_E0_R1.tif``, or None."""
+    match = _OF_LED.fullmatch(light_id(name))
+    return None if match is None else int(match[1])
 
 
 def light_id(name: str) -> str:
-    r"""Reduce a file name or path to what identifies a light: its stem, any separator, any case.
+    r"""Reduce a file name or path to the id of a light: its stem in lower case, without folders.
 
-    Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` are all ``chrome.0``.
-    Only suffixes of images and camera RAW are taken off: ``scan.left`` stays whole.
+    Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` all give ``chrome.0``.
+    Only suffixes of images and camera RAW are removed: ``scan.left`` is unchanged.
     """
     stem = re.split(r"[\\/]", name.rstrip("\\/"))[-1].casefold()
     while True:
@@ -46,13 +46,13 @@ def light_id(name: str) -> str:
         stem = shorter
 
 
-# Lengths beyond this have no square, or no meaning in millimetres.
+# Larger lengths overflow when squared, or have no meaning in millimetres.
 _LARGEST = 1e12
 
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """N lights, either all distant (directions) or all near (positions).
+    """N lights, all distant (directions) or all near (positions).
 
     Parameters
     ----------
@@ -62,21 +62,21 @@ class Lights:
     positions_mm
         ``(N, 3)`` positions in the house frame, millimetres. None for distant lights.
     intensities
-        ``(N, 3)`` or ``(N,)``, RGB or one value, greater than 0: the irradiance a light gives at
-        the frame's origin on a surface that faces it, in the unit of the images. Default 1.
+        ``(N, 3)`` or ``(N,)``, RGB or one value, greater than 0: the irradiance of a light at the
+        frame's origin on a surface that faces it, in the unit of the images. Default: 1.
     axes
         ``(N, 3)`` unit vectors along which near lights shine, pointing away from the light.
-        Default: at the origin.
+        Default: toward the origin.
     mu
         ``(N,)`` exponent of the radiation pattern ``cos(angle to the axis) ** mu``; 0 is isotropic.
     ids
-        N names that tie lights to frames: ``L07`` for LED 7, or the stem of an image file.
+        N names that link lights to frames: ``L07`` for LED 7, or the stem of an image file.
 
     Raises
     ------
     DataError
-        If shapes disagree, a value is not finite, a direction has no length, a position lies at
-        the origin, or an intensity is not positive. The message names the light.
+        If shapes do not match, a value is not finite, a direction is zero, a position is at the
+        origin, or an intensity is not positive. The message names the light.
     """
 
     directions: Array | None = None
@@ -87,14 +87,14 @@ class Lights:
     ids: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        given = self.directions if self.positions_mm is None else self.positions_mm
-        if given is None or (self.directions is not None and self.positions_mm is not None):
-            raise DataError("lights need either directions or positions, and not both")
-        vectors = _finite(given, "direction" if self.positions_mm is None else "position")
+        chosen = self.directions if self.positions_mm is None else self.positions_mm
+        if chosen is None or (self.directions is not None and self.positions_mm is not None):
+            raise DataError("lights need either directions or positions, not both")
+        vectors = _finite(chosen, "direction" if self.positions_mm is None else "position")
         count = len(vectors)
         ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
-            raise DataError(f"{count} lights but {len(ids)} ids")
+            raise DataError(f"{len(ids)} ids for {count} lights: give each light an id")
         length = np.linalg.norm(vectors, axis=1)
         if np.any(length < 1e-9):
             raise DataError(f"light {ids[int(np.argmin(length))]} is a zero vector")
@@ -107,7 +107,7 @@ class Lights:
         if intensities.ndim == 1:
             intensities = np.repeat(intensities[:, None], 3, axis=1)
         if intensities.shape != (count, 3):
-            raise DataError(f"{count} lights but intensities of shape {intensities.shape}")
+            raise DataError(f"intensities of shape {intensities.shape} for {count} lights")
         bad = ~np.all(np.isfinite(intensities) & (intensities > 0), axis=1)
         if bad.any():
             raise DataError(
@@ -117,11 +117,11 @@ class Lights:
         axes = -vectors / length[:, None] if self.axes is None else _finite(self.axes, "axis")
         axis_length = np.linalg.norm(axes, axis=1)
         if len(axes) != count or np.any(axis_length < 1e-9):
-            raise DataError(f"{count} lights need {count} axes that are not zero")
+            raise DataError(f"{count} lights need {count} axes of non-zero length")
         object.__setattr__(self, "axes", axes / axis_length[:, None])
         mu = np.zeros(count) if self.mu is None else np.asarray(self.mu, np.float64)
         if mu.shape != (count,) or not np.all(np.isfinite(mu) & (mu >= 0)):
-            raise DataError(f"{count} lights need {count} values mu >= 0")
+            raise DataError(f"{count} lights need {count} finite values mu >= 0")
         object.__setattr__(self, "mu", mu)
         object.__setattr__(self, "ids", ids)
 
@@ -130,7 +130,7 @@ class Lights:
 
     @property
     def near(self) -> bool:
-        """True where the lights have positions."""
+        """Whether the lights have positions."""
         return self.positions_mm is not None
 
     @property
@@ -143,11 +143,11 @@ class Lights:
         return directions
 
     def distant(self) -> Lights:
-        """Return the same lights as seen from the origin, with no positions."""
+        """Return the same lights with directions from the origin instead of positions."""
         return Lights(directions=self.unit_directions, intensities=self.intensities, ids=self.ids)
 
     def take(self, indices: Sequence[int]) -> Lights:
-        """Return the lights of these indices, in this order."""
+        """Return the lights with these indices, in this order."""
         pick = list(indices)
         return replace(
             self,
@@ -162,11 +162,11 @@ class Lights:
     def vectors_at(self, points_mm: npt.ArrayLike) -> Array:
         """Return the light vectors at scene points: unit direction times relative irradiance.
 
-        The irradiance of a Lambertian surface is ``intensity * max(n . v, 0)`` with ``v`` from
-        here. For near lights ``|v| = (r0 / r)^2 * (cos t / cos t0)^mu``, with distance r and angle
-        t to the axis, r0 and t0 those of the origin (the LED model of Queau et al., 2018, scaled
-        to 1 at the origin). Points behind the LED's own plane get no light, nor do points that
-        coincide with the LED.
+        The irradiance of a Lambertian surface is ``intensity * max(n . v, 0)``, where ``v`` is the
+        light vector. For near lights ``|v| = (r0 / r)^2 * (cos t / cos t0)^mu``, where r is the
+        distance and t the angle to the axis, and r0 and t0 are those of the origin (the LED model
+        of Queau et al., 2018, scaled to 1 at the origin). Points behind the plane of the LED and
+        points that coincide with the LED receive no light.
 
         Parameters
         ----------
@@ -194,17 +194,17 @@ class Lights:
         cosine_reference = -np.sum(position * axis, axis=-1) / reference
         if np.any(cosine_reference <= 0):
             dark = self.ids[int(np.argmin(cosine_reference.ravel()))]
-            raise DataError(f"light {dark} points away from the origin: check its axis")
+            raise DataError(f"light {dark} points away from the origin: correct its axis")
         gain = (reference / distance) ** 2 * (cosine / cosine_reference) ** mu
         gain = np.where(cosine > 0, gain, 0.0)
         vectors: Array = toward / distance[..., None] * gain[..., None]
         return vectors
 
     def match(self, names: Sequence[str]) -> tuple[list[int], bool]:
-        """Find each frame's light by its id, or by its LED, or by order where no names match.
+        """Find the light of each frame by its id, by its LED, or by order if no names match.
 
-        Names that differ and tell an LED, as ``L05`` and ``L05_E0.tif`` do, are those of one light.
-        Where lights and frames are both called after LEDs, the order never decides.
+        Different names with the same LED number, for instance ``L05`` and ``L05_E0.tif``, mean the
+        same light. If both lights and frames are named after LEDs, they are never matched by order.
 
         Parameters
         ----------
@@ -214,41 +214,41 @@ class Lights:
         Returns
         -------
         indices
-            The light of each frame.
+            Index of the light of each frame.
         by_name
-            False where order decided, which deserves a warning.
+            False if the lights were matched by order; callers should then issue a warning.
 
         Raises
         ------
         DataError
-            If names match only in part, or not at all and the counts differ.
+            If only some names match, or if no names match and the counts differ.
         """
         exact = _found(light_id, self.ids, names)
         by_led = _found(_led_or_id, self.ids, names)
-        for found in (exact, by_led):
-            if len(found) == len(names) == len(set(found.values())):
-                return [found[name] for name in names], True
+        for matches in (exact, by_led):
+            if len(matches) == len(names) == len(set(matches.values())):
+                return [matches[name] for name in names], True
         if len(names) != len(self):
             raise DataError(
                 f"{len(names)} images for {len(self)} lights: "
-                "every image needs its light (by file name, or by order when the counts agree)"
+                "every image needs a light, by file name, or by order if the counts are equal"
             )
-        # What lights without names are called by default tells no more than their order.
+        # The default ids of lights without names express only their order.
         named = self.ids != tuple(map(led_id, range(len(self))))
         leds = all(led_of(name) is not None for name in (*self.ids, *names))
         if exact or (named and (by_led or leds)):
             missing = next((name for name in names if name not in by_led), None)
             if missing is None:
-                raise DataError("two images or two lights share a name: rename them")
+                raise DataError("two images or two lights share a name: rename one of them")
             raise DataError(
-                f"{len(by_led)} of {len(names)} image names are in the lights, {missing} is not: "
+                f"{len(by_led)} of {len(names)} image names match a light, {missing} does not: "
                 "rename the images or the lights"
             )
         return list(range(len(self))), False
 
 
 def _led_or_id(name: str) -> str:
-    """Reduce a name to its LED, where it tells one, or as `light_id`."""
+    """Return the light id of the LED in a name, or `light_id` of a name without an LED."""
     led = led_of(name)
     return light_id(name) if led is None else led_id(led).casefold()
 
@@ -256,27 +256,28 @@ def _led_or_id(name: str) -> str:
 def _found(
     reduced: Callable[[str], str], ids: Sequence[str], names: Sequence[str]
 ) -> dict[str, int]:
-    """Return the index of the one id that each name is reduced to, for names that have one."""
-    known = [reduced(light) for light in ids]
-    often = Counter(known)
-    place = {key: i for i, key in enumerate(known) if often[key] == 1}
-    return {name: place[key] for name in names if (key := reduced(name)) in place}
+    """Return the index of the only id with the same reduced name, for names that have one."""
+    keys = [reduced(light) for light in ids]
+    counts = Counter(keys)
+    places = {key: i for i, key in enumerate(keys) if counts[key] == 1}
+    return {name: places[key] for name in names if (key := reduced(name)) in places}
 
 
 def _known(value: Array | None) -> Array:
-    """Narrow a field that the constructor filled in."""
+    """Narrow the type of a field that the constructor sets."""
     if value is None:
-        raise TypeError("a field that the constructor fills in is missing")
+        raise TypeError("a field that the constructor sets is missing")
     return value
 
 
-def _finite(value: npt.ArrayLike, what: str) -> Array:
+def _finite(value: npt.ArrayLike, name: str) -> Array:
     array = np.array(value, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
-        raise DataError(f"{what}s of lights must be N x 3 numbers, not {array.shape}")
+        plural = "axes" if name == "axis" else f"{name}s"
+        raise DataError(f"{plural} of lights must be N x 3 numbers, not {array.shape}")
     bad = ~(np.abs(array) <= _LARGEST).all(axis=1)
     if bad.any():
         raise DataError(
-            f"the {what} of light {int(np.argmax(bad))} is not finite, or larger than {_LARGEST:g}"
+            f"the {name} of light {int(np.argmax(bad))} is not finite, or larger than {_LARGEST:g}"
         )
     return array

@@ -1,4 +1,4 @@
-"""Files of camera models: golden texts of each kind, the half pixel of COLMAP, refusals."""
+"""Files of camera models: golden texts of each format, COLMAP's half pixel, refusals."""
 
 from __future__ import annotations
 
@@ -63,21 +63,21 @@ def test_written_and_read_back_exactly(
     assert back.working_distance_mm == distance_mm
 
 
-def test_what_is_written_opens_in_opencv(tmp_path: Path) -> None:
+def test_opencv_reads_the_written_file(tmp_path: Path) -> None:
     write_camera(tmp_path / "camera.yml", CAMERA)
     storage = cv2.FileStorage(str(tmp_path / "camera.yml"), cv2.FILE_STORAGE_READ)
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), K)
     assert storage.getNode("image_height").real() == 480
 
 
-def test_ours_by_hand(tmp_path: Path) -> None:
+def test_hand_written_json(tmp_path: Path) -> None:
     camera = read_camera(put(tmp_path / "c.json", OURS))
     np.testing.assert_array_equal(camera.K, K)
     assert camera.working_distance_mm is None
     assert not camera.distortion.any()
 
 
-def test_opencv_by_hand(tmp_path: Path) -> None:
+def test_hand_written_opencv_file(tmp_path: Path) -> None:
     camera = read_camera(put(tmp_path / "c.yaml", OPENCV))
     np.testing.assert_array_equal(camera.distortion, [-0.1, 0.01, 0, 0, 0.2])
     assert (camera.width, camera.height, camera.K[0, 2]) == (640, 480, 320.25)
@@ -140,7 +140,7 @@ def test_matrix_needs_the_size(tmp_path: Path) -> None:
         pytest.param("K.txt", "", "neither", id="empty text"),
         pytest.param("K.txt", "1 0 0\n0 x 0\n0 0 1\n", "not all finite numbers", id="text in K"),
         pytest.param("cameras.txt", "1 FISHEYE 6 4 1 1 1\n", "line 1: model FISHEYE", id="fisheye"),
-        pytest.param("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "line 1: PINHOLE has 4", id="count"),
+        pytest.param("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "PINHOLE must have 4", id="count"),
         pytest.param("cameras.txt", "1 PINHOLE nan 4 1 1 1 1\n", "finite", id="NaN size"),
         pytest.param(
             "cameras.txt", "1 PINHOLE 6 4 1 1 1 1\n2 PINHOLE 6 4 1 1 1 1\n", "2 cameras", id="two"

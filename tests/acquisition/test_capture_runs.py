@@ -1,4 +1,4 @@
-"""The committed runs that show what a recording withstands, in small: they must not rot."""
+"""Short runs of the fault benchmarks, so that these keep working."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def run(*words: str) -> str:
-    """Run a benchmark and return what it printed; it must end well."""
+    """Run a benchmark and return its output; it must succeed."""
     ended = subprocess.run(
         [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
         capture_output=True,
@@ -30,21 +30,21 @@ def run(*words: str) -> str:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 def test_kills_lose_nothing() -> None:
-    told = run("capture_kill.py", "--kills", "6", "--seed", "5")
-    assert "lost: 0, accepted with wrong pixels: 0" in told
+    output = run("capture_kill.py", "--kills", "6", "--seed", "5")
+    assert "lost: 0, accepted with wrong pixels: 0" in output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 @pytest.mark.parametrize("more", [(), ("--buffers", "3", "--lose", "0.1")], ids=["all", "lossy"])
 def test_no_sequence_ends_on_a_busy_host(more: tuple[str, ...]) -> None:
     small = ("--sequences", "3", "--lights", "9", "--rate", "100", "--size", "32x24", "--busy", "2")
-    said = run("sequence_stress.py", *small, *more)
-    assert re.search(r"recordings ended +0\n  frames kept +30\n", said)
-    assert re.search(r"frames under a wrong LED +0\n", said)
-    assert bool(re.search(r"taken again +[1-9]", said)) == bool(more)
+    output = run("sequence_stress.py", *small, *more)
+    assert re.search(r"recordings ended +0\n  frames kept +30\n", output)
+    assert re.search(r"frames under a wrong LED +0\n", output)
+    assert bool(re.search(r"taken again +[1-9]", output)) == bool(more)
 
 
-def test_flips_are_named() -> None:
+def test_flips_are_detected() -> None:
     assert "90 flips, 0 not detected" in run("capture_flips.py", "--flips", "90")
 
 
@@ -59,7 +59,7 @@ def test_flips_are_named() -> None:
         "clock jump",
     ],
 )
-def test_faults_end_dark_and_resumable(fault: str) -> None:
+def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
     assert f"{fault}: exit code" in run("capture_faults.py", "--only", fault)
 
 
@@ -93,7 +93,7 @@ def test_faults_end_dark_and_resumable(fault: str) -> None:
         pytest.param(
             ("rig_pass.py", "--lights", "4", "--size", "64x48", "--rate", "2000"),
             1,
-            "software takes more than 1.5 of the camera's time",
+            "software takes more than 1.5 times the camera's time",
             id="too slow",
         ),
     ],
@@ -120,23 +120,23 @@ def _may_mount() -> bool:
         return False
 
 
-@pytest.mark.skipif(not _may_mount(), reason="this system allows no user namespace (unshare -rm)")
+@pytest.mark.skipif(not _may_mount(), reason="user namespaces are not allowed (unshare -rm)")
 @pytest.mark.parametrize(
     "fault",
     [
         "disk full",
         "disk read-only at first",
-        "disk read-only in the midst",
+        "disk read-only in the middle",
         "disk read-only on resuming",
     ],
 )
-def test_a_disk_that_fails_ends_dark_and_resumable(fault: str) -> None:
+def test_recordings_on_a_failing_disk_end_dark_and_can_be_resumed(fault: str) -> None:
     assert f"{fault}: exit code 3" in run("capture_faults.py", "--only", fault)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A note may be told while work goes on; what counts is that all is dark at the error."""
+    """Notes may appear while the recording runs; the LEDs must be off at the error line."""
     monkeypatch.syspath_prepend(BENCHMARKS)
     import capture_faults
 

@@ -1,4 +1,4 @@
-"""Sessions in other layouts: what other programs read there, and what comes back."""
+"""Export of sessions: content of the layouts, round trips through import, refusals."""
 
 from __future__ import annotations
 
@@ -164,7 +164,7 @@ def same_lights(one: Lights | None, two: Lights | None) -> None:
     "lights", [pytest.param(NEAR, id="near"), pytest.param(NEAR.distant(), id="distant")]
 )
 @pytest.mark.parametrize("compacted", [False, True], ids=["as-recorded", "compacted"])
-def test_there_and_back_nothing_is_lost(
+def test_export_and_import_lose_nothing(
     tmp_path: Path, layout: Layout, channels: int, cfa: str | None, lights: Lights, compacted: bool
 ) -> None:
     folder = session(tmp_path / "s", channels=channels, cfa=cfa, lights=lights)
@@ -194,7 +194,7 @@ def test_there_and_back_nothing_is_lost(
 
 @pytest.mark.parametrize("layout", ["diligent", "lp", "alicevision"])
 def test_an_export_is_read_as_the_session_was(tmp_path: Path, layout: Layout) -> None:
-    """Lights near, samples from black to white: whatever the layout has no place for."""
+    """Near lights and levels are kept although the layouts cannot hold them."""
     folder = session(tmp_path / "s")
     prepare_export(folder, layout).write(tmp_path / "out")
     was, now = read_source(folder), read_source(tmp_path / "out")
@@ -209,15 +209,15 @@ def test_an_export_is_read_as_the_session_was(tmp_path: Path, layout: Layout) ->
     assert {frame.exposure_us for frame in now.frames} == {1000.0}
     assert {"recording.json", "lights.json", "camera.json"} <= {path.name for path in now.files}
     (tmp_path / "out" / "camera.json").unlink()
-    (told,) = read_source(tmp_path / "out").warnings
-    assert "camera.json, which recording.json names, is gone" in told
+    (warning,) = read_source(tmp_path / "out").warnings
+    assert "camera.json, which recording.json names, is missing" in warning
 
 
 @pytest.mark.parametrize("layout", ["diligent", "lp"])
-def test_the_files_of_the_layout_alone_give_pixels_and_lights_back(
+def test_pixels_and_lights_can_be_read_from_the_files_of_the_layout_only(
     tmp_path: Path, layout: Layout
 ) -> None:
-    """As another program reads them, and as an import does when our own notes got lost."""
+    """Other programs read them this way, and so does an import without our own metadata files."""
     folder = session(tmp_path / "s")
     prepare_export(folder, layout).write(tmp_path / "out")
     for name in ("recording.json", "lights.json", "camera.json"):
@@ -232,11 +232,11 @@ def test_the_files_of_the_layout_alone_give_pixels_and_lights_back(
         np.testing.assert_array_equal(back.lights.intensities, NEAR.intensities)
         assert back.lights.ids == ("L00", "L01", "L02", "L03")
     else:
-        assert back.lights.ids == NEAR.ids, "images called after LEDs keep them"
+        assert back.lights.ids == NEAR.ids, "images that are named after LEDs keep their LED"
     assert [frame.line.led for frame in back.frames] == [int(i[1:]) for i in back.lights.ids]
 
 
-def test_diligent_is_what_readers_of_it_expect(tmp_path: Path) -> None:
+def test_diligent_layout_is_as_its_readers_expect(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     export = prepare_export(folder, "diligent")
     files = export.write(tmp_path / "out")
@@ -260,13 +260,13 @@ def test_diligent_is_what_readers_of_it_expect(tmp_path: Path) -> None:
 
 def test_alicevision_lights_are_text_with_y_down(tmp_path: Path) -> None:
     prepare_export(session(tmp_path / "s"), "alicevision").write(tmp_path / "out")
-    found = json.loads((tmp_path / "out" / "alicevision_lights.json").read_text())["lights"]
-    assert [light["viewId"] for light in found] == ["0", "1", "3", "4"]
-    assert {light["type"] for light in found} == {"directional"}
-    assert all(isinstance(n, str) for light in found for n in light["direction"])
-    directions = np.array([[float(n) for n in light["direction"]] for light in found])
+    lights = json.loads((tmp_path / "out" / "alicevision_lights.json").read_text())["lights"]
+    assert [light["viewId"] for light in lights] == ["0", "1", "3", "4"]
+    assert {light["type"] for light in lights} == {"directional"}
+    assert all(isinstance(n, str) for light in lights for n in light["direction"])
+    directions = np.array([[float(n) for n in light["direction"]] for light in lights])
     np.testing.assert_allclose(directions, NEAR.unit_directions * [1, -1, -1], atol=1e-15)
-    strengths = np.array([[float(n) for n in light["intensity"]] for light in found])
+    strengths = np.array([[float(n) for n in light["intensity"]] for light in lights])
     np.testing.assert_array_equal(strengths, NEAR.intensities)
 
 
@@ -279,24 +279,24 @@ def test_an_lp_names_its_images(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("unlit", "said", "offset"),
+    ("unlit", "subtracted", "offset"),
     [
         pytest.param(("dark",), "dark frames", 0, id="dark"),
         pytest.param(("dark", "ambient"), "ambient frames", 1, id="ambient"),
         pytest.param((), "black level", None, id="level"),
     ],
 )
-def test_linear_values_are_light_from_black_to_white(
-    tmp_path: Path, unlit: tuple[str, ...], said: str, offset: int | None
+def test_linear_values_are_proportional_to_light(
+    tmp_path: Path, unlit: tuple[str, ...], subtracted: str, offset: int | None
 ) -> None:
     folder = session(tmp_path / "s", unlit=unlit)
     export = prepare_export(folder, "lp", values="linear")
     export.write(tmp_path / "out")
-    assert export.notes.subtracted == said
+    assert export.notes.subtracted == subtracted
     assert (export.notes.camera.black_level_dn, export.notes.camera.white_dn) == (0, 65535)
-    taken_off = 64.0 if offset is None else picture(offset, SIZE, 100).astype(float)
+    black = 64.0 if offset is None else picture(offset, SIZE, 100).astype(float)
     for led, stored in lit(folder).items():
-        signal = np.clip((stored - taken_off) / (4000 - 64), 0, 1)
+        signal = np.clip((stored - black) / (4000 - 64), 0, 1)
         signal[stored >= 4000] = 1
         written = read_image(tmp_path / "out" / f"{led_id(led)}.png")
         assert written.dtype == np.uint16
@@ -306,12 +306,12 @@ def test_linear_values_are_light_from_black_to_white(
     stored = lit(folder)[3]
     np.testing.assert_allclose(
         read_image(tmp_path / "exr" / "L03_E0.exr"),
-        (stored - taken_off) / (4000 - 64),
+        (stored - black) / (4000 - 64),
         atol=1e-6,
     )
 
 
-def test_an_exr_stack_has_every_frame_and_says_what_it_is(tmp_path: Path) -> None:
+def test_an_exr_stack_has_all_frames_with_their_metadata(tmp_path: Path) -> None:
     folder = session(tmp_path / "s", brackets=(1000.0, 250.5))
     prepare_export(folder, "exr").write(tmp_path / "out")
     frames = Session.open(folder).frames
@@ -337,7 +337,7 @@ def test_an_exr_stack_has_every_frame_and_says_what_it_is(tmp_path: Path) -> Non
     assert spec.getattribute("sgp:light_direction") == pytest.approx(NEAR.unit_directions[2])
 
 
-def test_a_png_says_who_made_what_and_that_it_is_linear(tmp_path: Path) -> None:
+def test_a_png_has_its_caption_and_gamma_1(tmp_path: Path) -> None:
     prepare_export(session(tmp_path / "s"), "lp").write(tmp_path / "out")
     with Image.open(tmp_path / "out" / "L03.png") as image:
         image.load()
@@ -376,18 +376,18 @@ def test_any_text_fits_into_a_caption(
     ET.fromstring(caption.xmp())
 
 
-def test_one_bracket_is_taken_and_the_others_are_told(tmp_path: Path) -> None:
+def test_one_bracket_is_exported_and_the_others_are_reported(tmp_path: Path) -> None:
     folder = session(tmp_path / "s", brackets=(1000.0, 250.0))
     export = prepare_export(folder, "diligent", bracket=1)
     export.write(tmp_path / "out")
     assert {frame.exposure_us for frame in export.notes.frames} == {250.0}
     np.testing.assert_array_equal(read_image(tmp_path / "out" / "002.png"), lit(folder, 1)[1])
     assert any("4 of other brackets, 2 dark" in line for line in export.warnings)
-    with pytest.raises(DataError, match="bracket 2: there are 0, 1"):
+    with pytest.raises(DataError, match="bracket 2: the brackets are 0, 1"):
         prepare_export(folder, "diligent", bracket=2)
 
 
-def test_lights_of_other_exposure_are_written_as_strong_as_they_look(tmp_path: Path) -> None:
+def test_intensities_of_lights_are_scaled_by_their_exposures(tmp_path: Path) -> None:
     manifest = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="",
@@ -406,13 +406,13 @@ def test_lights_of_other_exposure_are_written_as_strong_as_they_look(tmp_path: P
     shares = np.array([[0.5], [0.25], [1], [0.5]])
     np.testing.assert_allclose(written, np.asarray(NEAR.intensities) * shares)
     assert any("differ in exposure" in line for line in export.warnings)
-    # With exposures known beside them, the lights themselves come back unchanged.
+    # recording.json has the exposures, so the lights are read back unchanged.
     back = import_frames(read_import(tmp_path / "out"), tmp_path / "back")
     same_lights(NEAR, back.lights)
     assert [frame.exposure_us for frame in back.frames] == list(exposures.values())
 
 
-def test_a_turned_camera_gives_upright_images(tmp_path: Path) -> None:
+def test_images_of_a_rotated_camera_are_exported_upright(tmp_path: Path) -> None:
     mounting = Mounting(rotation_deg=90, mirror=True)
     folder = session(tmp_path / "s", mounting=mounting, cfa="GRBG")
     export = prepare_export(folder, "diligent")
@@ -425,7 +425,7 @@ def test_a_turned_camera_gives_upright_images(tmp_path: Path) -> None:
     assert back.manifest.camera_model == Session.open(folder).manifest.camera_model
 
 
-def test_repeats_are_left_out_and_told(tmp_path: Path) -> None:
+def test_repeats_are_left_out_and_reported(tmp_path: Path) -> None:
     manifest = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="",
@@ -448,25 +448,25 @@ def test_without_lights_only_exr_is_written(tmp_path: Path, layout: Layout) -> N
     folder = session(tmp_path / "s", lights=None)
     with pytest.raises(DataError, match="no lights are known"):
         prepare_export(folder, layout)
-    given_lights = replace(NEAR, ids=("a", "b", "c", "d"))
-    export = prepare_export(folder, layout, lights=given_lights)
+    renamed = replace(NEAR, ids=("a", "b", "c", "d"))
+    export = prepare_export(folder, layout, lights=renamed)
     assert any("by order" in line for line in export.warnings)
     assert not any(path.suffix == ".json" and "lights" in path.name for path in exr(folder))
 
 
-def test_lights_called_as_images_of_leds_are_those_of_the_leds(tmp_path: Path) -> None:
-    """In the order of another program, they go where their names say, silently."""
+def test_lights_with_the_names_of_led_images_belong_to_those_leds(tmp_path: Path) -> None:
+    """Lights in the order of another program are matched by name, without a warning."""
     folder = session(tmp_path / "s", lights=None)
     order = [2, 0, 3, 1]
-    given = NEAR.distant().take(order)
-    ids = tuple(f"{name}_E0.png" for name in given.ids)
-    export = prepare_export(folder, "diligent", lights=replace(given, ids=ids))
+    shuffled = NEAR.distant().take(order)
+    ids = tuple(f"{name}_E0.png" for name in shuffled.ids)
+    export = prepare_export(folder, "diligent", lights=replace(shuffled, ids=ids))
     assert not any("order" in line for line in export.warnings)
     export.write(tmp_path / "out")
     directions = np.loadtxt(tmp_path / "out" / "light_directions.txt")
     np.testing.assert_allclose(directions, NEAR.unit_directions, atol=1e-12)
-    others = replace(given, ids=tuple(f"L{led}_E0.png" for led in (10, 11, 12, 13)))
-    with pytest.raises(DataError, match="0 of 4 image names are in the lights, L00 is not"):
+    others = replace(shuffled, ids=tuple(f"L{led}_E0.png" for led in (10, 11, 12, 13)))
+    with pytest.raises(DataError, match="0 of 4 image names match a light, L00 does not"):
         prepare_export(folder, "diligent", lights=others)
 
 
@@ -474,7 +474,7 @@ def exr(folder: Path) -> tuple[Path, ...]:
     return prepare_export(folder, "exr").write(folder.parent / "exr")
 
 
-def test_what_cannot_be_exported(tmp_path: Path) -> None:
+def test_refused_exports(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such folder"):
         prepare_export(tmp_path / "none", "lp")
     with pytest.raises(DataError, match="is not a session"):
@@ -486,17 +486,17 @@ def test_what_cannot_be_exported(tmp_path: Path) -> None:
     frame.write_bytes(data)
     with pytest.raises(DataError, match=r"L03_E0\.tif: its pixels differ"):
         prepare_export(folder, "lp").write(tmp_path / "out")
-    assert not (tmp_path / "out" / "recording.json").exists(), "written last"
+    assert not (tmp_path / "out" / "recording.json").exists(), "it must be written last"
 
 
-def test_a_place_that_takes_no_files_is_told(tmp_path: Path) -> None:
+def test_an_output_path_below_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for layout in ("lp", "exr"):
         with pytest.raises(StorageError, match="file"):
             prepare_export(session(tmp_path / layout), layout).write(tmp_path / "file" / "out")
 
 
-def test_notes_that_are_damaged_are_refused_and_strange_ones_left_aside(tmp_path: Path) -> None:
+def test_damaged_notes_are_refused_and_notes_of_other_images_are_not_used(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     prepare_export(folder, "lp").write(tmp_path / "out")
     notes = tmp_path / "out" / "recording.json"
@@ -513,7 +513,7 @@ def test_notes_that_are_damaged_are_refused_and_strange_ones_left_aside(tmp_path
     assert import_frames(source, tmp_path / "back").manifest.camera.white_dn == 65535
 
 
-def test_lights_json_beside_an_lp_may_be_given_by_hand(tmp_path: Path) -> None:
+def test_lights_json_of_an_lp_export_can_be_given_as_lights(tmp_path: Path) -> None:
     prepare_export(session(tmp_path / "s"), "lp").write(tmp_path / "out")
     lights = read_lights(tmp_path / "out" / "lights.json")
     assert lights.near

@@ -1,4 +1,4 @@
-"""Exports are whole or refused: killed at any call to the disk, refused by it, two at once."""
+"""Exports are complete or refused: after a kill at any disk call, disk errors, two at once."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LIGHTS = Lights(directions=np.array([[0.0, 0, 1], [0.6, 0, 0.8]]), ids=("L00", "
 
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
-    """Two lights, a black level of 64, known normals."""
+    """Return a session with two lights, a black level of 64, and true normals."""
     folder = tmp_path / "session"
     camera = {"width": SIZE[1], "height": SIZE[0], "bit_depth": 12, "black_level_dn": 64}
     manifest = Manifest(
@@ -64,7 +64,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def refused(folder: Path) -> bool:
-    """Tell whether both readers refuse a folder; they must agree, and know the black level."""
+    """Return whether both readers refuse a folder; they must agree and read the black level."""
     for read in (read_source, read_import):
         try:
             source = read(folder)
@@ -168,7 +168,7 @@ def test_killed_at_any_call_to_the_disk(
     assert dies_at > 40
 
 
-def test_a_disk_that_refuses_while_files_move_leaves_a_folder_that_is_refused(
+def test_a_disk_error_while_files_are_moved_leaves_a_folder_that_is_refused(
     session: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
@@ -203,9 +203,7 @@ def test_a_failing_export_keeps_the_earlier_one(
     assert read_source(out).black_level == 64
 
 
-def test_an_export_that_is_not_finished_is_refused_by_every_name(
-    session: Path, tmp_path: Path
-) -> None:
+def test_an_unfinished_export_is_refused_under_every_path(session: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     prepare_export(session, "lp").write(out)
     with staged(out) as building:
@@ -225,7 +223,7 @@ def test_one_process_at_a_time_writes_into_a_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("planted", ["link", "file", "pipe", "folder"])
-def test_what_has_the_name_of_the_hidden_folder_is_removed_and_not_followed(
+def test_an_entry_with_the_name_of_the_hidden_folder_is_removed_and_not_followed(
     tmp_path: Path, planted: str
 ) -> None:
     victim, out = tmp_path / "victim", tmp_path / "out"
@@ -249,8 +247,8 @@ def test_what_has_the_name_of_the_hidden_folder_is_removed_and_not_followed(
     assert contents(victim) == {"theirs": b"mine"}
 
 
-def test_an_image_that_the_record_lists_and_the_folder_lacks(session: Path, tmp_path: Path) -> None:
-    """A folder that was copied in part: another layout's tables would not tell."""
+def test_a_missing_image_that_the_record_lists_is_reported(session: Path, tmp_path: Path) -> None:
+    """A folder that was copied only in part, with a layout whose tables do not show it."""
     out = tmp_path / "out"
     prepare_export(session, "alicevision").write(out)
     (out / "L01.png").unlink()
@@ -258,18 +256,18 @@ def test_an_image_that_the_record_lists_and_the_folder_lacks(session: Path, tmp_
         read_source(out)
 
 
-def test_exports_of_one_session_are_equal_to_the_byte(
+def test_exports_of_one_session_are_identical_byte_by_byte(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for layout in ("diligent", "lp", "exr", "alicevision"):
-        made = []
+        exports = []
         for day in (1, 2):
-            # Writers that ask for the time ask for it here, or in C, where no test can set it.
+            # Writers get the time from here, or in C, where a test cannot set it.
             clock = time.mktime((2030, 1, day, 3, 4, 5 + day, 0, 0, 0))
             monkeypatch.setattr(time, "time", lambda clock=clock: clock)
             monkeypatch.setattr(time, "asctime", lambda *_, clock=clock: time.ctime(clock))
             out = tmp_path / f"{layout}{day}"
             prepare_export(session, layout).write(out)
-            made.append(contents(out))
-        assert made[0] == made[1]
-        assert len(made[0]) > 3
+            exports.append(contents(out))
+        assert exports[0] == exports[1]
+        assert len(exports[0]) > 3

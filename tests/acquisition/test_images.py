@@ -1,4 +1,4 @@
-"""Image files against bytes laid out by hand, another decoder, and disks that fail."""
+"""Image files against hand-made bytes and another decoder, and with failing disks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def chunk(kind: bytes, body: bytes) -> bytes:
 
 
 def png(rows: np.ndarray, depth: int, colour: int, *extra: bytes) -> bytes:
-    """Lay out a PNG whose rows are already packed bytes."""
+    """Build a PNG file from rows that are already packed into bytes."""
     height = len(rows)
     per_pixel = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}[colour] * depth
     width = rows.shape[1] * 8 // per_pixel
@@ -66,7 +66,7 @@ def tga(pixels: np.ndarray, descriptor: int) -> bytes:
 
 
 def by_library(path: Path, pixels: np.ndarray, names: tuple[str, ...] = (), **hints: str) -> Path:
-    """Write a file with the library itself, for what the writers here refuse."""
+    """Write a file with OpenImageIO directly, for images that our writers refuse."""
     pixels = np.ascontiguousarray(pixels.reshape(*pixels.shape[:2], -1))
     kinds = {
         "uint8": oiio.UINT8,
@@ -144,9 +144,7 @@ BGRA_UP = RGBA[::-1, :, [2, 1, 0, 3]]
         pytest.param("a.jpg", png(RGB.reshape(4, -1), 8, 2), RGB, id="content wins over the name"),
     ],
 )
-def test_bytes_laid_out_by_hand(
-    tmp_path: Path, name: str, data: bytes, expected: np.ndarray
-) -> None:
+def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.ndarray) -> None:
     path = tmp_path / name
     path.write_bytes(data)
     pixels = read_image(path)
@@ -164,7 +162,7 @@ def test_bytes_laid_out_by_hand(
         pytest.param(png(RGB.reshape(4, -1), 8, 2), None, id="none"),
     ],
 )
-def test_alpha_is_given_beside_the_colours(
+def test_alpha_is_returned_with_the_colours(
     tmp_path: Path, data: bytes, expected: np.ndarray | None
 ) -> None:
     (tmp_path / "a.png").write_bytes(data)
@@ -176,7 +174,7 @@ def test_alpha_is_given_beside_the_colours(
 @pytest.mark.parametrize(
     ("stored", "expected"), [(np.float16, 0.5), (np.float32, 1e-20), (np.float64, 1e-20)]
 )
-def test_floats_come_as_float32(tmp_path: Path, stored: type, expected: float) -> None:
+def test_floats_are_read_as_float32(tmp_path: Path, stored: type, expected: float) -> None:
     suffix = ".tif" if stored is np.float64 else ".exr"
     path = by_library(tmp_path / f"a{suffix}", np.full((3, 4), expected, stored))
     pixels = read_image(path)
@@ -209,7 +207,7 @@ def test_exr_channels_are_chosen_by_name(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", [(4, 5), (4, 5, 3), (1, 1), (1, 7, 3)])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_tiff_holds_the_samples_themselves(
+def test_tiff_holds_the_unchanged_samples(
     tmp_path: Path, shape: tuple[int, ...], dtype: type
 ) -> None:
     pixels = np.random.default_rng(3).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
@@ -283,7 +281,7 @@ def test_equal_pixels_give_equal_bytes_at_any_time(tmp_path: Path) -> None:
 
 
 def test_two_dimensional_arrays_are_written_wrong_by_the_library_alone(tmp_path: Path) -> None:
-    # The trap itself: should it go away one day, the reshape in the writer may go too.
+    # If OpenImageIO fixes this bug, the reshape in the writer can be removed.
     pixels = np.arange(20, dtype=np.uint16).reshape(4, 5)
     spec = oiio.ImageSpec(5, 4, 1, oiio.UINT16)
     file = oiio.ImageOutput.create("tiff")
@@ -317,7 +315,7 @@ ENCODINGS = [
 
 
 @pytest.mark.parametrize(("name", "compression", "dtype"), ENCODINGS)
-def test_a_file_cut_short_anywhere_is_found_and_named(
+def test_a_file_truncated_anywhere_is_refused_by_name(
     tmp_path: Path, name: str, compression: str, dtype: type
 ) -> None:
     whole = by_library(tmp_path / name, (NOISE >> 8).astype(dtype), compression=compression)
@@ -333,7 +331,7 @@ def test_a_file_cut_short_anywhere_is_found_and_named(
 
 
 @pytest.mark.parametrize("rle", [False, True])
-def test_a_targa_file_cut_short_is_found(tmp_path: Path, rle: bool) -> None:
+def test_a_truncated_targa_file_is_refused(tmp_path: Path, rle: bool) -> None:
     pixels = (NOISE >> 8).astype(np.uint8)
     data = tga(pixels[..., ::-1], 0x20)
     if rle:
@@ -352,7 +350,7 @@ def test_a_targa_file_cut_short_is_found(tmp_path: Path, rle: bool) -> None:
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(bit=st.integers(0, 8 * len(png(BIG, 16, 2)) - 1))
-def test_any_flipped_bit_of_a_png_is_found(tmp_path: Path, bit: int) -> None:
+def test_any_flipped_bit_of_a_png_is_detected(tmp_path: Path, bit: int) -> None:
     data = bytearray(png(BIG, 16, 2))
     data[bit // 8] ^= 1 << bit % 8
     path = tmp_path / "flip.png"
@@ -378,7 +376,9 @@ def test_a_damaged_png_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixtu
         pytest.param("a.kdc", b"II*\0" + b"\0" * 100, "RAW", id="camera RAW"),
     ],
 )
-def test_what_is_no_image_is_named(tmp_path: Path, name: str, content: bytes, match: str) -> None:
+def test_files_that_are_not_images_are_refused_by_name(
+    tmp_path: Path, name: str, content: bytes, match: str
+) -> None:
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(DataError, match=match) as caught:
@@ -399,7 +399,7 @@ def test_what_is_no_image_is_named(tmp_path: Path, name: str, content: bytes, ma
         ),
     ],
 )
-def test_samples_and_channels_not_understood(
+def test_unsupported_samples_and_channels(
     tmp_path: Path, suffix: str, pixels: np.ndarray, names: tuple[str, ...], match: str
 ) -> None:
     path = by_library(tmp_path / f"a{suffix}", pixels, names)
@@ -476,7 +476,7 @@ def test_a_disk_that_fills_up_at_any_byte(
             assert str(path) in message
             assert path.read_bytes() == before
         else:
-            # What is left out may only be metadata.
+            # Only metadata may be missing.
             np.testing.assert_array_equal(read_image(path), pixels)
             write(path, np.zeros_like(pixels))  # type: ignore[operator]
         assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "whole"]
@@ -499,7 +499,7 @@ def test_real_images(name: str, shape: tuple[int, ...], dtype: type) -> None:
     assert pixels.dtype == dtype
     assert pixels.max() > 100
     if name.endswith((".png", ".jpg")):
-        # Another decoder, also unrotated; JPEG decoders may differ by rounding.
+        # Another decoder that does not rotate either; JPEG decoders may differ by rounding.
         flags = cv2.IMREAD_UNCHANGED
         other = cv2.imread(str(Path(DATA or "") / name), flags)
         other = other[..., ::-1] if other.ndim == 3 else other
@@ -509,5 +509,5 @@ def test_real_images(name: str, shape: tuple[int, ...], dtype: type) -> None:
 def test_png_is_compressed_fast(tmp_path: Path) -> None:
     write_png(tmp_path / "a.png", np.zeros((4, 6), np.uint16))
     data = (tmp_path / "a.png").read_bytes()
-    # The two bits of a zlib stream's header that tell the effort: 0 is the fastest.
+    # Two bits in the header of a zlib stream give the compression effort: 0 is the fastest.
     assert data[data.index(b"IDAT") + 5] >> 6 == 0

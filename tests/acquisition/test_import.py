@@ -1,4 +1,4 @@
-"""Images from elsewhere become sessions, sample for sample."""
+"""Import of images into sessions keeps every sample and the metadata."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PIXELS = np.random.default_rng(8).integers(0, 65535, (12, 4, 6, 3)).astype(np.ui
     ("dtype", "bit_depth", "white"), [(np.uint8, 8, 255), (np.uint16, 16, 65535)]
 )
 @pytest.mark.parametrize("channels", [1, 3])
-def test_samples_lights_and_camera_arrive(
+def test_samples_lights_and_camera_are_kept(
     tmp_path: Path, dtype: type, bit_depth: int, white: float, channels: int
 ) -> None:
     values = PIXELS if dtype is np.uint16 else PIXELS >> 8
@@ -77,7 +77,7 @@ def test_samples_lights_and_camera_arrive(
     assert again.warnings == ()
 
 
-def test_what_cannot_be_imported(tmp_path: Path) -> None:
+def test_refused_imports(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.0.exr", np.ones((4, 6), np.float32))
     with pytest.raises(DataError, match=r"a\.0\.exr: a session holds whole numbers"):
         import_frames(read_source(tmp_path), tmp_path / "out", operator="", object_name="")
@@ -85,7 +85,7 @@ def test_what_cannot_be_imported(tmp_path: Path) -> None:
     write_png(tmp_path / "b.png", PIXELS[0])
     one = read_source(tmp_path / "b.png")
     import_frames(one, tmp_path / "out", operator="", object_name="")
-    with pytest.raises(DataError, match="a session already"):
+    with pytest.raises(DataError, match="already a session"):
         import_frames(read_source(tmp_path / "out"), tmp_path / "2", operator="", object_name="")
     before = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
     with pytest.raises(StorageError, match="not empty"):
@@ -94,7 +94,7 @@ def test_what_cannot_be_imported(tmp_path: Path) -> None:
     assert after == before
 
 
-def test_mask_and_true_normals_go_along(tmp_path: Path) -> None:
+def test_mask_and_true_normals_are_imported(tmp_path: Path) -> None:
     source = replace(
         read_source(fill(tmp_path / "in")),
         mask=PIXELS[0, ..., 0] > 30000,
@@ -109,7 +109,7 @@ def test_mask_and_true_normals_go_along(tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.normals_truth, source.normals_truth)
 
 
-def test_without_a_mask_there_is_none(tmp_path: Path) -> None:
+def test_a_source_without_a_mask_gives_a_session_without_a_mask(tmp_path: Path) -> None:
     source = read_source(fill(tmp_path / "in"))
     import_frames(source, tmp_path / "out", operator="", object_name="")
     assert not (tmp_path / "out" / "derived").exists()
@@ -133,14 +133,14 @@ def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short") as caught:
         import_frames(source, tmp_path / "out", operator="", object_name="")
     assert caught.value.__notes__ == [
-        f"{tmp_path / 'out'}: an incomplete session stays behind: delete it, then import again"
+        f"{tmp_path / 'out'}: an incomplete session remains: delete it, then import again"
     ]
     session = Session.open(tmp_path / "out")
     assert not session.complete
     assert len(session.frames) == 2
 
 
-def test_images_called_after_leds_keep_them(tmp_path: Path) -> None:
+def test_images_that_are_named_after_leds_keep_their_leds(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     for led in (0, 1, 4, 12):
         write_png(tmp_path / "in" / f"L{led:02d}_E0.png", PIXELS[led % 12])
@@ -151,7 +151,7 @@ def test_images_called_after_leds_keep_them(tmp_path: Path) -> None:
     assert [frame.led for frame in session.frames] == [0, 1, 4, 12]
     assert session.lights is not None
     assert session.lights.ids == lights.ids
-    # One that is not called so: all are counted.
+    # If one name has no LED, the images are numbered.
     write_png(tmp_path / "in" / "L_13_E0.png", PIXELS[0])
     files = [tmp_path / "in" / name for name in ("L00_E0.png", "L_13_E0.png")]
     counted = import_frames(images_source(tmp_path / "in", files), tmp_path / "other")
@@ -188,7 +188,7 @@ def lp(folder: Path, names: list[str]) -> Path:
         pytest.param(["a.0.png", "y.png"], "y.png is not", False, id="in-part"),
     ],
 )
-def test_an_lp_matches_by_name_else_by_order_else_not(
+def test_an_lp_matches_by_name_or_by_order_or_is_refused(
     tmp_path: Path, names: list[str], refused: str, warned: bool
 ) -> None:
     folder = lp(fill(tmp_path / "in"), names)
@@ -218,7 +218,7 @@ def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
     assert session.lights is not None
     rows = np.loadtxt(folder / "light_intensities.txt")[:5]
     np.testing.assert_array_equal(session.lights.intensities, rows)
-    # And out again, as the files were.
+    # An export gives the original files again.
     prepare_export(tmp_path / "out", "diligent").write(tmp_path / "again")
     for number in range(1, 6):
         name = f"{number:03d}.png"

@@ -1,4 +1,4 @@
-"""Files of lights: a golden file, what the world's .lp files look like, and refusals by line."""
+"""Files of lights: golden files, .lp files of other programs, and refusals that name the line."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_lights_json_keeps_every_digit(tmp_path: Path, data: st.DataObject, near
     if near:
         np.testing.assert_array_equal(back.positions_mm, vectors)
         np.testing.assert_array_equal(back.mu, lights.mu)
-    # Unit vectors are made unit again on reading, which may move the last bit.
+    # Unit vectors are normalised again on reading, which may change the last bit.
     np.testing.assert_allclose(back.unit_directions, lights.unit_directions, rtol=0, atol=3e-16)
 
 
@@ -127,8 +127,10 @@ def changed(**changes: object) -> str:
         pytest.param(
             changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind", id="mixed"
         ),
-        pytest.param(changed(axis=None), "L00: give all lights an axis", id="one axis missing"),
-        pytest.param(changed(id="L01"), "L01 is there twice", id="same id"),
+        pytest.param(
+            changed(axis=None), "L00 differs .* give all lights an axis", id="one axis missing"
+        ),
+        pytest.param(changed(id="L01"), "L01 is listed twice", id="same id"),
         pytest.param(changed(intensity=[1, 0, 1]), "L00 has an intensity", id="no light"),
         pytest.param(changed(mu=-1), "lights.1.mu", id="negative mu"),
         pytest.param('{"format": "sgp-lights", "version": 1, "lights": []}', "lights", id="none"),
@@ -174,7 +176,7 @@ def test_lights_json_refused(tmp_path: Path, text: str, match: str) -> None:
         ),
     ],
 )
-def test_lp_as_found_in_the_wild(
+def test_lp_files_of_other_programs(
     tmp_path: Path, content: str | bytes, names: tuple[str, ...], vectors: list[list[float]]
 ) -> None:
     lights = read_lights(put(tmp_path / "dome.LP", content))
@@ -186,16 +188,22 @@ def test_lp_as_found_in_the_wild(
     ("text", "match"),
     [
         pytest.param("", "empty", id="empty"),
-        pytest.param("0\n", "line 1: 0 lights are announced and 0 follow", id="no lights"),
-        pytest.param("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is no count", id="count missing"),
-        pytest.param("3\na.jpg 0 0 1\n", "line 1: 3 lights .* 1 follow", id="count too big"),
-        pytest.param("1\na 0 0 1\nb 0 0 1\n", "line 1: 1 lights .* 2 follow", id="count too small"),
+        pytest.param("0\n", "line 1: the count is 0, but 0 lights follow", id="no lights"),
+        pytest.param("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count", id="count missing"),
+        pytest.param(
+            "3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 lights follow", id="count too big"
+        ),
+        pytest.param(
+            "1\na 0 0 1\nb 0 0 1\n",
+            "line 1: the count is 1, but 2 lights follow",
+            id="count too small",
+        ),
         pytest.param("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector", id="zero"),
-        pytest.param("1\na 0 nan 1\n", "line 2: not finite", id="NaN"),
-        pytest.param("1\na 0 inf 1\n", "line 2: not finite", id="infinity"),
+        pytest.param("1\na 0 nan 1\n", "line 2: a number is not finite", id="NaN"),
+        pytest.param("1\na 0 inf 1\n", "line 2: a number is not finite", id="infinity"),
         pytest.param("1\na 0 up 1\n", "line 2: '0 up 1' is not three", id="text"),
         pytest.param("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'", id="no name"),
-        pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is there twice", id="same name"),
+        pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice", id="same name"),
     ],
 )
 def test_lp_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
@@ -240,7 +248,7 @@ def test_tables_of_directions(tmp_path: Path, text: str) -> None:
         pytest.param("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers", id="two numbers"),
         pytest.param("3\n0 0 1\n", "line 1: '3' is not three numbers", id="wrong count"),
         pytest.param("x y z\n0 0 1\n", "line 1: 'x y z' is not", id="heading"),
-        pytest.param("0 0 1\nnan 0 1\n", "line 2: not finite", id="NaN"),
+        pytest.param("0 0 1\nnan 0 1\n", "line 2: a number is not finite", id="NaN"),
     ],
 )
 def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
@@ -265,31 +273,33 @@ def test_diligent_by_folder_or_file(tmp_path: Path, name: str) -> None:
     np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
 
 
-def test_diligent_counts_must_agree(tmp_path: Path) -> None:
+def test_diligent_counts_must_match(tmp_path: Path) -> None:
     diligent(tmp_path, names=3)
-    with pytest.raises(DataError, match=r"2 lights, but filenames\.txt beside it has 3"):
+    with pytest.raises(DataError, match=r"2 lights, but filenames\.txt in the same folder has 3"):
         read_lights(tmp_path)
     diligent(tmp_path, strengths="1 2 3\n")
-    with pytest.raises(DataError, match=r"2 lights, but light_intensities\.txt beside it has 1"):
+    with pytest.raises(
+        DataError, match=r"2 lights, but light_intensities\.txt in the same folder has 1"
+    ):
         read_lights(tmp_path)
     diligent(tmp_path, strengths="1 2 3\n4 0 6\n")
     with pytest.raises(DataError, match=r"light_intensities\.txt line 2: an intensity that is"):
         read_lights(tmp_path)
 
 
-def test_no_lights_there(tmp_path: Path) -> None:
+def test_paths_without_lights(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such file"):
         read_lights(tmp_path / "lights.json")
-    with pytest.raises(DataError, match=r"holds no light_directions\.txt"):
+    with pytest.raises(DataError, match=r"has no light_directions\.txt"):
         read_lights(tmp_path)
     (tmp_path / "folder.lp").mkdir()
-    with pytest.raises(DataError, match=r"holds no light_directions\.txt"):
+    with pytest.raises(DataError, match=r"has no light_directions\.txt"):
         read_lights(tmp_path / "folder.lp")
     with pytest.raises(DataError, match="not a text file"):
         read_lights(put(tmp_path / "lights.txt", b"\x89PNG\0\0"))
 
 
-def test_nowhere_to_write(tmp_path: Path) -> None:
+def test_lights_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"written as \.json or \.lp"):
         write_lights(tmp_path / "lights.txt", near_lights())
     with pytest.raises(StorageError, match="No such file"):

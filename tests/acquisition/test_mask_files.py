@@ -1,4 +1,4 @@
-"""Masks: what is inside, and how much of it."""
+"""Masks from image files: which pixels are inside, and by which share."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def write_rgba(path: Path, colours: list[tuple[int, ...]], alpha: list[int]) -> 
         pytest.param([WHITE, BLACK, RED], [255, 255, 255], [1, 0, 1], id="opaque"),
         pytest.param([WHITE, WHITE, WHITE], [255, 51, 0], [1, 0.2, 0], id="over white"),
         pytest.param([BLACK, BLACK, BLACK], [255, 51, 0], [1, 0.2, 0], id="over black"),
-        pytest.param([RED, RED, BLACK], [255, 51, 0], [1, 0.2, 0], id="what is not seen"),
+        pytest.param([RED, RED, BLACK], [255, 51, 0], [1, 0.2, 0], id="invisible colour"),
         pytest.param([WHITE, (51, 51, 51), BLACK], [255, 51, 0], [1, 0.2, 0], id="multiplied"),
     ],
 )
@@ -79,7 +79,7 @@ def test_transparency(
         pytest.param([WHITE, WHITE, BLACK], [0, 0, 0], "nothing inside", id="all transparent"),
     ],
 )
-def test_transparency_that_is_no_mask(
+def test_transparency_that_gives_no_mask(
     tmp_path: Path, colours: list[tuple[int, ...]], alpha: list[int], said: str
 ) -> None:
     write_rgba(tmp_path / "m.png", colours, alpha)

@@ -1,4 +1,4 @@
-"""PLY in all its forms, STL and GLB: one tetrahedron in each, and what is damaged refused."""
+"""PLY in all its forms, STL and GLB: a tetrahedron is read from each, damaged files are refused."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def text(rows: npt.ArrayLike) -> str:
 
 
 def triangles(mesh: MeshFile) -> set[tuple[int, ...]]:
-    """Faces as what they are, whatever corner they begin with: their winding counts."""
+    """Return the faces independent of their first corner but not of their winding."""
     assert mesh.faces is not None
     return {tuple(np.roll(face, -int(np.argmin(face))).tolist()) for face in mesh.faces}
 
@@ -50,7 +50,7 @@ def test_faces_of_any_type_and_name(name: str, kind: str) -> None:
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize(("count", "code"), [("uchar", "B"), ("int", "i"), ("ushort", "H")])
 def test_both_byte_orders_with_other_elements_between(order: str, count: str, code: str) -> None:
-    """What is not wanted is passed over: other elements, other lists, colours of faces."""
+    """Other elements, other lists and colours of faces are skipped."""
     elements = (
         f"element camera 1\nproperty list uchar double pose\n"
         f"element vertex 4\n{XYZ}property uchar red\n"
@@ -96,7 +96,7 @@ def test_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]
     np.testing.assert_array_equal(mesh.faces, cut)
     lost = sum(side < 3 for side in sides)
     assert len(mesh.warnings) == bool(lost)
-    assert not lost or mesh.warnings[0].endswith(f"corners: {lost}")
+    assert not lost or mesh.warnings[0].startswith(f"{lost} faces with fewer than three corners")
 
 
 STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} vertex_indices\n"
@@ -108,7 +108,7 @@ STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} ve
         pytest.param([0, 1, 2], [[0, 1, 2]], id="one"),
         pytest.param([0, 1, 2, 3, 4], [[0, 1, 2], [2, 1, 3], [2, 3, 4]], id="alternating"),
         pytest.param([0, 1, 2, 3, -1, 1, 3, 4, 5], [[0, 1, 2], [2, 1, 3], [1, 3, 4], [4, 3, 5]],
-                     id="winding begins anew"),
+                     id="winding restarts"),
         pytest.param([0, 1, 2, -1, -1, 2, 3, 4, -1], [[0, 1, 2], [2, 3, 4]], id="empty strips"),
         pytest.param([0, 1, 2, 2, 3, 4], [[0, 1, 2], [2, 4, 3]], id="stitched"),
         pytest.param([0, 1], [], id="too short"),
@@ -129,7 +129,7 @@ def test_triangle_strips(order: str, run: list[int], faces: list[list[int]]) -> 
     assert len(mesh.faces) == len(faces)
 
 
-def test_a_strip_is_wound_alike_all_along() -> None:
+def test_all_triangles_of_a_strip_have_the_same_winding() -> None:
     """A flat ladder of triangles: every normal points the same way."""
     ladder = np.array([[i // 2, i % 2, 0] for i in range(40)], np.float64)
     elements = STRIPS.format("int").replace("vertex 6", "vertex 40")
@@ -140,7 +140,7 @@ def test_a_strip_is_wound_alike_all_along() -> None:
     assert len(np.unique(np.sign(np.cross(b - a, c - a)[:, 2]))) == 1
 
 
-def test_unsigned_strips_end_where_minus_one_would_be() -> None:
+def test_unsigned_strips_end_at_the_unsigned_value_of_minus_one() -> None:
     run = [0, 1, 2, 0xFFFFFFFF, 3, 4, 5]
     body = np.zeros((6, 3), "<f4").tobytes() + struct.pack("<8I", 7, *run)
     mesh = read_ply(ply(STRIPS.format("uint"), body, ORDERS["<"]))
@@ -166,22 +166,26 @@ ROWS = text(POINTS) + text(np.insert(FACES, 0, 3, axis=1))
         pytest.param(
             WHOLE.replace("vertex 4", "vertex 9"),
             ROWS,
-            r"list|not whole|truncated",
+            r"list|not an integer|truncated",
             id="fewer vertices",
         ),
         pytest.param(WHOLE.replace("face 4", "face 999999999"), ROWS, "truncated", id="huge count"),
         pytest.param(WHOLE.replace("face 4", "face " + "9" * 5000), ROWS, "header", id="digits"),
         pytest.param(WHOLE.replace("face 4", "face -4"), ROWS, "header", id="negative count"),
         pytest.param(WHOLE.replace("float x", "float w"), ROWS, "x, y and z", id="no x"),
-        pytest.param(WHOLE.replace("float y", "float x"), ROWS, "twice", id="x twice"),
+        pytest.param(WHOLE.replace("float y", "float x"), ROWS, "two properties", id="x twice"),
         pytest.param(WHOLE.replace("float", "half"), ROWS, "line 5 of its header", id="type"),
         pytest.param(WHOLE.replace("uchar int", "float int"), ROWS, "header", id="float lengths"),
-        pytest.param(WHOLE.replace("uchar int", "uchar float"), ROWS, "list of whole", id="floats"),
+        pytest.param(
+            WHOLE.replace("uchar int", "uchar float"), ROWS, "list of integers", id="floats"
+        ),
         pytest.param(WHOLE, ROWS[:-9], "truncated", id="cut"),
-        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 2.5 1"), "not whole", id="half a vertex"),
+        pytest.param(
+            WHOLE, ROWS.replace("3 0 2 1", "3 0 2.5 1"), "not an integer", id="half a vertex"
+        ),
         pytest.param(WHOLE, ROWS.replace("3 0 2 1", "-3 0 2 1"), "damaged", id="negative length"),
         pytest.param(WHOLE, ROWS.replace("3 0 2 1", "nan 0 2 1"), "damaged", id="NaN length"),
-        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 x 1"), "numbers", id="words"),
+        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 x 1"), "not a number", id="words"),
         pytest.param(WHOLE.replace("face", "trifans"), ROWS, "trifans elements", id="fans"),
         pytest.param("", "", "vertex", id="no element"),
         pytest.param(XYZ, "", "header", id="property without element"),
@@ -197,7 +201,7 @@ def test_damaged_ply(tmp_path: Path, elements: str, body: str, said: str) -> Non
 
 
 @given(st.binary(max_size=80), st.sampled_from(["ascii", *ORDERS.values()]), st.data())
-def test_no_body_is_a_fault(body: bytes, form: str, data: st.DataObject) -> None:
+def test_no_body_raises_an_undeclared_error(body: bytes, form: str, data: st.DataObject) -> None:
     kinds = st.sampled_from(["uchar", "int", "short", "double"])
     counts = data.draw(st.tuples(st.integers(0, 5), st.integers(0, 3)))
     elements = (
@@ -210,7 +214,7 @@ def test_no_body_is_a_fault(body: bytes, form: str, data: st.DataObject) -> None
 
 
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "off", "glb"])
-def test_the_same_ball_as_the_library_reads(tmp_path: Path, suffix: str) -> None:
+def test_the_same_ball_as_trimesh_reads(tmp_path: Path, suffix: str) -> None:
     ball = trimesh.creation.icosphere(2)
     path = tmp_path / f"ball.{suffix}"
     ball.export(path)
@@ -221,7 +225,7 @@ def test_the_same_ball_as_the_library_reads(tmp_path: Path, suffix: str) -> None
     assert read.volume == pytest.approx(ball.volume, rel=1e-5)
 
 
-def test_stl_as_text_and_a_binary_one_that_begins_like_it(tmp_path: Path) -> None:
+def test_stl_as_text_and_a_binary_file_that_begins_like_text(tmp_path: Path) -> None:
     solid = trimesh.Trimesh(POINTS, FACES, process=False)
     path = tmp_path / "a.stl"
     path.write_text(trimesh.exchange.stl.export_stl_ascii(solid))
@@ -239,7 +243,7 @@ def test_stl_as_text_and_a_binary_one_that_begins_like_it(tmp_path: Path) -> Non
 def test_damaged_stl(tmp_path: Path, lines: str) -> None:
     path = tmp_path / "a.stl"
     path.write_text(lines)
-    with pytest.raises(DataError, match=r"facets|not three numbers|numbers"):
+    with pytest.raises(DataError, match=r"facets|not three numbers|not a number"):
         read_mesh_file(path)
 
 
@@ -263,10 +267,10 @@ def glb(change: dict[str, object], binary: bytes = b"") -> bytes:
         "buffers": [{"byteLength": len(points + indices)}],
         **change,
     }
-    said = json.dumps(content).encode()
-    said += b" " * (-len(said) % 4)
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
     data = points + indices
-    chunks = struct.pack("<II", len(said), 0x4E4F534A) + said
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
     chunks += struct.pack("<II", len(data), 0x004E4942) + data
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
@@ -284,19 +288,19 @@ VIEW = {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"}
     ("change", "said"),
     [
         pytest.param({"accessors": [VIEW | {"count": 10**9}, VIEW]}, "counts go", id="count"),
-        pytest.param({"accessors": [VIEW | {"count": -1}, VIEW]}, "count is to be", id="negative"),
+        pytest.param({"accessors": [VIEW | {"count": -1}, VIEW]}, "of a count", id="negative"),
         pytest.param({"accessors": [VIEW | {"bufferView": 9}, VIEW]}, "damaged", id="no view"),
         pytest.param({"accessors": [VIEW | {"type": "VEC9"}, VIEW]}, "damaged", id="type"),
         pytest.param({"accessors": 5}, "damaged", id="no list"),
         pytest.param({"bufferViews": [{"byteLength": 10**12}]}, "beyond its end", id="view"),
-        pytest.param({"nodes": [{"children": [1]}, {"children": [0]}]}, "circles", id="circle"),
+        pytest.param({"nodes": [{"children": [1]}, {"children": [0]}]}, "cycle", id="cycle"),
         pytest.param(
             {"nodes": [{"children": [1, 2]}, {"children": [2]}, {"mesh": 0}]}, "two", id="two ways"
         ),
         pytest.param({"buffers": [{"uri": "file:///etc/passwd"}]}, "another file", id="uri"),
         pytest.param(
             {"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 1}]}]},
-            "not made of triangles", id="lines",
+            "no triangles", id="lines",
         ),
     ],
 )  # fmt: skip
@@ -308,7 +312,7 @@ def test_damaged_glb(tmp_path: Path, change: dict[str, object], said: str) -> No
 
 
 def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
-    """A device named as material would be read without end."""
+    """A device that is named as a material file would be read without end."""
     path = tmp_path / "a.obj"
     lines = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS.astype(int))
     path.write_text(f"mtllib /dev/zero\n{lines}usemtl a\nf 1 3 2\nf 1 2 4\n")
@@ -327,9 +331,9 @@ def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
     ],
 )
 def test_far_away(tmp_path: Path, name: str, content: bytes) -> None:
-    """Areas and lengths of what lies there would overflow."""
+    """Areas and lengths would overflow with these coordinates."""
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(DataError, match=r"vertex 1 lies beyond 1e\+30"):
+    with pytest.raises(DataError, match=r"vertex 1 has a coordinate beyond 1e\+30"):
         read_mesh_file(tmp_path / name)
 
 

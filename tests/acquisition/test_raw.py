@@ -1,4 +1,4 @@
-"""Camera RAW: linear, with its mosaic and levels, or a clear refusal."""
+"""Camera RAW files: read as linear mosaics with their levels, or refused with a clear message."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def tag(number: int, kind: int, values: bytes | tuple[int, ...]) -> Tag:
 
 
 def directory(tags: list[Tag], at: int) -> bytes:
-    """A TIFF directory as it stands at this offset, with what its entries cannot hold after it."""
+    """Build a TIFF directory for this offset, followed by values too long for its entries."""
     entries, extra = b"", b""
     after = at + 2 + 12 * len(tags) + 4
     for number, kind, count, data in sorted(tags):
@@ -63,7 +63,7 @@ def dng(
     iso: int = 400,
     taken: str = "2026:01:02 03:04:05",
 ) -> bytes:
-    """A DNG file after Adobe's specification 1.4, uncompressed; ``active`` is top, left, ..."""
+    """Build an uncompressed DNG file (Adobe's specification 1.4); ``active`` is top, left, ..."""
     height, width = pixels.shape
     samples = pixels.astype("<u2").tobytes()
     exif = [
@@ -111,7 +111,7 @@ SENSOR = np.random.default_rng(3).integers(64, 4090, (40, 60)).astype(np.uint16)
 
 
 def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
-    """The active area alone, unturned, with the black level of each place of the mosaic."""
+    """Only the active area, not rotated, with the black level of each mosaic position."""
     path = tmp_path / "a.dng"
     path.write_bytes(
         dng(SENSOR, black=(60, 64, 66, 70), white=4000, active=(2, 4, 38, 58), orientation=6)
@@ -145,7 +145,7 @@ def test_every_mosaic_is_named_from_the_top_left(
     np.testing.assert_array_equal(raw.pixels, SENSOR)
 
 
-def test_a_raw_file_tells_its_camera_and_exposure_without_being_decoded(tmp_path: Path) -> None:
+def test_camera_and_exposure_of_a_raw_file_are_read_without_decoding(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     path.write_bytes(dng(SENSOR, exposure=(1, 8000), iso=100))
     data = read_shot_data(path)
@@ -156,7 +156,7 @@ def test_a_raw_file_tells_its_camera_and_exposure_without_being_decoded(tmp_path
     assert read_raw(path).iso is None
 
 
-def test_raw_files_become_a_session_with_all_they_tell(tmp_path: Path) -> None:
+def test_raw_files_become_a_session_with_all_their_metadata(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     for number in range(3):
         (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(
@@ -190,7 +190,7 @@ def test_raw_files_become_a_session_with_all_they_tell(tmp_path: Path) -> None:
         pytest.param({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)", id="size"),
     ],
 )
-def test_a_raw_file_of_another_setting_is_refused(
+def test_a_raw_file_with_other_camera_settings_is_refused(
     tmp_path: Path, change: dict[str, Any], said: str
 ) -> None:
     (tmp_path / "in").mkdir()
@@ -201,7 +201,7 @@ def test_a_raw_file_of_another_setting_is_refused(
     assert len(Session.open(tmp_path / "out").frames) == 1
 
 
-def test_a_black_level_measured_anew_for_each_frame_is_no_other_setting(tmp_path: Path) -> None:
+def test_a_black_level_that_varies_slightly_between_frames_is_accepted(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
     (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, black=(66, 66, 66, 66)))
@@ -209,7 +209,7 @@ def test_a_black_level_measured_anew_for_each_frame_is_no_other_setting(tmp_path
 
 
 def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
-    """RAW counts, JPEG does not; the camera's clock shows the shot that is missing."""
+    """RAW files count, other images do not; the camera's clock shows the missing shot."""
     (tmp_path / "in").mkdir()
     for number, second in enumerate((0, 5, 10, 20, 25, 30)):
         data = dng(SENSOR + number, taken=f"2026:01:02 03:04:{second:02d}")
@@ -230,7 +230,7 @@ def kodak() -> Path:
 
 
 @needs_data
-def test_a_real_file_is_read_as_the_sensor_saw_it(kodak: Path) -> None:
+def test_a_real_file_is_read_unprocessed(kodak: Path) -> None:
     raw = read_raw(kodak)
     assert raw.pixels.shape == (512, 768)
     assert raw.pixels.dtype == np.uint16
@@ -239,31 +239,32 @@ def test_a_real_file_is_read_as_the_sensor_saw_it(kodak: Path) -> None:
     assert (raw.exposure_us, raw.iso) == (4350, 84)
     assert raw.taken == datetime(1997, 4, 23, 8, 0, 47, tzinfo=UTC)
     assert raw.pixels.max() <= 16383
-    # LibRaw lists the colours as RGBG and lays them out as 1 0 / 2 3.
+    # LibRaw lists the colours as RGBG and arranges them as 1 0 / 2 3.
     assert raw.cfa == "GRBG"
-    # The two greens of a block see nearly the same light, red and blue another: the pattern is
-    # not shifted by a row or column.
+    # Both greens of a block receive nearly the same light, red and blue do not: the pattern is not
+    # shifted by a row or column.
     planes = {
         (row, column): raw.pixels[row::2, column::2].astype(float)
         for row in (0, 1)
         for column in (0, 1)
     }
 
-    def apart(a: tuple[int, int], b: tuple[int, int]) -> float:
+    def difference(a: tuple[int, int], b: tuple[int, int]) -> float:
         return float(np.median(np.abs(planes[a] - planes[b])))
 
-    assert apart((0, 0), (1, 1)) < 0.5 * min(apart((0, 0), (0, 1)), apart((0, 0), (1, 0)))
+    others = difference((0, 0), (0, 1)), difference((0, 0), (1, 0))
+    assert difference((0, 0), (1, 1)) < 0.5 * min(others)
 
 
 @needs_data
-def test_it_is_not_mistaken_for_the_tiff_it_also_is(kodak: Path) -> None:
+def test_a_raw_file_is_not_read_as_the_tiff_that_it_also_is(kodak: Path) -> None:
     with pytest.raises(DataError, match="RAW"):
         read_image(kodak)
 
 
 @needs_data
 @pytest.mark.parametrize("keep", [0, 100, 5000, 46337, 92674])
-def test_a_file_cut_short_is_named(kodak: Path, tmp_path: Path, keep: int) -> None:
+def test_a_truncated_file_is_refused_by_name(kodak: Path, tmp_path: Path, keep: int) -> None:
     path = tmp_path / "cut.kdc"
     path.write_bytes(kodak.read_bytes()[:keep])
     with pytest.raises(DataError, match=r"cut\.kdc: not a readable camera RAW") as caught:
@@ -271,7 +272,7 @@ def test_a_file_cut_short_is_named(kodak: Path, tmp_path: Path, keep: int) -> No
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_raw(tmp_path: Path) -> None:
+def test_files_that_are_not_raw(tmp_path: Path) -> None:
     path = tmp_path / "a.nef"
     path.write_bytes(b"hello " * 1000)
     with pytest.raises(DataError, match=r"a\.nef"):
@@ -285,5 +286,5 @@ def test_what_is_no_raw(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "expected"), [("a.KDC", True), ("a.cr3", True), ("a.tif", False), ("raw", False)]
 )
-def test_raw_is_told_by_suffix(name: str, expected: bool) -> None:
+def test_raw_is_recognised_by_suffix(name: str, expected: bool) -> None:
     assert is_raw(Path(name)) is expected

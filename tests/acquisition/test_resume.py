@@ -372,7 +372,7 @@ def test_an_led_that_died_meanwhile_is_left_out(
     assert (found.ok, found.complete, found.missing) == (True, True, ())
     assert list(found.left_out) == left_out
     warnings = read_source(tmp_path / "s").warnings
-    assert any("were left out, as LED 0 died" in line for line in warnings)
+    assert any("were left out because these LEDs failed: 0" in line for line in warnings)
     assert not any("missing" in line for line in warnings)
     # It stays complete when it is compacted, and nothing of it is missing to anyone.
     assert compact_session(tmp_path / "s").complete

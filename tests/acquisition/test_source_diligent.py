@@ -1,4 +1,4 @@
-"""DiLiGenT object folders, made up and real."""
+"""DiLiGenT object folders, synthetic and real."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_everything_is_read(folder: Path) -> None:
     assert source.ignored == ()
 
 
-def test_what_is_not_used_is_told(folder: Path) -> None:
+def test_unused_files_are_listed(folder: Path) -> None:
     write_png(folder / "other.mask.png", np.full((4, 6), 255, np.uint8))
     (folder / "notes.txt").write_text("hello")
     source = read_source(folder, mask_path=folder / "other.mask.png")
@@ -87,23 +87,23 @@ def put(folder: Path, name: str, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "match"),
+    ("damage", "match"),
     [
         pytest.param(
             lambda f: (f / "001.png").unlink(),
-            r"filenames\.txt: lists 001\.png, which is not there",
+            r"filenames\.txt: lists 001\.png, which does not exist",
             id="image missing",
         ),
         pytest.param(
             lambda f: put(f, "filenames.txt", "003.png\n001.png\n"),
-            r"3 lights, but filenames\.txt beside it has 2",
+            r"3 lights, but filenames\.txt in the same folder has 2",
             id="images for more lights",
         ),
         pytest.param(
             lambda f: put(f, "filenames.txt", "\n"), r"filenames\.txt: an empty", id="no names"
         ),
         pytest.param(
-            lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "there twice", id="twice"
+            lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "listed twice", id="twice"
         ),
         pytest.param(
             lambda f: (f / "filenames.txt").unlink(), r"no filenames\.txt", id="names missing"
@@ -149,8 +149,8 @@ def put(folder: Path, name: str, text: str) -> None:
         ),
     ],
 )
-def test_what_is_spoilt_is_named(folder: Path, spoil: object, match: str) -> None:
-    spoil(folder)  # type: ignore[operator]
+def test_damaged_folders_are_refused_by_name(folder: Path, damage: object, match: str) -> None:
+    damage(folder)  # type: ignore[operator]
     with pytest.raises(DataError, match=match) as caught:
         read_source(folder)
     assert str(folder) in str(caught.value)
@@ -170,7 +170,7 @@ def test_real_objects(name: str, size: tuple[int, int]) -> None:
     assert truth is not None
     assert mask is not None
     np.testing.assert_allclose(np.linalg.norm(truth[mask], axis=1), 1, atol=1e-6)
-    # A convex object from the front: right of it faces right, its upper part faces up.
+    # On a convex object seen from the front, the right side faces right and the top faces up.
     rows, columns = np.nonzero(mask)
     assert np.corrcoef(columns, truth[mask][:, 0])[0, 1] > 0.3
     assert np.corrcoef(rows, truth[mask][:, 1])[0, 1] < -0.3

@@ -1,4 +1,4 @@
-"""Plain folders, .lp folders and single files: what counts as a frame, a mask, a light."""
+"""Plain folders, .lp folders and single files as sources: frames, masks and lights."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def image(value: int, size: tuple[int, int] = (4, 6)) -> np.ndarray:
 
 
 def fill(folder: Path, *names: str) -> Path:
-    """Write one image per name, of which pixel values tell the order of writing."""
+    """Write one image per name, whose pixel values are its index in the order of writing."""
     folder.mkdir(exist_ok=True)
     for value, name in enumerate(names):
         write_png(folder / name, image(value))
@@ -33,7 +33,7 @@ def fill(folder: Path, *names: str) -> Path:
 
 
 def cone(count: int, ids: tuple[str, ...] = ()) -> Lights:
-    """Lights whose x component tells their index."""
+    """Return lights whose x component encodes their index."""
     directions = np.stack([np.arange(count), np.zeros(count), np.full(count, 10.0)], axis=1)
     return Lights(directions=directions, ids=ids)
 
@@ -103,7 +103,7 @@ def test_series(tmp_path: Path, names: list[str], expected: list[str]) -> None:
         pytest.param([f"L{i}_E{e}.png" for i in range(3) for e in range(3)], id="brackets"),
     ],
 )
-def test_two_series_of_one_length_are_not_guessed(tmp_path: Path, names: list[str]) -> None:
+def test_two_series_of_equal_length_are_refused(tmp_path: Path, names: list[str]) -> None:
     for name in names:
         (tmp_path / name).touch()
     with pytest.raises(DataError, match="a folder of its own"):
@@ -138,7 +138,7 @@ def test_a_frame_that_changes_later_is_named(tmp_path: Path) -> None:
     (folder / "a.1.png").unlink()
     with pytest.raises(DataError, match=r"a\.0\.png: shape \(5, 5, 3\)"):
         first.read()
-    with pytest.raises(DataError, match=r"a\.1\.png: is gone"):
+    with pytest.raises(DataError, match=r"a\.1\.png: was removed"):
         second.read()
 
 
@@ -157,7 +157,7 @@ def test_white_level_by_type(
     assert read_source(tmp_path).white_level == white
 
 
-def test_lights_by_name_whatever_their_order(tmp_path: Path) -> None:
+def test_lights_are_matched_by_name_in_any_order(tmp_path: Path) -> None:
     folder = fill(tmp_path, *[f"a.{i}.png" for i in range(12)])
     # As a file browser sorts them: 0, 1, 10, 11, 2 ...
     names = sorted(f"a.{i}.png" for i in range(12))
@@ -191,7 +191,7 @@ def test_names_with_words_after_dots_find_their_lights(tmp_path: Path) -> None:
     assert again.warnings == ()
 
 
-def test_lights_and_images_in_other_numbers(tmp_path: Path) -> None:
+def test_different_numbers_of_lights_and_images_are_refused(tmp_path: Path) -> None:
     folder = fill(tmp_path, *[f"a.{i}.png" for i in range(35)])
     with pytest.raises(DataError, match="35 images for 36 lights") as caught:
         read_source(folder, lights=cone(36))
@@ -213,7 +213,7 @@ def test_a_mask_of_another_size(tmp_path: Path) -> None:
         read_source(folder)
 
 
-def test_a_given_mask_wins(tmp_path: Path) -> None:
+def test_a_mask_from_the_caller_takes_precedence(tmp_path: Path) -> None:
     folder = fill(tmp_path / "images", "a.0.png")
     write_png(folder / "mask.png", np.zeros((4, 6), np.uint8))
     write_png(folder / "other.mask.png", np.zeros((4, 6), np.uint8))
@@ -285,7 +285,7 @@ def test_an_lp_of_another_suffix(tmp_path: Path) -> None:
     assert indices(source.lights) == [0, 1, 2]
 
 
-def test_an_lp_that_knows_no_name_goes_by_order(tmp_path: Path) -> None:
+def test_an_lp_without_matching_names_is_matched_by_order(tmp_path: Path) -> None:
     source = read_source(lp_folder(tmp_path, ["a.jpg", "b.jpg", "c.jpg"]))
     assert [frame.light_id for frame in source.frames] == ["img 1", "img 2", "img 10"]
     assert indices(source.lights) == [0, 1, 2]
@@ -295,17 +295,19 @@ def test_an_lp_that_knows_no_name_goes_by_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rows", "match"),
     [
-        pytest.param(["img 1.png", "x.png"], r"1 of them are there, x\.png is not", id="in part"),
+        pytest.param(
+            ["img 1.png", "x.png"], r"only 1 of them are there, x\.png is not", id="in part"
+        ),
         pytest.param(["a.png", "b.png"], "3 images for 2 lights", id="no name, other count"),
         pytest.param(["img 1.png", "img 1.jpg"], "1 of them are there", id="one image twice"),
     ],
 )
-def test_an_lp_that_does_not_fit(tmp_path: Path, rows: list[str], match: str) -> None:
+def test_an_lp_that_does_not_match_is_refused(tmp_path: Path, rows: list[str], match: str) -> None:
     with pytest.raises(DataError, match=match):
         read_source(lp_folder(tmp_path, rows))
 
 
-def test_several_lps_are_not_guessed(tmp_path: Path) -> None:
+def test_several_lp_files_are_refused(tmp_path: Path) -> None:
     folder = lp_folder(tmp_path, ["img 1.png"])
     (folder / "other.lp").write_text("1\nimg 1.png 0 0 1\n")
     with pytest.raises(DataError, match=r"dome\.lp and other\.lp"):
@@ -313,7 +315,7 @@ def test_several_lps_are_not_guessed(tmp_path: Path) -> None:
     assert len(read_source(folder / "other.lp").frames) == 1
 
 
-def test_given_lights_override_an_lp(tmp_path: Path) -> None:
+def test_lights_from_the_caller_override_an_lp(tmp_path: Path) -> None:
     folder = lp_folder(tmp_path, ["img 1.png", "img 2.png"])
     source = read_source(folder, lights=cone(3, ("img 3.tif", "img 2.tif", "img 1.tif")))
     assert indices(source.lights) == [2, 1]
@@ -330,7 +332,7 @@ def test_real_captures(name: str) -> None:
     assert source.mask is not None
     assert 0.1 < source.mask.mean() < 0.3
     assert "by order" in source.warnings[0]
-    # The object is lit inside the mask (of a mirror only a spot) and the background is dark.
+    # Inside the mask the object is bright (on a mirror only a spot), the background is dark.
     brightest = np.max([frame.read().max(axis=2) for frame in source.frames], axis=0)
     assert np.percentile(brightest[source.mask], 99.5) > 100
     assert np.median(brightest[~source.mask]) < 10

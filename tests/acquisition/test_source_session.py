@@ -21,7 +21,7 @@ from acquisition._values.lights import Lights
 
 SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])
-# All six LEDs of the board, of which the plan lights two.
+# All six LEDs of the board; the plan uses two of them.
 LIGHTS = Lights(positions_mm=np.array([[10.0 * i, 0, 100] for i in range(6)]))
 PLAN = CapturePlan(leds=(4, 1), exposures_us=(1000.0, 4000.0), dark=True)
 
@@ -77,7 +77,7 @@ def test_a_complete_session(tmp_path: Path) -> None:
     }
 
 
-def test_the_mask_in_derived_is_the_mask(tmp_path: Path) -> None:
+def test_the_mask_in_derived_is_read(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     (folder / "derived").mkdir()
     mask = np.zeros(SHAPE, np.uint8)
@@ -99,7 +99,7 @@ def test_the_mask_in_derived_is_the_mask(tmp_path: Path) -> None:
         read_source(folder)
 
 
-def test_the_true_mask_stands_in_for_none(tmp_path: Path) -> None:
+def test_the_true_mask_is_used_without_another_mask(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     derived = folder / "derived"
     (derived / "truth").mkdir(parents=True)
@@ -116,7 +116,7 @@ def test_the_true_mask_stands_in_for_none(tmp_path: Path) -> None:
     assert not again.mask[3, 5]
 
 
-def test_normals_in_derived_that_do_not_fit(tmp_path: Path) -> None:
+def test_normals_in_derived_of_another_size_are_refused(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     truth = folder / "derived" / "truth"
     truth.mkdir(parents=True)
@@ -125,14 +125,14 @@ def test_normals_in_derived_that_do_not_fit(tmp_path: Path) -> None:
         read_source(folder)
 
 
-def test_given_lights_mask_and_camera_win(tmp_path: Path) -> None:
-    given = Lights(directions=np.eye(3), ids=("L01", "L04", "L05"))
+def test_lights_mask_and_camera_from_the_caller_take_precedence(tmp_path: Path) -> None:
+    lights = Lights(directions=np.eye(3), ids=("L01", "L04", "L05"))
     mask = np.zeros(SHAPE, np.uint8)
     mask[2, 3] = 255
     write_png(tmp_path / "mask.png", mask)
     camera = CameraModel(K, 6, 4, 500.0)
     source = read_source(
-        session(tmp_path / "s"), lights=given, mask_path=tmp_path / "mask.png", camera=camera
+        session(tmp_path / "s"), lights=lights, mask_path=tmp_path / "mask.png", camera=camera
     )
     assert source.lights is not None
     np.testing.assert_array_equal(source.lights.directions, [[0, 1, 0], [1, 0, 0]])
@@ -145,17 +145,17 @@ def test_an_incomplete_session_warns(tmp_path: Path) -> None:
     source = read_source(session(tmp_path / "s", shots=4))
     assert source.light_ids == ("L04", "L01")
     assert len(source.frames) == 4
-    assert any("not brought to its end" in warning for warning in source.warnings)
+    assert any("the recording is not complete" in warning for warning in source.warnings)
     assert any("2 planned frames are missing" in warning for warning in source.warnings)
 
 
 def test_a_session_without_lights_or_frames(tmp_path: Path) -> None:
     assert read_source(session(tmp_path / "s", lights=None)).lights is None
-    with pytest.raises(DataError, match="without any frame"):
+    with pytest.raises(DataError, match="the session has no frames"):
         read_source(session(tmp_path / "empty", shots=0))
 
 
-def test_an_altered_frame_is_named_when_read(tmp_path: Path) -> None:
+def test_reading_an_altered_frame_is_refused_by_name(tmp_path: Path) -> None:
     folder = session(tmp_path / "s")
     path = folder / "frames" / "L01_E0.tif"
     data = bytearray(path.read_bytes())

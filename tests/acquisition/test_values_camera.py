@@ -1,4 +1,4 @@
-"""CameraModel: its frame against OpenCV's, rays against projection, what it refuses."""
+"""CameraModel: its frame against OpenCV's, rays against projection, refusals."""
 
 import cv2
 import numpy as np
@@ -38,7 +38,7 @@ def test_rays_invert_projection(distortion, skew):
 
 
 @pytest.mark.parametrize("distortion", [np.zeros(5), [-0.2, 0.1, 0, 0, 0]], ids=["none", "Brown"])
-def test_no_points_are_no_pixels_and_no_rays(distortion):
+def test_empty_arrays_give_no_pixels_and_no_rays(distortion):
     camera = CameraModel(K, 640, 480, 600.0, distortion)
     assert camera.project(np.zeros((0, 3))).shape == (0, 2)
     assert camera.rays(np.zeros((0, 2))).shape == (0, 3)
@@ -58,7 +58,7 @@ def test_points_on_plane_lie_on_it_and_project_back():
         pytest.param((np.eye(2), 4, 4), "3 x 3", id="shape"),
         pytest.param((K * np.nan, 4, 4), "finite", id="nan"),
         pytest.param((-K, 4, 4), "focal", id="negative"),
-        pytest.param((K.T, 4, 4), "read", id="transposed"),
+        pytest.param((K.T, 4, 4), "must have the form", id="transposed"),
         pytest.param((K, 0, 4), "no pixels", id="no width"),
         pytest.param((K, 4, 4, -1.0), "working distance", id="distance"),
         pytest.param((K, 4, 4, 1.0, np.ones(8)), "distortion", id="rational model"),
@@ -69,12 +69,12 @@ def test_camera_refuses(arguments, message):
         CameraModel(*arguments)
 
 
-def test_no_working_distance_says_what_to_add():
+def test_a_missing_working_distance_is_reported_by_its_key():
     with pytest.raises(DataError, match="working_distance_mm"):
         CameraModel(K, 4, 4).points_on_plane()
 
 
-def test_projection_is_opencvs_where_there_is_no_skew():
+def test_projection_without_skew_equals_opencv():
     distortion = np.array([-0.2, 0.1, 1e-3, -2e-3, 0.02])
     camera = CameraModel(K, 640, 480, 600.0, distortion)
     points = np.random.default_rng(1).uniform(-80, 80, (50, 3))

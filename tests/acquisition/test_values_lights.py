@@ -1,4 +1,4 @@
-"""Lights: what they refuse, the near-light model against its closed form, matching to frames."""
+"""Lights: refusals, the near-light model against its closed form, matching to frames."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def test_directions_are_stored_as_unit_vectors():
 
 
 def test_near_light_follows_the_inverse_square_and_cosine_laws():
-    """A lamp 400 mm overhead, looking down: E(x) = (h / r)^2 (h / r)^mu with r^2 = h^2 + x^2."""
+    """A light 400 mm above, facing down: E(x) = (h / r)^2 (h / r)^mu with r^2 = h^2 + x^2."""
     height, x, mu = 400.0, 300.0, 1.5
     lights = Lights(positions_mm=[[0, 0, height]], mu=[mu])
     r = np.hypot(height, x)
@@ -55,9 +55,9 @@ def test_a_point_behind_the_led_gets_no_light():
 @pytest.mark.parametrize("mu", [0.0, 1.5])
 def test_a_point_on_the_led_gets_no_light_and_no_warning(mu):
     lights = Lights(positions_mm=[[30.0, 0, 100.0], [0, 0, 400.0]], mu=[mu, mu])
-    on, beside = lights.vectors_at([[30.0, 0.0, 100.0], [0.0, 0.0, 0.0]])[0]
+    on, away = lights.vectors_at([[30.0, 0.0, 100.0], [0.0, 0.0, 0.0]])[0]
     np.testing.assert_array_equal(on, 0)
-    np.testing.assert_allclose(np.linalg.norm(beside), 1)
+    np.testing.assert_allclose(np.linalg.norm(away), 1)
 
 
 def test_a_light_that_points_away_is_refused():
@@ -99,7 +99,7 @@ def test_take_keeps_every_field_in_order():
             ("L03", "L12", "L05"),
             [1, 2, 0],
             True,
-            id="lights called as images of LEDs",
+            id="lights named like images of LEDs",
         ),
         pytest.param(
             ("L05", "L03"), ("L3_E1_R2.tif", "L05_E0.z.tif"), [1, 0], True, id="images of LEDs"
@@ -123,7 +123,7 @@ def test_match(ids, names, expected, by_name):
     ("names", "message"),
     [
         pytest.param(("p",), "1 images for 2 lights", id="counts differ"),
-        pytest.param(("a", "q"), "q is not", id="only some match"),
+        pytest.param(("a", "q"), "q does not", id="only some match"),
         pytest.param(("a", "a"), "share a name", id="two frames of one light"),
     ],
 )
@@ -136,19 +136,22 @@ def test_match_refuses(names, message):
 @pytest.mark.parametrize(
     ("ids", "names", "message"),
     [
-        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 is not", id="no LED matches"),
+        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 does not", id="no LED matches"),
         pytest.param(
-            ("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 is not", id="one LED does not"
+            ("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 does not", id="one LED does not"
         ),
         pytest.param(
-            ("L05_E0", "L05_E1"), ("L05", "L06"), "0 of 2 .* L05 is not", id="two lights of an LED"
+            ("L05_E0", "L05_E1"),
+            ("L05", "L06"),
+            "0 of 2 .* L05 does not",
+            id="two lights of an LED",
         ),
         pytest.param(
             ("L05", "L06"), ("L05_E0", "L05_E1"), "share a name", id="two images of an LED"
         ),
     ],
 )
-def test_the_order_decides_nothing_about_leds(ids, names, message):
+def test_lights_of_leds_are_never_matched_by_order(ids, names, message):
     lights = Lights(directions=np.eye(3)[: len(ids)], ids=ids)
     with pytest.raises(DataError, match=message):
         lights.match(names)

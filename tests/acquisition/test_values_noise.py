@@ -1,4 +1,4 @@
-"""NoiseModel: EMVA 1288's photon transfer line, and what it refuses."""
+"""NoiseModel: EMVA 1288's photon transfer line, and refusals."""
 
 import tomllib
 
@@ -81,7 +81,7 @@ def test_white_level_of_a_full_well(full_well_e, white):
         ),
     ],
 )
-def test_a_sensor_record_writes_what_is_not_default_and_reads_back(sensor, written):
+def test_a_sensor_record_writes_only_non_default_values_and_reads_back(sensor, written):
     record = SensorRecord.of(sensor)
     content = tomllib.loads(to_toml(record).decode())
     assert len(content) == written

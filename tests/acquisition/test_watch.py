@@ -1,4 +1,4 @@
-"""A folder that something fills while it is watched."""
+"""Tethered capture from a folder that is filled while it is watched."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def picture(number: int) -> npt.NDArray[np.uint16]:
 
 
 def shoot(folder: Path, number: int, time_s: float, name: str | None = None) -> Path:
-    """Put an image there, as if written that many seconds after the first."""
+    """Write an image as if it were written ``time_s`` seconds after the first."""
     path = folder / (name or f"IMG_{number:04d}.png")
     write_png(path, picture(number))
     stamp = BEGIN_NS + round(time_s * 1e9)
@@ -60,7 +60,7 @@ def out(tmp_path: Path) -> Path:
 
 
 def recorded(out: Path) -> dict[int, str | None]:
-    """Origin by LED, pixels checked."""
+    """Return the origin of each frame by LED, and check the pixels."""
     session = Session.open(out)
     for frame in session.frames:
         assert frame.line.origin is not None
@@ -75,14 +75,14 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
         shoot(folder, number, 2.0 * number)
     (folder / ".hidden.png").write_bytes(b"x")
     (folder / "notes.txt").write_text("x")
-    told: list[str] = []
+    lines: list[str] = []
     steps: list[tuple[str, int, int]] = []
     lights = Lights(directions=np.stack([np.arange(8), np.zeros(8), np.ones(8)], 1))
     result = watch_folder(
         watch(folder),
         out,
         lights=lights,
-        tell=told.append,
+        tell=lines.append,
         on_progress=lambda *report: steps.append(report),
         texts={"operator": "Ada", "place": "Rome"},
     )
@@ -90,14 +90,14 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
     assert result.session.complete
     assert verify_session(out).ok
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
-    assert told[0] == "IMG_0000.png is L00_E0"
+    assert lines[0] == "IMG_0000.png is L00_E0"
     assert steps == [("watching", i + 1, 8) for i in range(8)]
     assert result.session.manifest.place == "Rome"
     assert result.session.lights is not None
     assert result.session.lights.ids == lights.ids
 
 
-def test_a_gap_in_time_leaves_a_hole_and_is_told(folder: Path, out: Path) -> None:
+def test_a_gap_in_time_leaves_a_shot_empty_and_is_reported(folder: Path, out: Path) -> None:
     for number, at in enumerate([0, 2, 4, 8, 10, 12, 14]):
         shoot(folder, number, at)
     result = watch_folder(watch(folder), out)
@@ -106,7 +106,7 @@ def test_a_gap_in_time_leaves_a_hole_and_is_told(folder: Path, out: Path) -> Non
     assert recorded(out)[4] == "IMG_0003.png"
     assert any("1 image is missing between IMG_0002.png and IMG_0003" in w for w in result.warnings)
     assert any("save an image as L03_E0.png" in w for w in result.warnings)
-    # The hole is filled by name; nothing else moves.
+    # An image with the name of the missing shot fills it; no other image changes its shot.
     shoot(folder, 3, 99, "L03_E0.png")
     again = watch_folder(watch(folder), out)
     assert again.session.complete
@@ -115,23 +115,23 @@ def test_a_gap_in_time_leaves_a_hole_and_is_told(folder: Path, out: Path) -> Non
     assert verify_session(out).ok
 
 
-def test_an_image_after_a_gap_waits_for_the_next_which_may_show_it_was_only_late(
+def test_an_image_after_a_gap_waits_for_the_next_in_case_it_was_only_delayed(
     folder: Path, out: Path
 ) -> None:
     for number in range(6):
         shoot(folder, number, float(number))
     shoot(folder, 6, 7.1)  # as late as if one were missing
-    told: list[str] = []
+    lines: list[str] = []
 
     def tell(line: str) -> None:
-        told.append(line)
+        lines.append(line)
         if line == "IMG_0005.png is L05_E0":
             shoot(folder, 7, 7.3)
 
     result = watch_folder(watch(folder, timeout_s=5.0), out, tell=tell)
     assert result.session.complete
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
-    assert not any("missing" in line for line in told)
+    assert not any("missing" in line for line in lines)
 
 
 def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) -> None:
@@ -139,36 +139,38 @@ def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) ->
         shoot(folder, number, 0.6 * number)
     shoot(folder, 7, 0.6 * 7)
     began_s = time.monotonic()
-    told_s: dict[str, float] = {}
+    reported_s: dict[str, float] = {}
     result = watch_folder(
         watch(folder, timeout_s=3.0),
         out,
-        tell=lambda line: told_s.setdefault(line, time.monotonic() - began_s),
+        tell=lambda line: reported_s.setdefault(line, time.monotonic() - began_s),
     )
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
-    assert 1.2 <= told_s["IMG_0007.png is L07_E0"] < 2.5
+    assert 1.2 <= reported_s["IMG_0007.png is L07_E0"] < 2.5
 
 
-def test_an_image_written_anew_moves_no_other_and_is_told(folder: Path, out: Path) -> None:
+def test_an_overwritten_image_is_reported_and_shifts_no_other(folder: Path, out: Path) -> None:
     for number in range(6):
         shoot(folder, number, 2.0 * number)
 
     def tell(line: str) -> None:
-        told.append(line)
+        lines.append(line)
         if line == "IMG_0005.png is L05_E0":
-            write_png(folder / "IMG_0002.png", picture(99))  # the time of now
+            write_png(folder / "IMG_0002.png", picture(99))  # with the current time
             shoot(folder, 7, 14.0)
 
-    told: list[str] = []
+    lines: list[str] = []
     result = watch_folder(watch(folder), out, tell=tell)
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in (0, 1, 2, 3, 4, 5, 7)}
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
-    anew = "IMG_0002.png: was written anew after it was recorded; the session holds what it was"
-    assert told.count(anew) == 1
-    assert not any("no steady pace" in line for line in told)
+    line = (
+        "IMG_0002.png: was overwritten after it was recorded; the session holds the earlier image"
+    )
+    assert lines.count(line) == 1
+    assert not any("no steady pace" in line for line in lines)
 
 
-def test_images_taken_by_hand_are_matched_by_number_and_that_is_told(
+def test_images_taken_by_hand_are_matched_by_number_and_a_warning_is_given(
     folder: Path, out: Path
 ) -> None:
     for number, at in zip((1, 2, 3, 5, 6, 7, 8), (0, 3, 21, 30, 31, 50, 51), strict=True):
@@ -179,7 +181,7 @@ def test_images_taken_by_hand_are_matched_by_number_and_that_is_told(
     assert any("missing by number between IMG_0003" in line for line in result.warnings)
 
 
-def test_without_gaps_pauses_mean_nothing(folder: Path, out: Path) -> None:
+def test_without_gaps_pauses_are_ignored(folder: Path, out: Path) -> None:
     for number, at in enumerate([0, 2, 4, 8, 10, 12, 14, 16]):
         shoot(folder, number, at)
     assert watch_folder(watch(folder, gaps=False), out).session.complete
@@ -199,8 +201,8 @@ def in_background(work: Callable[[], None]) -> threading.Thread:
     return thread
 
 
-def test_images_are_taken_as_they_appear_and_only_whole(folder: Path, out: Path) -> None:
-    """Files grow slowly under their own name, stall in mid-way, or are renamed when finished."""
+def test_images_are_recorded_as_they_appear_and_only_when_complete(folder: Path, out: Path) -> None:
+    """Files grow slowly under their final name, stall midway, or are renamed when complete."""
     (folder.parent / "ready").mkdir()
 
     def camera() -> None:
@@ -215,19 +217,19 @@ def test_images_are_taken_as_they_appear_and_only_whole(folder: Path, out: Path)
                 for start in range(0, len(data), len(data) // 3 + 1):
                     file.write(data[start : start + len(data) // 3 + 1])
                     file.flush()
-                    # Longer than a file must stay to count as settled.
+                    # Longer than a file must stay unchanged to count as complete.
                     time.sleep(0.12)
             os.utime(path, ns=(status.st_mtime_ns, status.st_mtime_ns))
 
     thread = in_background(camera)
-    told: list[str] = []
-    result = watch_folder(watch(folder, timeout_s=20.0), out, tell=told.append)
+    lines: list[str] = []
+    result = watch_folder(watch(folder, timeout_s=20.0), out, tell=lines.append)
     thread.join(20)
     assert result.session.complete
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
 
 
-def test_nothing_overtakes_a_file_that_is_not_whole(folder: Path, out: Path) -> None:
+def test_no_later_image_is_recorded_before_an_incomplete_file(folder: Path, out: Path) -> None:
     for number in range(8):
         shoot(folder, number, 2.0 * number)
     cut = folder / "IMG_0003.png"
@@ -242,7 +244,7 @@ def test_nothing_overtakes_a_file_that_is_not_whole(folder: Path, out: Path) -> 
     assert verify_session(out).ok
 
 
-def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> None:
+def test_an_interrupted_watch_continues_where_it_stopped(folder: Path, out: Path) -> None:
     for number, at in enumerate([0, 2, 4, 6, 10, 12]):
         shoot(folder, number, at)
 
@@ -256,27 +258,27 @@ def test_an_interrupted_watch_goes_on_where_it_was(folder: Path, out: Path) -> N
     assert sorted(recorded(out)) == [0, 1, 2]
     for number, at in ((6, 14), (7, 16)):
         shoot(folder, number, at)
-    told: list[str] = []
-    result = watch_folder(watch(folder), out, tell=told.append)
-    assert "taken up with 3 images" in told[0]
+    lines: list[str] = []
+    result = watch_folder(watch(folder), out, tell=lines.append)
+    assert "continued with 3 images" in lines[0]
     assert sorted(recorded(out)) == [0, 1, 2, 3, 5, 6, 7]
     assert [shot.led for shot in result.missing] == [4]
     assert any("IMG_0007.png: no shot is left" in line for line in result.warnings)
 
 
-def test_a_session_for_other_shots_is_not_taken_up(folder: Path, out: Path) -> None:
+def test_a_session_for_other_shots_is_not_continued(folder: Path, out: Path) -> None:
     shoot(folder, 0, 0)
     watch_folder(watch(folder), out)
-    with pytest.raises(DataError, match="the same --leds or --plan"):
+    with pytest.raises(DataError, match="the same LEDs or the same plan"):
         watch_folder(watch(folder, leds=9), out)
     (folder / "IMG_0000.png").unlink()
     shoot(folder, 1, 2)
-    with pytest.raises(DataError, match=r"IMG_0000\.png: is recorded, but gone"):
+    with pytest.raises(DataError, match=r"IMG_0000\.png: was recorded, but is no longer"):
         watch_folder(watch(folder), out)
     assert verify_session(out).ok
 
 
-def test_a_watch_killed_before_its_first_frame_is_taken_up(folder: Path, out: Path) -> None:
+def test_a_watch_killed_before_its_first_frame_is_continued(folder: Path, out: Path) -> None:
     for number in range(3):
         shoot(folder, number, 2.0 * number)
     camera = {"width": SHAPE[1], "height": SHAPE[0], "bit_depth": 16}
@@ -298,10 +300,10 @@ def test_two_watchers_of_one_session(folder: Path, out: Path) -> None:
         writer.close()
 
 
-def test_what_another_watcher_recorded_meanwhile_is_not_recorded_again(
+def test_images_that_another_watcher_recorded_meanwhile_are_not_recorded_again(
     folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After the session was looked at, and before it was locked."""
+    """The other watcher records after the session was read and before it is locked."""
     shoot(folder, 0, 0)
     watch_folder(watch(folder, leds=3), out)
     shoot(folder, 1, 2)
@@ -337,18 +339,20 @@ def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
     assert [frame.led for frame in result.session.frames][2:] == [3, 1, 3, 1]
 
 
-def test_no_image_at_all_is_told_and_leaves_nothing(folder: Path, out: Path) -> None:
-    with pytest.raises(DataError, match=r"in: no image came within 0\.3 s"):
+def test_a_watch_without_any_image_is_an_error_and_leaves_no_session(
+    folder: Path, out: Path
+) -> None:
+    with pytest.raises(DataError, match=r"in: no image appeared within 0\.3 s"):
         watch_folder(watch(folder, timeout_s=0.3), out)
     assert not out.exists()
     (folder / "a.png").write_bytes(b"no image")
-    with pytest.raises(DataError, match=r"a\.png: .*no image came"):
+    with pytest.raises(DataError, match=r"a\.png: .*no image appeared"):
         watch_folder(watch(folder, timeout_s=0.3), out)
     with pytest.raises(MissingPathError, match="no such folder"):
         watch_folder(watch(folder / "none"), out)
 
 
-def test_an_image_of_another_kind_is_refused_and_the_session_stays_whole(
+def test_an_image_of_another_kind_is_refused_and_the_session_stays_intact(
     folder: Path, out: Path
 ) -> None:
     for number in range(3):
@@ -357,19 +361,19 @@ def test_an_image_of_another_kind_is_refused_and_the_session_stays_whole(
     with pytest.raises(DataError, match=r"IMG_0003\.tif: pixels \(4, 4\)"):
         watch_folder(watch(folder, gaps=False), out)
     assert sorted(recorded(out)) == [0, 1, 2]
-    # On taking it up the first image still says what belongs.
+    # When the session is continued, images are still compared with the first one.
     with pytest.raises(DataError, match=r"IMG_0003\.tif: pixels \(4, 4\)"):
         watch_folder(watch(folder, gaps=False), out)
     assert verify_session(out).ok
 
 
-def test_floats_never_count_as_whole_images_of_a_session(folder: Path, out: Path) -> None:
+def test_float_images_are_refused(folder: Path, out: Path) -> None:
     write_exr(folder / "a.exr", np.ones((4, 4), np.float32))
     with pytest.raises(DataError, match=r"a\.exr: a session holds whole numbers"):
         watch_folder(watch(folder, timeout_s=0.3), out)
 
 
-def test_a_disk_that_is_full_leaves_what_was_recorded(
+def test_a_full_disk_keeps_the_recorded_frames(
     folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(8):

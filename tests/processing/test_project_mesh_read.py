@@ -170,14 +170,14 @@ def test_a_truncated_file_is_refused(tmp_path, suffix):
     path = tmp_path / f"ball.{suffix}"
     BALL.export(path)
     path.write_bytes(_cut(path.read_bytes()))
-    with pytest.raises(DataError, match=rf"ball\.{suffix}: .*(truncated|is it whole)"):
+    with pytest.raises(DataError, match=rf"ball\.{suffix}: .*truncated"):
         read_geometry(path)
 
 
 def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
     path = tmp_path / "cube.off"
     path.write_text("\n".join(CUBE_OFF.splitlines()[:-2]), encoding="ascii")
-    with pytest.raises(DataError, match=r"cube\.off: truncated: its header promises 14 lines"):
+    with pytest.raises(DataError, match=r"cube\.off: truncated: its header states 14 lines"):
         read_geometry(path)
     path = tmp_path / "ball.ply"
     BALL.export(path, encoding="ascii")
@@ -193,9 +193,9 @@ def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
         pytest.param("a.obj", "v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "vertex 1 is", id="NaN"),
         pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "", id="missing vertex"),
         pytest.param("a.obj", "", "", id="empty"),
-        pytest.param("a.ply", "hello", "is it whole", id="no ply"),
+        pytest.param("a.ply", "hello", "no PLY header", id="no ply"),
         pytest.param("a.stl", "hello", "truncated", id="no stl"),
-        pytest.param("a.glb", "hello", "is it whole", id="no glb"),
+        pytest.param("a.glb", "hello", "not a GLB file", id="no glb"),
         pytest.param("a.fbx", "hello", "give one of .obj", id="unknown suffix"),
         pytest.param("a.xyz", "", "no point", id="no point"),
         pytest.param("a.xyz", "1 2\n3 4\n", "lines of 2 numbers", id="two columns"),

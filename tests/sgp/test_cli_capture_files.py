@@ -285,7 +285,7 @@ def test_a_watch_for_other_shots_is_refused_and_does_not_ask_to_be_tried_again(s
     assert "incomplete, 3 frames are whole, but it was not brought to its end" in told.out
     answer = sgp(*words, "--leds", 5)
     assert answer.code == 4
-    assert "not begun by watching a folder for these shots" in answer.err
+    assert "not started by watching a folder for these shots" in answer.err
     assert answer.err.count("\n") == 1
 
 
