@@ -46,8 +46,8 @@ class Lights:
         try:
             if board.identity.leds != config.leds:
                 raise BoardError(
-                    f"LED board on {board.port} has {board.identity.leds} LEDs, but the rig file "
-                    f"of {config.name} states {config.leds}: correct the rig file"
+                    f"LED board on {board.port} has {board.identity.leds} LEDs, but rig "
+                    f"{config.name} is configured with {config.leds}: correct the rig file"
                 )
             board.off()
         except BaseException as error:

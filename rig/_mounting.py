@@ -41,7 +41,7 @@ class Mounting(BaseModel):
         return np.ascontiguousarray(seen[:, ::-1] if self.mirror else seen)
 
     def upright_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the shape of the result of `upright`, or of `stored`, for a frame of this shape."""
+        """Return the shape that `upright` or `stored` gives a frame of this shape."""
         height, width, *rest = shape
         return (width, height, *rest) if self.rotation_deg in (90, 270) else shape
 
@@ -63,7 +63,7 @@ class Mounting(BaseModel):
         return _pattern(self.upright(_mosaic(cfa, size)), cfa)
 
     def stored_cfa(self, cfa: str, size: tuple[int, int]) -> str:
-        """Return the pattern of the frame as stored, given that of an upright image of this size."""
+        """Return the pattern of the frame as stored, given that of its upright image."""
         return _pattern(self.stored(_mosaic(cfa, size)), cfa)
 
 
