@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "not told apart",
+    "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "ambiguous",
     "trigger", "exposure active",
 ]  # fmt: skip
 

@@ -54,7 +54,7 @@ def findings(evidence: Evidence) -> list[Finding]:
         found += judge.equals()
         found.append(
             Finding(
-                "not told apart",
+                "ambiguous",
                 (),
                 "swapped LEDs cannot be found without their positions: give led_positions_mm in "
                 "the rig file",
@@ -64,7 +64,7 @@ def findings(evidence: Evidence) -> list[Finding]:
     elif judge.alive.sum() < _FEWEST:
         found.append(
             Finding(
-                "not told apart",
+                "ambiguous",
                 (),
                 f"swapped LEDs can be found only if at least {_FEWEST} LEDs give light, but "
                 f"{judge.alive.sum()} did",
@@ -168,7 +168,7 @@ class _Judge:
                 f"{len(alike)} LEDs look alike in this view: put something larger or less flat "
                 "under the camera"
             )
-            return [Finding("not told apart", self._named(alike), text, fault=False)]
+            return [Finding("ambiguous", self._named(alike), text, fault=False)]
         return [both_on(leds[one], leds[other], sure=True) for one, other in pairs]
 
     def places(self, positions: Array) -> list[Finding]:

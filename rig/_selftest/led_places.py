@@ -112,7 +112,7 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
             f"under LEDs {', '.join(map(str, unsure))} the view looks the same as under another, "
             "so a swap would not be noticed: put something larger or less flat under the camera"
         )
-        found.append(Finding("not told apart", unsure, text, fault=False))
+        found.append(Finding("ambiguous", unsure, text, fault=False))
     return found
 
 

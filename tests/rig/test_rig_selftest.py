@@ -149,10 +149,10 @@ def test_what_cannot_be_told_is_said():
     twice = np.full((2, 36, 30), 500.0)
     near = places[150:180] * 0.1
     remarks = findings(Evidence(tuple(range(36)), twice, np.zeros(30), near, positions))
-    assert any(one.kind == "not told apart" and len(one.leds) > 30 for one in remarks)
+    assert any(one.kind == "ambiguous" and len(one.leds) > 30 for one in remarks)
     assert not [one for one in remarks if one.fault]
     remarks = findings(Evidence(tuple(range(36)), twice, np.zeros(30), near))
-    assert any(one.kind == "not told apart" and len(one.leds) == 36 for one in remarks)
+    assert any(one.kind == "ambiguous" and len(one.leds) == 36 for one in remarks)
     assert not [one for one in remarks if one.fault]
     remarks = findings(Evidence(tuple(range(36)), light[None].repeat(2, 0), light[0] * 0, places))
     assert "swapped cannot be told without their positions" in remarks[-1].text
