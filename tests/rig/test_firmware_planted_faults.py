@@ -68,7 +68,7 @@ FAULTS = {
         "if (verb == nullptr && light::flash_ended())",
         "a flash that ends while the next command arrives is told, and as what it was",
     ),
-    "no CRC test": Fault(LINE, " && told == sum", "", DAMAGE),
+    "no CRC test": Fault(LINE, " && stated == sum", "", DAMAGE),
     "damage not counted": Fault(LINE, "        damaged++;", "        damaged += 0;", DAMAGE),
     "overlong lines are read": Fault(
         LINE,
