@@ -198,8 +198,8 @@ def check_pixels(
         raise UnreadableError(f"an image of {width} x {height} pixels: its header is damaged")
     if width * height > max_pixels:
         raise UnreadableError(
-            f"an image of {width} x {height} pixels, but only {max_pixels} are allowed: if the "
-            "size is correct, raise the limit on pixels"
+            f"an image of {width} x {height} pixels, {max_pixels} are allowed: if the size is "
+            "correct, raise the limit on pixels"
         )
     if width * height * pixel_bits // 8 > _SMALL_BYTES + _MAX_EXPANSION * file_bytes:
         raise UnreadableError(

@@ -123,7 +123,9 @@ def lost(port: str, command: Command, error: Exception) -> BoardError:
             f"{prefix}: no device accepts the data sent ({error}); check that this port is the LED "
             "board's"
         )
-    return BoardError(f"{prefix}: the connection is lost ({error}); check the board's USB cable")
+    return BoardError(
+        f"{prefix}: the connection is lost ({error}); check whether the board was unplugged"
+    )
 
 
 def silent(port: str, command: Command, waited_s: float, heard: bytes) -> BoardError:

@@ -127,7 +127,7 @@ class GenICamCamera:
         self._check_open()
         under_way = max(self._first_id, self._unfetched_id) <= frame_id < self._next_id
         if not under_way or not self._acquisition.running:
-            raise CameraError(f"camera {self._name}: frame {frame_id} is not pending")
+            raise CameraError(f"camera {self._name}: no frame {frame_id} is under way")
         self._stale = True
         try:
             frame = self._await(frame_id, timeout_s, waiting)
@@ -220,7 +220,7 @@ class GenICamCamera:
                 line = f", armed on {self._options.trigger_line}," if self._armed == "line" else ":"
                 counts = self._acquisition.counts()
                 raise FrameTimeoutError(
-                    f"camera {self._name}{line} frame {frame_id} did not arrive within "
+                    f"camera {self._name}{line} frame {frame_id} did not come within "
                     f"{timeout_s:g} s of waiting; {_cause(counts, 'check trigger and cable')}",
                     counts,
                 )

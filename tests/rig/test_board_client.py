@@ -180,7 +180,7 @@ def test_the_reply_to_a_flash_may_have_come_long_ago(bench, board):
 def test_a_flash_that_was_ended_has_no_report(bench, board):
     board.begin_flash(7, 0, 5_000_000)
     assert board.off().led == 7
-    with pytest.raises(BoardError, match="nothing was begun"):
+    with pytest.raises(BoardError, match="no command is pending"):
         board.end_flash()
 
 
@@ -460,7 +460,7 @@ def test_a_line_lost_while_it_is_opened_is_given_back(bench, monkeypatch, error)
         raise error
 
     monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
-    with pytest.raises(BoardError, match=r"ID: the line is lost .*gone"):
+    with pytest.raises(BoardError, match=r"ID: the connection is lost .*gone"):
         Board(bench.virtual.port)
     monkeypatch.undo()
     Board(bench.virtual.port).close()

@@ -29,7 +29,7 @@ def neighbours():
         stack.callback(owner.close)
         yield {
             silent: "no answer within 0.75 s",
-            chatters: "it does send b'$GPGGA'",
+            chatters: "it sent b'$GPGGA'",
             echoes: "no answer",
             older: "speaks protocol 1",
             busy: "no other program uses it",

@@ -26,7 +26,7 @@ def test_an_outcome_holds_its_reply():
     [
         (1, "error 1: unknown command"),
         (5, "error 5: busy"),
-        (99, "error 99: for a reason this software does not know"),
+        (99, "error 99: not known to this software"),
     ],
 )
 def test_a_refusal_is_told(error, says):
@@ -48,7 +48,7 @@ def test_what_the_board_repeats_must_be_what_was_asked(words, count, right):
     if right:
         outcome(*words).repeats(count)
         return
-    with pytest.raises(BoardError, match="where ON LED 3 2500 was asked"):
+    with pytest.raises(BoardError, match="instead of ON LED 3 2500"):
         outcome(*words).repeats(count)
 
 
@@ -66,15 +66,15 @@ def test_words_are_read_as_what_they_have_to_be():
 
 @pytest.mark.parametrize("word", ["", "x", "-1", "1.5", "1000000000", "+3", "2+"])
 def test_what_is_not_a_number_makes_no_sense(word):
-    with pytest.raises(BoardError, match="makes no sense"):
+    with pytest.raises(BoardError, match="reply is invalid"):
         outcome(word).number(0)
-    with pytest.raises(BoardError, match="makes no sense"):
+    with pytest.raises(BoardError, match="reply is invalid"):
         outcome(word).led(0)
 
 
 @pytest.mark.parametrize("read", ["word", "number", "led", "exposure"])
 def test_a_word_that_is_missing_makes_no_sense(read):
-    with pytest.raises(BoardError, match=r"makes no sense \(1 2\); check the firmware"):
+    with pytest.raises(BoardError, match=r"reply is invalid \(1 2\); check the firmware"):
         getattr(outcome("1", "2"), read)(2)
 
 
@@ -99,11 +99,11 @@ def test_commands_are_spoken_with_their_led(verb, args, said):
 def test_failures_of_the_line_say_what_to_look_at():
     head = "LED board on p, ON LED 3 2500: "
     full = str(lost("p", ON, serial.SerialTimeoutException("full")))
-    assert full.startswith(f"{head}nothing takes what is sent (full)")
+    assert full.startswith(f"{head}no device accepts the data sent (full)")
     gone = str(lost("p", ON, OSError("gone")))
-    assert gone == f"{head}the line is lost (gone); was the board unplugged?"
+    assert gone == f"{head}the connection is lost (gone); check whether the board was unplugged"
     quiet = str(silent("p", ON, 0.75, b""))
     assert quiet.startswith(f"{head}no answer within 0.75 s; check power")
     talking = str(silent("p", ON, 2.0, b"x" * 50))
-    assert f"no answer within 2 s; it does send {b'x' * 40!r}; check" in talking
+    assert f"no answer within 2 s, but it sent {b'x' * 40!r}; check" in talking
     assert str(overtaken("p", ON)).startswith(f"{head}all LEDs were turned off meanwhile")

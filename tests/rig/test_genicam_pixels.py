@@ -125,7 +125,7 @@ def test_what_follows_the_image_in_its_buffer_is_ignored(name, size, padding):
 def test_samples_that_lie_at_the_high_end_are_told(depth):
     bright = 2**depth - 1 - np.arange(20, dtype="<u2")
     raw = (bright << (16 - depth)).tobytes()
-    with pytest.raises(CameraError, match=rf"Mono{depth} frame does not fit its {depth} bits"):
+    with pytest.raises(CameraError, match=rf"Mono{depth} frame does not fit into {depth} bits"):
         decode(raw, PixelFormat.of(f"Mono{depth}"), size=(4, 5))
 
 

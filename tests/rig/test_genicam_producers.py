@@ -120,7 +120,9 @@ def test_two_cameras_of_one_producer_are_open_at_once_and_no_others_are_lost():
 
 
 def test_one_of_several_cameras_must_be_named():
-    with pytest.raises(CameraError, match=r"3 cameras, say which by serial number: 0 \(.*, 1 \("):
+    with pytest.raises(
+        CameraError, match=r"3 cameras found, choose one by serial number: 0 \(.*, 1 \("
+    ):
         open_genicam(VIKY)
     with pytest.raises(CameraError, match=r"no camera 17; found: 0 \("):
         open_genicam(VIKY, serial="17")
@@ -149,7 +151,7 @@ def test_tlsimu_is_grabbed_from(tlsimu, serial, needs):
 
 
 def test_tlsimu_sends_colour_where_mono_is_set_and_that_is_told(tlsimu):
-    with pytest.raises(CameraError, match=r"768 x 572 pixels in RGB8 came, set is .* in Mono8"):
+    with pytest.raises(CameraError, match=r"768 x 572 pixels in RGB8, but .* in Mono8 was set"):
         grab(tlsimu, "SN_InterfaceA_1", ("trigger",))
 
 

@@ -47,7 +47,7 @@ def test_the_exposure_is_set_under_any_name_and_read_back(node, wanted_us, got_u
         pytest.param(amount("ExposureTime", 1, 0.01, 100, unit="ms"), 1.0,
                      "0.001 ms is outside its range of 0.01 to 100 ms", id="in its own unit"),
         pytest.param(amount("ExposureTimeRaw", 20, 20, 900_000, kind="Integer"), 100.0,
-                     r"ExposureTimeRaw: its unit \(none\) is not one of time", id="ticks"),
+                     r"ExposureTimeRaw: its unit \(none\) is not a unit of time", id="ticks"),
         pytest.param(amount("ExposureTime", 20, 20, 900_000, access="RO"), 100.0,
                      "c7, ExposureTime, set to 100 us: .*not writable", id="read only"),
         pytest.param(amount("Gain", 0, 0, 1), 100.0, "c7 has no node ExposureTime", id="absent"),
@@ -89,7 +89,9 @@ def test_gain_without_a_unit_is_set_to_its_least_and_not_called_db(node):
     camera = Settings(nodes)
     assert camera.set_gain(0.0) == 0.0
     assert nodes.number(node.name) == nodes.limits(node.name)[0]
-    with pytest.raises(CameraError, match=f"c7, {node.name}: 6 dB is wanted, but .* no gain in dB"):
+    with pytest.raises(
+        CameraError, match=f"c7, {node.name}: a gain of 6 dB is not possible, .* no gain in dB"
+    ):
         camera.set_gain(6.0)
 
 
@@ -159,7 +161,7 @@ def test_the_readout_of_a_rolling_shutter_is_known(nodes, readout_us):
 
 
 def test_a_rolling_shutter_of_unknown_readout_is_told():
-    with pytest.raises(CameraError, match=r"does not tell its readout time .*readout_us"):
+    with pytest.raises(CameraError, match=r"does not report its readout time .*readout_us"):
         settings(EXPOSURE_US).readout_us()
 
 
@@ -216,19 +218,19 @@ def test_automatics_are_turned_off():
 )
 def test_an_automatic_that_will_not_go_off_is_told(automatic):
     nodes = Nodes(Memory(AUTOMATICS, stuck=frozenset({automatic.name})).node_map, "c7")
-    with pytest.raises(CameraError, match=rf"c7, {automatic.name}: was set to .* but stays"):
+    with pytest.raises(CameraError, match=rf"c7, {automatic.name}: was set to .* but is still"):
         turn_off_automatics(nodes)
 
 
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        pytest.param(choice("GainAuto", "Continuous", access="RO"), "no 'Off' here, only Contin",
+        pytest.param(choice("GainAuto", "Continuous", access="RO"), "'Off' is not available, only Contin",
                      id="no off"),
         pytest.param(choice("GainAuto", "Continuous", "Off", access="RO"), "set to Off: .*writ",
                      id="read only"),
-        pytest.param(amount("Gamma", 2.2, 0.1, 4, access="RO"), "Gamma: .*stays 2.2", id="gamma"),
-        pytest.param(choice("ExposureMode", "TriggerWidth"), "no 'Timed' here", id="exposure mode"),
+        pytest.param(amount("Gamma", 2.2, 0.1, 4, access="RO"), "Gamma: .*still 2.2", id="gamma"),
+        pytest.param(choice("ExposureMode", "TriggerWidth"), "'Timed' is not available", id="exposure mode"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_turned_off_is_told(node, message):
@@ -288,14 +290,16 @@ def test_one_frame_follows_each_trigger_of_the_kind_asked_for(trigger, source, l
 def test_a_line_that_the_camera_lacks_is_told_with_those_it_has():
     control = TriggerControl(Nodes(Memory(TRIGGER).node_map, "c7"), "Line0")
     with pytest.raises(
-        CameraError, match="TriggerSource: no 'Line0' here, only Line1, Software, L"
+        CameraError, match="TriggerSource: 'Line0' is not available, only Line1, Software, L"
     ):
         control.choose("line")
 
 
 def test_a_camera_that_triggers_no_single_frames_is_told():
     nodes = (choice("TriggerSelector", "LineStart"), *TRIGGER[2:])
-    with pytest.raises(CameraError, match="none of FrameStart, ExposureStart here, only LineStart"):
+    with pytest.raises(
+        CameraError, match="none of FrameStart, ExposureStart is available, only LineStart"
+    ):
         TriggerControl(Nodes(Memory(nodes).node_map, "c7"), "Line1").choose("software")
 
 

@@ -30,11 +30,13 @@ needs_fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system h
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        pytest.param("a = " + "[" * 20_000, "line 1: nested more than 32 deep", id="arrays"),
-        pytest.param("a = " + "{b = " * 20_000, "line 1: nested more than 32 deep", id="tables"),
+        pytest.param("a = " + "[" * 20_000, "line 1: nested more than 32 levels deep", id="arrays"),
+        pytest.param(
+            "a = " + "{b = " * 20_000, "line 1: nested more than 32 levels deep", id="tables"
+        ),
         pytest.param("\n\n" + "a." * 20_000 + "a = 1", "line 3: nested", id="dotted key"),
         pytest.param("[" + '"a" . ' * 20_000 + "a]", "line 1: nested", id="quoted dotted header"),
-        pytest.param("x = 1\ny = " + "9" * 4301, "line 2: a number of more than", id="digits"),
+        pytest.param("x = 1\ny = " + "9" * 4301, "line 2: a number has more than", id="digits"),
         pytest.param("y = 0x" + "f" * 301, "digits", id="hexadecimal digits"),
         pytest.param('a = """[[', "is not TOML", id="string without end"),
         pytest.param("a = 1\na = 2", "is not TOML", id="twice"),
@@ -172,7 +174,7 @@ def test_an_error_of_ours_is_none_of_the_file() -> None:
     ("error", "said"),
     [
         (RecursionError("maximum recursion depth exceeded"), "damaged: nested too deeply"),
-        (MemoryError(), "damaged: it asks for more memory than there is"),
+        (MemoryError(), "damaged: it needs more memory than there is"),
         (ValueError("a\nb\tc"), "damaged: a b c"),
         (ValueError("x" * 1000), "damaged: xxx"),
     ],

@@ -66,5 +66,5 @@ def test_a_mounting_that_cannot_be(values):
 
 
 def test_a_pattern_that_is_no_square_is_refused():
-    with pytest.raises(ValueError, match="RGB is no square"):
+    with pytest.raises(ValueError, match="RGB is not a square"):
         Mounting(rotation_deg=90).upright_cfa("RGB", (4, 4))

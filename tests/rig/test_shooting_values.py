@@ -89,7 +89,7 @@ def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
     if proven:
         spacing.check(frame(50_000 + off_us), 1, 57_000)
         return
-    with pytest.raises(CameraError, match=r"frame 0, the turn of LED 1,.* 50000 us apart"):
+    with pytest.raises(CameraError, match=r"frame 0, the step of LED 1,.* 50000 us apart"):
         spacing.check(frame(50_000 + off_us), 1, 57_000)
 
 
@@ -229,7 +229,7 @@ def test_a_camera_too_slow_for_a_sequence_is_told(run_us: float, slow: bool) -> 
     if not slow:
         assert len(list(exposure.steps((0, 1)))) == 2
         return
-    with pytest.raises(RigError, match=r"every 0.97 s only, which is too slow"):
+    with pytest.raises(RigError, match=r"only one frame every 0.97 s, which is too slow"):
         list(exposure.steps((0, 1)))
 
 
@@ -295,17 +295,17 @@ ROLLING = {"exposure_active": True, "shutter": "rolling"}
         pytest.param(3, (3, LIT, None, False), {}, None, id="lit to the end"),
         pytest.param(3, (3, LIT - 1, None, False), {}, "for 4999 us of the 5000", id="too short"),
         pytest.param(3, (3, 100, None, False), {}, "for 0 us of the 5000 us", id="much too short"),
-        pytest.param(3, (4, LIT, None, False), {}, "the board lit LED 4", id="another LED"),
-        pytest.param(3, (None, LIT, None, False), {}, "the board lit no LED", id="no LED"),
-        pytest.param(None, (3, LIT, None, False), {}, "the board lit LED 3", id="not dark"),
+        pytest.param(3, (4, LIT, None, False), {}, "the board turned on LED 4", id="another LED"),
+        pytest.param(3, (None, LIT, None, False), {}, "the board turned on no LED", id="no LED"),
+        pytest.param(None, (3, LIT, None, False), {}, "the board turned on LED 3", id="not dark"),
         pytest.param(None, (None, 0, None, False), {}, None, id="dark"),
         pytest.param(3, (3, LIT, None, False), GLOBAL, "was not seen", id="a wire is off"),
         pytest.param(None, (None, 0, None, False), GLOBAL, "was not seen", id="in the dark too"),
         pytest.param(3, (3, LIT - 1, 4990, False), GLOBAL, None, id="seen to end in time"),
-        pytest.param(3, (3, LIT, 4990, True), GLOBAL, "the light burned", id="cut off"),
+        pytest.param(3, (3, LIT, 4990, True), GLOBAL, "the LED was on", id="cut off"),
         pytest.param(3, (3, LIT - 1, 4990, False), ROLLING, "for 4999 us", id="a rolling shutter"),
         pytest.param(3, (3, LIT, 4990, False), ROLLING, None, id="rolling, long enough"),
-        pytest.param(3, (3, LIT, None, True), {}, "the light burned", id="cut off, not wired"),
+        pytest.param(3, (3, LIT, None, True), {}, "the LED was on", id="cut off, not wired"),
     ],
 )
 def test_the_boards_report_decides_about_the_light(
@@ -328,7 +328,7 @@ def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
     """Settling, 101 % of the exposure, 300 us for the clocks, and 4000 ms for repetitions."""
     longest_us = (10_000 - 4000 - 0.3 - 2) * 1000 / 1.01
     assert hold_ms(bench(), Exposure(2000, longest_us - 1, 1.0, 1.0)) == 10_000
-    with pytest.raises(RigError, match=r"10000 ms, the LED board on fake gives 10000"):
+    with pytest.raises(RigError, match=r"10000 ms, but the LED board on fake allows 10000"):
         hold_ms(bench(), Exposure(2000, longest_us + 1, 1.0, 1.0))
     assert hold_ms(bench(), Exposure(2000, 1000.0, 1.0, 1.0)) == math.ceil(
         2 + 1.01 + 0.3 + 4000 + 2000
