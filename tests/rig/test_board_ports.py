@@ -57,14 +57,14 @@ def test_a_board_of_another_make_is_taken_as_it_says():
     ("verb", "outcome", "act", "said"),
     [
         pytest.param(
-            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 where", id="other LED"
+            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 instead", id="other LED"
         ),
-        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 where", id="other hold"),
-        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 where", id="no hold"),
-        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON where", id="ON of nothing"),
+        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 instead", id="other hold"),
+        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 instead", id="no hold"),
+        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON instead", id="ON of nothing"),
         pytest.param("OFF", (), lambda b: b.off(), "is invalid", id="OFF of nothing"),
         pytest.param("OFF", ("x",), lambda b: b.off(), "is invalid", id="OFF of x"),
-        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 where", id="level"),
+        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 instead", id="level"),
         pytest.param(
             "FLASH",
             ("8", "-", "9", "-"),
@@ -89,7 +89,9 @@ def test_a_board_of_another_make_is_taken_as_it_says():
             "did STEP 0 LED 7 1 20 3 instead of STEP 0 LED 7 1 10 3",
             id="other step",
         ),
-        pytest.param("RUN", ("2",), lambda b: b.run(1), "RUN 2 where RUN 1 T", id="other count"),
+        pytest.param(
+            "RUN", ("2",), lambda b: b.run(1), "RUN 2 instead of RUN 1 T", id="other count"
+        ),
         pytest.param(
             "DID", ("1", "7", "0", "9", "-"), lambda b: b.did(0), "DID 1 LED 7", id="other did"
         ),

@@ -289,7 +289,7 @@ def test_a_camera_that_goes_away_is_told_by_whoever_asks_next(make):
     camera = armed(bench, 10)
     ids = [camera.expect() for _ in range(10)]
     bench.device.unplug()
-    with pytest.raises(CameraError, match="does not answer"):
+    with pytest.raises(CameraError, match="no longer answers"):
         camera.fetch(ids[0], 0.2)
     assert not collecting()
     camera.close()

@@ -225,12 +225,13 @@ def test_an_automatic_that_will_not_go_off_is_told(automatic):
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        pytest.param(choice("GainAuto", "Continuous", access="RO"), "'Off' is not available, only Contin",
-                     id="no off"),
+        pytest.param(choice("GainAuto", "Continuous", access="RO"),
+                     "'Off' is not available, only Contin", id="no off"),
         pytest.param(choice("GainAuto", "Continuous", "Off", access="RO"), "set to Off: .*writ",
                      id="read only"),
         pytest.param(amount("Gamma", 2.2, 0.1, 4, access="RO"), "Gamma: .*still 2.2", id="gamma"),
-        pytest.param(choice("ExposureMode", "TriggerWidth"), "'Timed' is not available", id="exposure mode"),
+        pytest.param(choice("ExposureMode", "TriggerWidth"), "'Timed' is not available",
+                     id="exposure mode"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_turned_off_is_told(node, message):

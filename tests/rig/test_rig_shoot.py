@@ -338,7 +338,7 @@ def test_a_camera_that_tells_no_time_is_told_and_no_wire_blamed(bench, monkeypat
             lambda: rig.shoot(3, EXPOSURE_US),
             lambda: list(rig.sequence([3, 4, 5], EXPOSURE_US)),
         ):
-            with pytest.raises(CameraError, match='tells no time: use trigger = "software"'):
+            with pytest.raises(CameraError, match='reports no time: use trigger = "software"'):
                 shots()
             assert burning(bench) is None
         rig.shoot(3, EXPOSURE_US, trigger="software")
