@@ -59,7 +59,7 @@ class Bench:
         self.virtual.close()
 
 
-def burning(bench: Bench) -> int | None:
+def led_on(bench: Bench) -> int | None:
     """The LED that burns now."""
     return bench.state.led(time.monotonic_ns())
 

@@ -66,13 +66,13 @@ FAULTS: dict[str, tuple[str, str, str]] = {
         "text[length - 1] == '\\r')\n        length--;\n"
         "    if (length > 0 && text[length - 1] == '\\r')\n        length--;",
     ),
-    "nine digits are too many": ("core/commands.cpp", "word.length <= 9", "word.length <= 8"),
+    "nine digits are refused": ("core/commands.cpp", "word.length <= 9", "word.length <= 8"),
     "the watchdog is slow": (
         "core/light.cpp",
         "heard_at < WATCHDOG_MS * 1000 ||",
         "heard_at < WATCHDOG_MS * 1010 ||",
     ),
-    "OFF forgets what a sequence did": (
+    "OFF clears the records of a sequence": (
         "core/light.cpp",
         "    put_out();\n    now_in = IDLE;\n    flash_over = false;",
         "    put_out();\n    now_in = IDLE;\n    flash_over = false;\n    ended = 0;",
@@ -89,7 +89,7 @@ def test_a_fault_in_the_firmware_is_a_difference(
     assert compare(command, items=1000, seed=20, tolerance=HOST).differing
 
 
-def test_items_are_of_every_kind() -> None:
+def test_items_cover_every_kind() -> None:
     """What is random must not have lost a kind that the comparison is about."""
     items = [item for item, _ in zip(Items(1, longest=600, bursts=True), range(5000), strict=False)]
     stream = b"".join(item.data for item in items)

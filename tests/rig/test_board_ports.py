@@ -32,7 +32,7 @@ TIMEOUT_S = 0.25
         pytest.param(saying(*IDENTITY, STATUS=("5", "-", "0")), "is invalid", id="STATUS of 1"),
     ],
 )
-def test_what_is_not_our_board(answer, said):
+def test_other_devices_are_refused(answer, said):
     with device(answer) as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=TIMEOUT_S)
@@ -44,7 +44,7 @@ def test_what_is_not_our_board(answer, said):
             Board(port, handshake_timeout_s=TIMEOUT_S)
 
 
-def test_a_board_of_another_make_is_taken_as_it_says():
+def test_the_identity_of_another_firmware_is_accepted():
     with device(saying(*IDENTITY)) as port:
         board = Board(port)
         assert (board.identity.name, board.identity.firmware) == ("dome", "3.5")
@@ -98,7 +98,7 @@ def test_a_board_of_another_make_is_taken_as_it_says():
         pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "is invalid", id="did cut"),
     ],
 )
-def test_answers_that_no_sound_board_gives(verb, outcome, act, said):
+def test_wrong_answers_are_refused(verb, outcome, act, said):
     with device(saying(*IDENTITY, **{verb: outcome})) as port:
         board = Board(port)
         with pytest.raises(BoardError) as error:
@@ -117,14 +117,14 @@ def test_a_board_without_a_thermometer():
         board.close()
 
 
-def test_a_device_that_chatters_does_not_hold_the_host_up():
+def test_a_device_that_sends_noise_does_not_delay_the_host():
     with device(lambda line: b"", chatter=b"73.2,18.1\r\n") as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=0.5)
         assert "no answer within 0.5 s, but it sent b'73.2,18.1'" in str(error.value)
 
 
-def test_a_board_is_heard_through_chatter():
+def test_a_board_is_found_in_spite_of_noise():
     with device(saying(*IDENTITY), chatter=b"\xff\x00<0000 OK \n") as port:
         board = Board(port)
         assert board.identity.leds == 24
@@ -143,7 +143,7 @@ def fill(fd: int) -> None:
         time.sleep(0.1)
 
 
-def test_a_peer_that_does_not_read_is_told():
+def test_a_device_that_does_not_read_is_reported():
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(slave, False)
@@ -157,7 +157,7 @@ def test_a_peer_that_does_not_read_is_told():
         os.close(master)
 
 
-def test_darkness_goes_out_past_what_nobody_reads():
+def test_darken_discards_unsent_data():
     lines = []
     reads = threading.Event()
 
@@ -182,7 +182,7 @@ def test_darkness_goes_out_past_what_nobody_reads():
 
 
 @pytest.mark.parametrize("kind", ["absent", "file", "folder", "nul"])
-def test_what_is_not_a_port(kind, tmp_path: Path):
+def test_a_path_that_is_not_a_port_is_refused(kind, tmp_path: Path):
     (tmp_path / "file").write_text("text")
     port = {"folder": str(tmp_path), "nul": "a\0b"}.get(kind, str(tmp_path / kind))
     with pytest.raises(BoardError, match="cannot be opened") as error:

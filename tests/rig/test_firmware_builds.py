@@ -11,12 +11,12 @@ from tests.rig.firmware import builds
 
 COMMANDS = 10_000
 SKETCH_CHECKS = (
-    "nothing burns and the trigger is low from the start",
-    "an LED is the one that was asked for",
-    "LEVEL dims an LED from its next lighting on",
-    "a flash is lit, settles, triggers and goes dark as declared",
-    "a sequence runs in time and tells what every step did",
-    "silence puts out what ON has lit",
+    "no LED is on and the trigger is low from the start",
+    "the requested LED turns on",
+    "LEVEL dims an LED from the next time it is turned on",
+    "a flash turns on, settles, triggers and turns off as declared",
+    "a sequence keeps its times and reports every step",
+    "silence turns off an LED that ON turned on",
 )
 
 
@@ -56,7 +56,7 @@ def test_a_build_without_a_folder_goes_into_the_cache_of_this_user(tmp_path: Pat
     assert "/tmp/" not in told.replace(str(builds.FIRMWARE), "")
 
 
-def test_none_of_many_mixed_commands_is_lost(tmp_path: Path) -> None:
+def test_no_command_of_a_random_series_is_lost(tmp_path: Path) -> None:
     draw = random.Random(7)
     with BoardUnderTest(builds.host(tmp_path), late_us=100_000) as board:
         burning, damaged = "-", 0

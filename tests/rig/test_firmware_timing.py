@@ -117,14 +117,14 @@ def test_brightness_reaches_the_channel_of_its_led(board: BoardUnderTest, led: i
         assert levels(board) == [([], [])]
 
 
-def test_nothing_is_lit_from_power_on(uno: BoardUnderTest) -> None:
+def test_no_led_is_on_from_power_on(uno: BoardUnderTest) -> None:
     # The bridge's latches hold full brightness for every channel until something is loaded.
     uno.lit()
     uno.ok("ON 5 1000")
     uno.lit(5)
 
 
-def test_a_reset_is_dark_at_once_and_stays_so(uno: BoardUnderTest) -> None:
+def test_a_reset_turns_the_led_off_and_it_stays_off(uno: BoardUnderTest) -> None:
     uno.ok("LEVEL 5 100")
     uno.ok("ON 5 1000")
     uno.drain()
@@ -135,7 +135,7 @@ def test_a_reset_is_dark_at_once_and_stays_so(uno: BoardUnderTest) -> None:
     assert levels(uno) == [([5], [4095])]
 
 
-def test_a_reset_in_a_sequence_forgets_it(uno: BoardUnderTest) -> None:
+def test_a_reset_clears_a_running_sequence(uno: BoardUnderTest) -> None:
     uno.ok("STEP 0 5 0 59000000 0")
     uno.ok("RUN 1 T")
     uno.drain()
@@ -146,7 +146,7 @@ def test_a_reset_in_a_sequence_forgets_it(uno: BoardUnderTest) -> None:
     assert uno.ask("RUN 1 T") == "E7 RUN 1 T"
 
 
-def test_a_hung_program_resets_into_darkness(tmp_path: Path) -> None:
+def test_a_hung_program_is_reset_and_the_led_turns_off(tmp_path: Path) -> None:
     hung = builds.changed(
         tmp_path / "firmware",
         "core/commands.cpp",
@@ -163,7 +163,7 @@ def test_a_hung_program_resets_into_darkness(tmp_path: Path) -> None:
         assert board.status().state == "IDLE"
 
 
-def test_the_stack_never_meets_the_data(uno: BoardUnderTest) -> None:
+def test_the_stack_never_reaches_the_data(uno: BoardUnderTest) -> None:
     for k in range(uno.identity.steps):
         uno.ok(f"STEP {k} {k % 36} 1000000 59000000 1000000")
     longest = "NONSENSE " + "x" * 40
@@ -181,7 +181,7 @@ def levels(board: BoardUnderTest) -> list[tuple[list[int], list[int]]]:
     return [(event["lit"], event["levels"]) for event in board.drain() if "lit" in event]
 
 
-def test_the_processor_tells_its_temperature(commands: Commands) -> None:
+def test_the_processor_reports_its_temperature(commands: Commands) -> None:
     # simavr's sensor is set to its 314 mV of 25 C; the 2560 has none.
     told = []
     for mcu in MCUS:

@@ -84,12 +84,12 @@ def wait_until(happened, timeout_s=10.0):
         pytest.param(3, 0, 100 * MB, Buffering(5), id="no payload"),
     ],
 )
-def test_room_by_memory(frames, payload, limit, room):
+def test_the_room_depends_on_memory(frames, payload, limit, room):
     assert buffering(frames, payload, limit) == room
 
 
 @given(st.integers(1, 48), st.integers(1, 10**9), st.integers(1, 10**11), st.integers(1, 300))
-def test_room_is_bounded_and_never_none(frames, payload, limit, taken):
+def test_the_room_is_bounded_and_never_zero(frames, payload, limit, taken):
     for room in (
         buffering(frames, payload, limit),
         with_copies(min(taken, LEAST), frames, limit // payload),
@@ -162,7 +162,7 @@ def test_a_thread_keeps_no_more_frames_than_memory_allows(make):
 
 @pytest.mark.parametrize("at", [0, 1, 5, 7])
 @pytest.mark.parametrize("most_buffers", [3, 256])
-def test_frames_without_a_buffer_are_the_computers_fault(make, at, most_buffers):
+def test_frames_without_a_buffer_indicate_a_slow_computer(make, at, most_buffers):
     bench = make(most_buffers=most_buffers, first_block_id=1)
     camera = armed(bench, 8)
     bench.fault(at, "underrun")
@@ -190,7 +190,7 @@ def test_frames_without_a_buffer_are_the_computers_fault(make, at, most_buffers)
     ],
 )
 @pytest.mark.parametrize("most_buffers", [2, 256])
-def test_other_losses_are_not(make, kind, said, most_buffers):
+def test_other_losses_do_not_indicate_a_slow_computer(make, kind, said, most_buffers):
     bench = make(most_buffers=most_buffers)
     camera = armed(bench, 4)
     bench.fault(1, kind)
@@ -275,7 +275,7 @@ def test_a_producer_that_counts_nothing_leaves_both_causes_open(make, monkeypatc
         camera.fetch(ids[0], 0.2)
 
 
-def test_closing_ends_the_thread_in_the_midst_of_a_run(make):
+def test_closing_during_a_run_ends_the_thread(make):
     camera = armed(make(most_buffers=2), 10)
     for _ in range(10):
         camera.expect()
@@ -284,7 +284,7 @@ def test_closing_ends_the_thread_in_the_midst_of_a_run(make):
     assert not collecting()
 
 
-def test_a_camera_that_goes_away_is_told_by_whoever_asks_next(make):
+def test_the_next_fetch_reports_a_camera_that_is_gone(make):
     bench = make(most_buffers=2)
     camera = armed(bench, 10)
     ids = [camera.expect() for _ in range(10)]
@@ -295,7 +295,7 @@ def test_a_camera_that_goes_away_is_told_by_whoever_asks_next(make):
     camera.close()
 
 
-def test_a_collector_ends_at_an_error_and_may_begin_again():
+def test_a_collector_ends_at_an_error_and_can_be_restarted():
     calls = []
 
     def collect():

@@ -65,7 +65,7 @@ def pulsed(bench, camera, led, after_s=0.001):
     return camera.fetch(frame_id, 1.0)
 
 
-def test_what_the_camera_is(make):
+def test_the_properties_of_the_camera(make):
     info = make(frame_rate_hz=20.0, temperature_c=33.5).open().info
     assert (info.serial, info.width, info.height) == ("c7", SIZE[1], SIZE[0])
     assert (info.pixel_format, info.bit_depth, info.cfa) == ("Mono12", 12, None)
@@ -98,7 +98,7 @@ def test_block_ids_may_count_from_0_or_1(make, base):
 
 
 @pytest.mark.parametrize("base", [0, 1])
-def test_the_first_frame_of_a_run_that_is_lost_on_its_way_is_missed(make, base):
+def test_the_loss_of_the_first_frame_of_a_run_is_detected(make, base):
     bench = make(first_block_id=base)
     camera = armed(bench)
     shoot(bench, camera, 1)
@@ -114,7 +114,7 @@ def test_the_first_frame_of_a_run_that_is_lost_on_its_way_is_missed(make, base):
     assert (pulsed(bench, camera, 5).pixels == grey(5)).all()
 
 
-def test_a_frame_lost_within_a_run_is_missed_at_once(make):
+def test_the_loss_of_a_frame_within_a_run_is_detected_at_once(make):
     bench = make()
     camera = armed(bench, "line")
     bench.fault(1, "lost")
@@ -129,7 +129,7 @@ def test_a_frame_lost_within_a_run_is_missed_at_once(make):
 
 
 @pytest.mark.parametrize("trigger", ["software", "line"])
-def test_an_incomplete_frame_is_told_and_its_buffer_used_again(make, trigger):
+def test_an_incomplete_frame_is_reported_and_its_buffer_reused(make, trigger):
     bench = make()
     camera = armed(bench, trigger)
     # More often than there are buffers.
@@ -141,7 +141,7 @@ def test_an_incomplete_frame_is_told_and_its_buffer_used_again(make, trigger):
     assert (take(bench, camera, 6).pixels == grey(6)).all()
 
 
-def test_a_frame_that_comes_twice_is_not_taken_for_the_next(make):
+def test_a_repeated_frame_is_not_mistaken_for_the_next(make):
     bench = make()
     camera = armed(bench)
     bench.fault(1, "doubled")
@@ -153,7 +153,7 @@ def test_a_frame_that_comes_twice_is_not_taken_for_the_next(make):
     shoot(bench, camera, 3)
 
 
-def test_a_frame_that_comes_twice_within_a_run_is_told(make):
+def test_a_repeated_frame_within_a_run_is_reported(make):
     bench = make()
     camera = armed(bench, "line")
     bench.fault(0, "doubled")
@@ -165,7 +165,7 @@ def test_a_frame_that_comes_twice_within_a_run_is_told(make):
         camera.fetch(ids[1], 1.0)
 
 
-def test_a_pulse_too_many_is_told_before_the_next_shot(make):
+def test_an_extra_pulse_is_reported_before_the_next_shot(make):
     bench = make()
     camera = armed(bench, "line")
     assert (pulsed(bench, camera, 2).pixels == grey(2)).all()
@@ -186,7 +186,7 @@ def test_a_trigger_that_the_camera_does_not_see_times_out(make):
 
 
 @pytest.mark.parametrize("when", ["waiting", "idle"])
-def test_an_unplugged_camera_is_told_and_opens_again_when_it_is_back(make, when):
+def test_an_unplugged_camera_is_reported_and_opens_again(make, when):
     bench = make()
     camera = armed(bench)
     shoot(bench, camera, 1)
@@ -236,7 +236,7 @@ def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, m
     [("exposure", "ExposureAuto"), ("gain", "GainAuto"), ("white", "BalanceWhiteAuto"),
      ("gamma", "GammaEnable")],
 )  # fmt: skip
-def test_an_automatic_that_does_not_obey_is_named(make, automatic, node):
+def test_an_automatic_that_stays_on_is_named(make, automatic, node):
     with pytest.raises(CameraError, match=f"c7, {node}: was set to .* but is still"):
         make(automatics=[automatic], stuck=[automatic]).open()
 
@@ -290,7 +290,7 @@ def test_a_rolling_shutter_is_recognised_with_its_readout(make):
     assert bench.open().info.readout_us == pytest.approx(20_000)
 
 
-def test_a_stated_readout_takes_the_place_of_the_cameras(make):
+def test_a_readout_option_overrides_the_cameras(make):
     assert make(shutter="rolling", readout_us=9.0).open(readout_us=7000.0).info.readout_us == 7000
 
 
@@ -325,7 +325,7 @@ def test_pixels_arrive_bit_by_bit_in_every_format(make, cfa, suffix):
         pytest.param("RGB8", "format of raw samples, .* not RGB8; the camera offers", id="not raw"),
     ],
 )
-def test_a_format_that_cannot_be_had_is_told(make, wanted, message):
+def test_an_unavailable_format_is_refused(make, wanted, message):
     with pytest.raises(CameraError, match=message):
         make().open(pixel_format=wanted)
 
@@ -351,7 +351,7 @@ def test_other_threads_run_while_a_frame_is_awaited(make):
     assert ticks > 50
 
 
-def test_opening_leaves_the_handler_of_ctrl_c_alone(make):
+def test_opening_does_not_change_the_handler_of_ctrl_c(make):
     before = signal.getsignal(signal.SIGINT)
     camera = make().open()
     assert signal.getsignal(signal.SIGINT) is before
@@ -375,7 +375,7 @@ camera.close()
 """
 
 
-def test_ctrl_c_ends_the_wait_and_the_camera_goes_on(make):
+def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make):
     process = subprocess.Popen(
         [sys.executable, "-c", WAITS, str(make().device.cti)], stdout=subprocess.PIPE, text=True
     )
@@ -416,7 +416,7 @@ def test_cameras_are_found_and_picked(make):
     open_genicam([one, one], serial="c7").close()
 
 
-def test_a_producer_that_fails_at_everything_is_told_in_one_line(make, monkeypatch):
+def test_a_failing_producer_gives_a_message_of_one_line(make, monkeypatch):
     def fail(harvester):
         raise gentl.IoException("out of order")
 
@@ -463,14 +463,14 @@ def test_a_closed_camera_leaves_nothing_behind(make):
     assert acquirer() is None
 
 
-def test_a_run_longer_than_the_devices_count_starts_anew(make, monkeypatch):
+def test_acquisition_restarts_before_the_devices_count_overflows(make, monkeypatch):
     monkeypatch.setattr("rig._genicam.camera._MOST_TRIGGERS", 3)
     bench = make()
     camera = armed(bench)
     assert [shoot(bench, camera, led).frame_id for led in range(8)] == list(range(8))
 
 
-def test_without_triggers_frames_are_taken_as_they_come(make):
+def test_without_triggers_the_next_frames_are_returned(make):
     bench = make(without_nodes=["TriggerMode", "ExposureTime"])
     camera = bench.open(needs=())
     camera.arm()

@@ -39,5 +39,5 @@ def places(*starts):
         pytest.param([(1, [1]), (2, [0])], [[0], [None]], id="before the first"),
     ],
 )  # fmt: skip
-def test_a_frame_finds_its_trigger(starts, expected):
+def test_frames_are_assigned_to_triggers(starts, expected):
     assert places(*starts) == expected

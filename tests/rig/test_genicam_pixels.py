@@ -61,7 +61,7 @@ def images(draw):
 
 
 @given(images(), st.integers(0, 5), st.booleans())
-def test_rows_with_padding_come_out_bit_by_bit(image, padding, big_endian):
+def test_padded_rows_are_decoded_exactly(image, padding, big_endian):
     form, values = image
     if padding == 0 and form.packing:
         # Where both kinds have as many bytes, rows that follow each other are meant.
@@ -73,7 +73,7 @@ def test_rows_with_padding_come_out_bit_by_bit(image, padding, big_endian):
 
 
 @given(images())
-def test_rows_that_follow_each_other_within_a_byte_come_out_bit_by_bit(image):
+def test_rows_that_begin_within_a_byte_are_decoded_exactly(image):
     form, values = image
     pixels = decode(pack(values.ravel().tolist(), form), form, size=values.shape)
     assert np.array_equal(pixels, values)
@@ -114,7 +114,7 @@ def test_a_buffer_of_a_wrong_size_is_refused_with_the_sizes(name, size, padding,
         pytest.param("Mono12p", (4, 5), 3, id="packed and padded"),
     ],
 )
-def test_what_follows_the_image_in_its_buffer_is_ignored(name, size, padding):
+def test_bytes_after_the_image_are_ignored(name, size, padding):
     form = PixelFormat.of(name)
     values = np.arange(size[0] * size[1]).reshape(size)
     raw = b"".join(pack(row, form) + bytes(padding) for row in values.tolist())
@@ -122,7 +122,7 @@ def test_what_follows_the_image_in_its_buffer_is_ignored(name, size, padding):
 
 
 @pytest.mark.parametrize("depth", [10, 12, 14])
-def test_samples_that_lie_at_the_high_end_are_told(depth):
+def test_samples_in_the_high_bits_are_refused(depth):
     bright = 2**depth - 1 - np.arange(20, dtype="<u2")
     raw = (bright << (16 - depth)).tobytes()
     with pytest.raises(CameraError, match=rf"Mono{depth} frame does not fit into {depth} bits"):

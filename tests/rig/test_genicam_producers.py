@@ -98,7 +98,7 @@ def test_tlsimu_gets_room_for_a_sequence(tlsimu, most_bytes, buffers):
     assert len({frame.timestamp_ns for frame in frames}) == 8
 
 
-def test_viky_is_no_camera_for_a_rig():
+def test_viky_lacks_the_nodes_for_a_rig():
     with pytest.raises(CameraError, match="lacks nodes: ExposureTime, TriggerMode, TriggerSource"):
         open_genicam(VIKY, serial="0")
 
@@ -150,12 +150,12 @@ def test_tlsimu_is_grabbed_from(tlsimu, serial, needs):
         assert set(frame.pixels.ravel().tolist()) == set(range(256))
 
 
-def test_tlsimu_sends_colour_where_mono_is_set_and_that_is_told(tlsimu):
+def test_tlsimu_sends_colour_although_mono_is_set_and_this_is_an_error(tlsimu):
     with pytest.raises(CameraError, match=r"768 x 572 pixels in RGB8, but .* in Mono8 was set"):
         grab(tlsimu, "SN_InterfaceA_1", ("trigger",))
 
 
-def test_cameras_of_several_producers_are_looked_through(tlsimu):
+def test_several_producers_are_searched(tlsimu):
     assert len(find_cameras([VIKY, tlsimu])) == 7
     open_genicam([VIKY, tlsimu], serial="SN_InterfaceB_0", needs=(), pixel_format="Mono8").close()
 
@@ -183,7 +183,7 @@ def cut(data):
                      "not a GenTL producer", id="another library"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_producer_is_refused_in_one_line(make, message, tmp_path):
+def test_a_file_that_is_not_a_producer_is_refused_in_one_line(make, message, tmp_path):
     path = tmp_path / "camera.cti"
     make(path)
     for use in (open_genicam, lambda cti: find_cameras([cti])):

@@ -109,7 +109,7 @@ def light(bench):
 
 
 @pytest.mark.parametrize("death", [signal.SIGKILL, signal.SIGTERM], ids=lambda s: s.name)
-def test_a_killed_host_leaves_a_dark_board_after_a_second(host, death):
+def test_the_board_is_dark_a_second_after_its_host_was_killed(host, death):
     process, pid, bench = host(HOST + "board.on(7, 60_000)" + WAIT)
     assert bench.led(time.monotonic_ns()) == 7
     os.kill(process.pid, death)
@@ -123,7 +123,7 @@ def test_a_killed_host_leaves_a_dark_board_after_a_second(host, death):
     assert lit.end_ns - died_ns <= WATCHDOG_NS
 
 
-def test_a_host_that_is_killed_while_it_speaks_is_missed_from_its_last_word_on(host):
+def test_the_watchdog_time_begins_at_the_last_command(host):
     speaks = "board.on(7, 60_000)\nprint('done', flush=True)\nwhile True: board.ping()"
     process, pid, bench = host(HOST + speaks)
     time.sleep(1.5)
@@ -135,7 +135,7 @@ def test_a_host_that_is_killed_while_it_speaks_is_missed_from_its_last_word_on(h
     assert died_ns < lit.end_ns <= died_ns + WATCHDOG_NS + 50 * MS
 
 
-def test_a_killed_host_leaves_a_declared_flash_to_its_end(host):
+def test_a_flash_of_a_killed_host_lasts_to_its_declared_end(host):
     process, pid, bench = host(HOST + "board.begin_flash(7, 0, 5_000_000)" + WAIT)
     process.kill()
     assert wait_until(lambda: not running(pid), 20)
@@ -144,7 +144,7 @@ def test_a_killed_host_leaves_a_declared_flash_to_its_end(host):
     assert time.monotonic_ns() >= lit.end_ns
 
 
-def test_a_killed_host_leaves_a_sequence_to_the_end_of_its_step(host):
+def test_a_sequence_of_a_killed_host_lasts_to_the_end_of_its_step(host):
     runs = "board.load([Step(k, 0, 390_000, 10_000) for k in range(20)])\nboard.run(20)"
     process, pid, bench = host(HOST + runs + WAIT)
     process.kill()
@@ -156,7 +156,7 @@ def test_a_killed_host_leaves_a_sequence_to_the_end_of_its_step(host):
     assert len(bench.triggers()) == 3
 
 
-def test_a_declared_exposure_of_five_seconds_is_not_cut_while_the_host_lives(bench):
+def test_a_declared_flash_of_five_seconds_is_not_cut_off(bench):
     board = Board(bench.virtual.port)
     trips = board.status().trips
     report = board.flash(7, 1000, 5_000_000)
@@ -168,7 +168,7 @@ def test_a_declared_exposure_of_five_seconds_is_not_cut_while_the_host_lives(ben
 
 
 @pytest.mark.parametrize("then", ["", "raise ValueError"], ids=["end", "error"])
-def test_a_host_that_forgets_to_close_turns_the_light_off_on_its_way_out(host, then):
+def test_a_host_that_does_not_close_turns_the_led_off_at_exit(host, then):
     process, pid, bench = host(RIG + then)
     process.wait()
     assert bench.led(time.monotonic_ns()) is None

@@ -22,7 +22,9 @@ from rig._errors import CameraError, CameraGoneError, RigError, close_after
         ),
     ],
 )
-def test_what_closing_adds(error: RigError, failure: RigError, told: list[str]) -> None:
+def test_notes_of_a_failure_while_closing(
+    error: RigError, failure: RigError, told: list[str]
+) -> None:
     def close() -> None:
         raise failure
 

@@ -40,7 +40,7 @@ def test_a_frame_is_turned_upright(rotation_deg, mirror, stored):
 
 
 @given(MOUNTINGS, SIZES, st.sampled_from(["RGGB", "GRBG", "GBRG", "BGGR"]))
-def test_the_pattern_is_that_of_the_whole_mosaic(mounting, size, cfa):
+def test_the_pattern_is_that_of_the_complete_mosaic(mounting, size, cfa):
     block = np.array(list(cfa)).reshape(2, 2)
     mosaic = np.tile(block, (4, 4))[: size[0], : size[1]]
     seen = mounting.upright(mosaic)
@@ -60,11 +60,11 @@ def test_colour_images_turn_like_grey_ones(mounting, size):
 @pytest.mark.parametrize(
     "values", [{"rotation_deg": 45}, {"rotation_deg": "90"}, {"mirror": 1}, {"rotate_deg": 90}]
 )
-def test_a_mounting_that_cannot_be(values):
+def test_invalid_mountings_are_refused(values):
     with pytest.raises(ValidationError):
         Mounting.model_validate(values)
 
 
-def test_a_pattern_that_is_no_square_is_refused():
+def test_a_pattern_that_is_not_square_is_refused():
     with pytest.raises(ValueError, match="RGB is not a square"):
         Mounting(rotation_deg=90).upright_cfa("RGB", (4, 4))

@@ -63,7 +63,7 @@ CASES = pytest.mark.parametrize(
 
 
 @CASES
-def test_nothing_is_found_where_nothing_is_wrong(name, leds, seed):
+def test_a_rig_without_faults_has_no_findings(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     assert judged(light, positions, places) == []
     assert judged(light, None, places) == []
@@ -85,7 +85,7 @@ def test_swapped_leds_are_found(name, leds, seed):
 
 
 @CASES
-def test_leds_that_burn_together_are_found(name, leds, seed):
+def test_leds_that_are_on_together_are_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     one, other = sorted(pair(leds, seed + 100))
     light = light.copy()
@@ -96,7 +96,7 @@ def test_leds_that_burn_together_are_found(name, leds, seed):
 
 
 @CASES
-def test_an_led_that_lights_another_as_well_is_found(name, leds, seed):
+def test_an_led_that_also_turns_another_on_is_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     one, other = pair(leds, seed + 200)
     light = light.copy()
@@ -107,7 +107,7 @@ def test_an_led_that_lights_another_as_well_is_found(name, leds, seed):
 
 
 @CASES
-def test_dead_dim_and_burning_leds_are_found(name, leds, seed):
+def test_dead_dim_and_stuck_leds_are_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     dead, dim, burning = (int(i) for i in np.random.default_rng(seed).permutation(leds)[:3])
     glow = light[burning]
@@ -117,7 +117,7 @@ def test_dead_dim_and_burning_leds_are_found(name, leds, seed):
     assert found == sorted([("dead", dead), ("dim", dim), ("always on", burning)])
 
 
-def test_many_faults_at_once_are_told_apart():
+def test_many_faults_at_once_are_distinguished():
     light, positions, places = scene("coin", 36, 21)
     broken = light.copy()
     broken[[3, 7]] = light[[7, 3]]
@@ -143,7 +143,7 @@ def test_a_rig_whose_leds_are_all_dead():
     assert {one.kind for one in found if one.fault} == {"dead"}
 
 
-def test_what_cannot_be_told_is_said():
+def test_a_view_that_cannot_be_judged_is_reported():
     light, positions, places = scene("white-plane", 36, 21)
     # A small, flat and even view: all LEDs look alike there.
     twice = np.full((2, 36, 30), 500.0)
@@ -171,7 +171,7 @@ def kinds(result, *, fault=True):
 
 
 @pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
-def test_through_the_rig_in_order(name):
+def test_a_simulated_rig_without_faults(name):
     with rig_for(rendered(name)) as rig:
         result = selftest(rig)
     assert result.ok
@@ -193,7 +193,7 @@ def test_through_the_rig_in_order(name):
         pytest.param({"lamps": Lamps(dead=(0, 5))}, [("dead", 0), ("dead", 5)], id="dead"),
     ],
 )
-def test_through_the_rig(options, found):
+def test_a_simulated_rig_with_faults(options, found):
     with rig_for(rendered("coin"), **options) as rig:
         result = selftest(rig)
     assert not result.ok
@@ -207,7 +207,7 @@ def test_an_unsteady_supply_is_found():
     assert len(result.findings) >= 3
 
 
-def test_a_camera_mounted_otherwise_is_looked_through_upright():
+def test_the_mounting_of_the_camera_is_applied():
     config = RigConfig.model_validate(
         {
             "name": "turned",
@@ -235,7 +235,7 @@ def test_dark_and_bright_scenes_are_metered():
 
 
 @pytest.mark.parametrize("trigger", ["software", "board"])
-def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, trigger):
+def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, trigger):
     config = RigConfig(name="x", driver="simulated", leds=12, trigger=trigger, frame_timeout_s=0.2)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
@@ -260,7 +260,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, 
     assert result.ok == (trigger == "software")
 
 
-def test_a_camera_that_fails_is_not_taken_for_a_missing_wire(monkeypatch):
+def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
@@ -272,7 +272,7 @@ def test_a_camera_that_fails_is_not_taken_for_a_missing_wire(monkeypatch):
             rig.wires(0, 1000)
 
 
-def test_the_exposure_that_is_told_is_that_of_the_pass(monkeypatch):
+def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
         asked = []
@@ -288,14 +288,14 @@ def test_the_exposure_that_is_told_is_that_of_the_pass(monkeypatch):
     assert exposure_us == asked[-1]
 
 
-def test_an_output_that_was_promised_and_is_not_there():
+def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
         result = selftest(rig)
     assert kinds(result) == [("exposure active",)]
 
 
-def test_no_led_left_to_try():
+def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
     with (
         rig_for(rendered("coin"), config) as rig,
@@ -304,7 +304,7 @@ def test_no_led_left_to_try():
         selftest(rig)
 
 
-def test_the_dome_of_the_tests_is_not_that_of_the_tuning():
+def test_the_dome_of_the_tests_differs_from_that_of_the_tuning():
     assert not np.allclose(dome_lights(36, seed=11).positions_mm, dome_lights(36).positions_mm)
 
 

@@ -16,7 +16,7 @@ from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import runs
 from rig._shooting.spacing import Spacing
 from simulator._board.faults import BoardFault
-from tests.rig.conftest import burning, led_seen
+from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
 FAST = {"frame_period_ms": 20.0, "frame_timeout_s": 0.3, "settle_ms": 1.0}
@@ -27,11 +27,11 @@ def taken(rig, leds, into):
         into.append(shot)
 
 
-def test_every_shot_of_a_sequence_carries_its_light(bench):
+def test_every_shot_of_a_sequence_has_its_led(bench):
     leds = [*range(0, 36, 3), None, 7, 7]
     with bench.rig(**FAST) as rig:
         shots = list(rig.sequence(leds, EXPOSURE_US))
-        assert burning(bench) is None
+        assert led_on(bench) is None
         after = rig.shoot(4, EXPOSURE_US)
     assert [shot.led for shot in shots] == leds
     assert [led_seen(shot.frame) for shot in shots] == leds
@@ -63,7 +63,7 @@ def test_two_frames_do_not_prove_each_other(bench):
     assert [led_seen(shot.frame) for shot in shots] == [5, 9][: len(shots)]
 
 
-def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
+def test_a_board_with_few_steps_runs_in_parts(bench):
     leds = list(range(11))
     with bench.rig(**FAST) as rig:
         rig.board.identity = replace(rig.board.identity, max_steps=4)
@@ -86,7 +86,7 @@ def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
         pytest.param(BoardFault(kind="reset", verb="RUN"), 0, id="reset at the start"),
     ],
 )
-def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, fault, proven):
+def test_a_fault_of_the_board_ends_the_run_after_the_proven_frames(bench, fault, proven):
     shots = []
     leds = list(range(10))
     with bench.rig(**FAST) as rig:
@@ -94,7 +94,7 @@ def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, faul
         with pytest.raises(RigError) as error:
             taken(rig, leds, shots)
         bench.virtual.set_faults()
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert "\n" not in str(error.value)
         assert [led_seen(shot.frame) for shot in shots] == leds[: len(shots)]
         assert len(shots) <= proven
@@ -119,7 +119,7 @@ def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, faul
         ]
     ],
 )
-def test_a_noisy_line_costs_nothing(bench, fault):
+def test_a_noisy_serial_line_loses_no_frame(bench, fault):
     leds = list(range(8))
     with bench.rig(**{**FAST, "frame_period_ms": 60.0, "frame_timeout_s": 2.0}) as rig:
         bench.virtual.set_faults(fault)
@@ -134,7 +134,7 @@ def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
     with contextlib.suppress(CameraError), bench.rig(faults={at: fault}, **FAST) as rig:
         with pytest.raises(CameraError) as error:
             taken(rig, leds, shots)
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert [led_seen(shot.frame) for shot in shots] == leds[: max(0, at if at > 1 else 0)]
         if fault != "unplug":
             assert f"frame {at} " in str(error.value)
@@ -142,12 +142,12 @@ def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
             assert [led_seen(s.frame) for s in rig.sequence([3, 4], EXPOSURE_US)] == [3, 4]
 
 
-def test_closing_the_iterator_turns_the_light_off(bench):
+def test_closing_the_iterator_turns_the_led_off(bench):
     with bench.rig(**FAST) as rig:
         shots = rig.sequence(range(36), EXPOSURE_US)
         next(shots)
         shots.close()
-        assert burning(bench) is None
+        assert led_on(bench) is None
         before = bench.state.changes
         time.sleep(0.1)
         assert bench.state.changes == before
@@ -155,17 +155,17 @@ def test_closing_the_iterator_turns_the_light_off(bench):
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
 
 
-def test_whoever_holds_on_to_a_shot_stops_the_run_and_is_told(bench):
+def test_a_caller_that_pauses_too_long_stops_the_run(bench):
     with bench.rig(**{**FAST, "frame_period_ms": 200.0}) as rig:
         shots = rig.sequence(range(20), EXPOSURE_US)
         next(shots)
         time.sleep(2.0)
         with pytest.raises(RigError, match=r"stopped by itself, because .* sign of life"):
             list(shots)
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_what_cannot_be_run_is_refused_in_the_dark(bench):
+def test_an_impossible_sequence_is_refused_before_an_led_is_on(bench):
     with bench.rig(dead_leds=(4,), **FAST) as rig:
         before = bench.state.changes
         for leds, exposure_us, said in [
@@ -182,7 +182,7 @@ def test_what_cannot_be_run_is_refused_in_the_dark(bench):
 
 
 @given(st.integers(0, 300), st.integers(1, 100))
-def test_runs_are_whole_and_none_is_a_single_shot_without_need(count, most):
+def test_runs_are_complete_and_avoid_single_shots(count, most):
     leds = tuple(range(count))
     parts = list(runs(leds, most))
     assert sum(parts, ()) == leds
@@ -197,7 +197,7 @@ def test_runs_are_whole_and_none_is_a_single_shot_without_need(count, most):
     st.floats(0, 2e5),
     st.integers(2, 48),
 )
-def test_the_first_gap_stands_out_on_any_clock(settle_ms, exposure_us, period_us, count):
+def test_the_first_gap_is_longer_on_any_clock(settle_ms, exposure_us, period_us, count):
     exposure = Exposure(
         round(settle_ms * 1000), exposure_us, period_us, max(period_us, exposure_us) * 1.01 + 300
     )
@@ -257,7 +257,7 @@ def test_clocks_of_other_rates_agree(rate, offset_us):
 
 
 @pytest.mark.parametrize("missed", range(5))
-def test_a_missed_trigger_is_seen_wherever_it_was(missed):
+def test_a_missed_trigger_is_detected_at_any_place(missed):
     """Frames come from all pulses but one; the counts do not show it."""
     spacing = Spacing("cam")
     seen = [pulse for index, pulse in enumerate(PULSES_US) if index != missed]
@@ -269,7 +269,7 @@ def test_a_missed_trigger_is_seen_wherever_it_was(missed):
         spacing.check(frame(wrong, seen[wrong]), wrong, PULSES_US[wrong])
 
 
-def test_one_frame_proves_nothing_yet():
+def test_one_frame_alone_is_not_proven():
     spacing = Spacing("cam")
     for number, pulse_us in itertools.islice(enumerate(PULSES_US), 1):
         spacing.check(frame(number, pulse_us), number, pulse_us)
@@ -277,15 +277,15 @@ def test_one_frame_proves_nothing_yet():
         spacing.check(frame(1, PULSES_US[0]), 1, PULSES_US[1])
 
 
-def test_a_board_without_its_reports_is_told(bench, monkeypatch):
+def test_a_missing_report_of_the_board_is_an_error(bench, monkeypatch):
     with bench.rig(**FAST) as rig:
         monkeypatch.setattr(rig.board, "did", lambda index: None)
         with pytest.raises(BoardError, match="has not done step 0"):
             list(rig.sequence([1, 2, 3], EXPOSURE_US))
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_the_camera_paces_the_run_where_its_line_is_wired(bench):
+def test_the_camera_paces_the_run_if_its_line_is_wired(bench):
     leds = list(range(6))
     with bench.rig(exposure_active=True, **FAST) as rig:
         shots = list(rig.sequence(leds, 5000.0))
@@ -303,7 +303,7 @@ def replace_pixels(shot):
     return replace(shot.frame, pixels=shot.frame.pixels // 5)
 
 
-def test_a_wire_that_is_not_there_is_told(bench):
+def test_a_missing_wire_is_reported(bench):
     with bench.rig(exposure_active=True, **FAST) as rig:
         bench.virtual.set_faults(BoardFault(kind="lose-trigger"))
         with pytest.raises(RigError, match="LED 3") as error:

@@ -110,7 +110,7 @@ def trips(bench):
         ),
     ],
 )
-def test_a_signal_puts_the_light_out_and_ends_the_program_as_ever(own_bench, body, number, code):
+def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(own_bench, body, number, code):
     host = start(body, own_bench)
     assert own_bench.state.led(time.monotonic_ns()) == 5
     host.send_signal(number)
@@ -122,7 +122,7 @@ def test_a_signal_puts_the_light_out_and_ends_the_program_as_ever(own_bench, bod
     assert trips(own_bench) == 0
 
 
-def test_a_stuck_writer_keeps_the_program_but_not_the_light(own_bench):
+def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(own_bench):
     host = start("stuck_writer()\n" + SHOOT, own_bench)
     try:
         host.send_signal(signal.SIGTERM)
@@ -138,7 +138,7 @@ def test_a_stuck_writer_keeps_the_program_but_not_the_light(own_bench):
     assert trips(own_bench) == 0
 
 
-def test_an_ignored_signal_stays_ignored(own_bench):
+def test_an_ignored_signal_remains_ignored(own_bench):
     host = start("signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + SHOOT, own_bench)
     host.send_signal(signal.SIGHUP)
     time.sleep(0.3)
@@ -148,7 +148,7 @@ def test_an_ignored_signal_stays_ignored(own_bench):
     assert went_dark(own_bench)
 
 
-def test_all_rigs_of_a_program_go_dark(bench, own_bench):
+def test_the_leds_of_all_rigs_of_a_program_turn_off(bench, own_bench):
     host = start(ON + LOOK_ALIVE, bench, own_bench)
     host.send_signal(signal.SIGTERM)
     assert end(host)[0] == 143
@@ -156,7 +156,7 @@ def test_all_rigs_of_a_program_go_dark(bench, own_bench):
     assert went_dark(own_bench)
 
 
-def test_a_program_that_forgets_to_close_ends_dark(own_bench):
+def test_a_program_that_does_not_close_turns_the_led_off(own_bench):
     host = start(ON + "print('burning', flush=True)", own_bench)
     assert end(host)[0] == 0
     assert went_dark(own_bench)
@@ -172,7 +172,7 @@ def handlers():
         signal.signal(number, handler)
 
 
-def test_handlers_are_put_back_with_the_last_watch(handlers):
+def test_handlers_are_restored_with_the_last_watch(handlers):
     before = handlers()
     first, second = watch(lambda: None), watch(lambda: None)
     assert handlers()[1] is not before[1]
@@ -183,7 +183,7 @@ def test_handlers_are_put_back_with_the_last_watch(handlers):
     assert handlers() == before
 
 
-def test_a_handler_that_came_later_stays(handlers):
+def test_a_handler_that_was_installed_later_is_kept(handlers):
     def other(number, frame):
         raise AssertionError
 
@@ -193,7 +193,7 @@ def test_a_handler_that_came_later_stays(handlers):
     assert handlers()[1] is other
 
 
-def test_ctrl_c_is_a_keyboard_interrupt_and_puts_out_first(handlers):
+def test_ctrl_c_turns_the_led_off_and_raises_keyboard_interrupt(handlers):
     put_out = []
     signal.signal(signal.SIGINT, signal.default_int_handler)
     release = watch(lambda: put_out.append(True))

@@ -53,7 +53,7 @@ def frame(time_us: float, frame_id: int = 0) -> CameraFrame:
     return CameraFrame(pixels, frame_id, round((time_us + 1e6) * 1000), 1.0, 0.0, None)
 
 
-def test_signs_of_life_are_given_five_times_a_second(clock: Clock) -> None:
+def test_signs_of_life_are_sent_five_times_a_second(clock: Clock) -> None:
     given: list[float] = []
     sign = SignOfLife(lambda: given.append(clock.now_s))
     sign.sleep_until(101.01)
@@ -68,7 +68,7 @@ def test_signs_of_life_are_given_five_times_a_second(clock: Clock) -> None:
     assert (given, len(clock.slept)) == ([], slept)
 
 
-def test_a_sign_that_the_board_does_not_answer_ends_the_wait(clock: Clock) -> None:
+def test_an_unanswered_sign_of_life_ends_the_wait(clock: Clock) -> None:
     def unplugged() -> None:
         raise BoardError("unplugged")
 
@@ -81,9 +81,7 @@ def test_a_sign_that_the_board_does_not_answer_ends_the_wait(clock: Clock) -> No
 @pytest.mark.parametrize(
     ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
-def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
-    off_us: float, proven: bool
-) -> None:
+def test_the_tolerance_of_a_frame_of_a_run(off_us: float, proven: bool) -> None:
     spacing = Spacing("cam")
     spacing.check(frame(0), 0, 7000)
     if proven:
@@ -104,7 +102,7 @@ def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
         pytest.param(50_790, 101_580, r"101580 us after frame 0", id="off from the first"),
     ],
 )
-def test_a_frame_is_compared_with_the_one_before_and_with_the_first(
+def test_a_frame_is_compared_with_the_previous_and_the_first_one(
     second_us: float, third_us: float, said: str | None
 ) -> None:
     spacing = Spacing("cam")
@@ -117,7 +115,7 @@ def test_a_frame_is_compared_with_the_one_before_and_with_the_first(
         spacing.check(frame(third_us, 2), 2, 100_000)
 
 
-def test_the_frame_before_the_one_before_does_not_count() -> None:
+def test_other_earlier_frames_do_not_count() -> None:
     """It lies 1350 us off, of 1300 us that two steps allow; the first and the last are near."""
     spacing = Spacing("cam")
     for number, off_us in enumerate((0, -700, 0, 650)):
@@ -130,9 +128,7 @@ EXPOSURE = Exposure(2000, 5000.0, 45_000.0, 50_000.0)  # a margin of 1400 us
 @pytest.mark.parametrize(
     ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
-def test_the_second_flash_may_be_off_by_what_the_clocks_leave_open(
-    off_us: float, proven: bool
-) -> None:
+def test_the_tolerance_of_the_second_flash(off_us: float, proven: bool) -> None:
     chain = FlashChain("cam")
     chain.begin(frame(0))
     if proven:
@@ -143,9 +139,7 @@ def test_the_second_flash_may_be_off_by_what_the_clocks_leave_open(
 
 
 @pytest.mark.parametrize(("off_us", "proven"), [(1399, True), (1401, False)])
-def test_a_flash_may_never_be_off_by_more_than_its_light_covers(
-    off_us: float, proven: bool
-) -> None:
+def test_the_tolerance_of_a_flash_is_limited_by_its_margin(off_us: float, proven: bool) -> None:
     """After 200 ms the clocks leave 2300 us open, and the light lasts for 1400 us more."""
     chain = FlashChain("cam")
     chain.begin(frame(0))
@@ -156,7 +150,7 @@ def test_a_flash_may_never_be_off_by_more_than_its_light_covers(
         chain.check(frame(200_000 + off_us), 7, 200_000, EXPOSURE)
 
 
-def test_a_rate_that_is_known_narrows_what_is_open() -> None:
+def test_a_known_rate_narrows_the_tolerance() -> None:
     """After a minute of a clock 0.4 % fast the rate is known to 600 us in a minute, and 0.01 %."""
     chain, rate = FlashChain("cam"), 1.004
     chain.begin(frame(0))
@@ -170,7 +164,7 @@ def test_a_rate_that_is_known_narrows_what_is_open() -> None:
     chain.check(frame(50_000 + open_us + 2), 7, 50_000, EXPOSURE)
 
 
-def test_a_chain_reaches_as_far_as_the_light_covers(clock: Clock) -> None:
+def test_a_chain_reaches_as_far_as_the_margin(clock: Clock) -> None:
     """The margin of 1400 us is open after 110 ms, of which one period is still to come."""
     chain = FlashChain("cam")
     assert not chain.reaches(EXPOSURE)
@@ -199,7 +193,7 @@ def test_a_chain_reaches_as_far_as_the_light_covers(clock: Clock) -> None:
         pytest.param(3, 0, [1, 1, 1], id="a board that tells none"),
     ],
 )
-def test_runs_are_as_few_and_as_even_as_can_be(count: int, most: int, lengths: list[int]) -> None:
+def test_runs_are_few_and_even(count: int, most: int, lengths: list[int]) -> None:
     parts = list(runs(tuple(range(count)), most))
     assert [led for part in parts for led in part] == list(range(count))
     assert sorted(map(len, parts)) == sorted(lengths)
@@ -223,7 +217,7 @@ def test_the_first_gap_of_a_run_is_longer() -> None:
 
 
 @pytest.mark.parametrize(("run_us", "slow"), [(950_000.0, False), (970_000.0, True)])
-def test_a_camera_too_slow_for_a_sequence_is_told(run_us: float, slow: bool) -> None:
+def test_a_camera_too_slow_for_a_sequence_is_refused(run_us: float, slow: bool) -> None:
     """A gap is at most a second, the first one 5 % longer than the others."""
     exposure = Exposure(0, 10.0, 20.0, run_us)
     if not slow:
@@ -265,7 +259,7 @@ def test_the_times_of_an_exposure(
     assert Exposure(0, 1.0, 45_033.3, 1.0).ahead_us == 1401
 
 
-def test_a_flash_that_the_board_cannot_give_is_refused() -> None:
+def test_a_flash_that_is_too_long_for_the_board_is_refused() -> None:
     exposure = Exposure(0, 9_000_000.0, 45_000.0, 50_000.0)
     most_ms = math.ceil((exposure.ahead_us + exposure.hold_us) / 1000)
     exposure.check(BoardIdentity("fake", 2, "1", 6, most_ms, 1000, 48))
@@ -308,7 +302,7 @@ ROLLING = {"exposure_active": True, "shutter": "rolling"}
         pytest.param(3, (3, LIT, None, True), {}, "the LED was on", id="cut off, not wired"),
     ],
 )
-def test_the_boards_report_decides_about_the_light(
+def test_the_light_is_checked_by_the_boards_report(
     led: int | None,
     report: tuple[int | None, int, int | None, bool],
     wired: dict[str, object],
@@ -324,7 +318,7 @@ def test_the_boards_report_decides_about_the_light(
     assert "flash of the light" in str(caught.value)
 
 
-def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
+def test_a_hold_that_is_too_long_for_the_board_is_refused() -> None:
     """Settling, 101 % of the exposure, 300 us for the clocks, and 4000 ms for repetitions."""
     longest_us = (10_000 - 4000 - 0.3 - 2) * 1000 / 1.01
     assert hold_ms(bench(), Exposure(2000, longest_us - 1, 1.0, 1.0)) == 10_000
@@ -337,7 +331,7 @@ def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
 
 @pytest.mark.parametrize("comes", [True, False])
 @pytest.mark.parametrize("active_us", [None, 4990])
-def test_wires_are_tried_with_one_flash(clock: Clock, comes: bool, active_us: int | None) -> None:
+def test_wires_are_tested_with_one_flash(clock: Clock, comes: bool, active_us: int | None) -> None:
     done: list[object] = []
 
     class Camera:
@@ -372,5 +366,5 @@ def test_wires_are_tried_with_one_flash(clock: Clock, comes: bool, active_us: in
         try_wires(tried, 3, EXPOSURE)
 
 
-def test_leds_have_names() -> None:
+def test_names_of_leds() -> None:
     assert (led_name(0), led_name(35), led_name(None)) == ("LED 0", "LED 35", "no LED")

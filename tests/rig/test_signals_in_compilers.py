@@ -94,7 +94,7 @@ def strikes(number):
 @pytest.mark.parametrize(
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
-def test_the_exception_comes_when_the_code_has_been_left(taken, module, number, error):
+def test_the_exception_is_raised_after_the_module_was_left(taken, module, number, error):
     space = as_module(module, STRIKES)
 
     def struck() -> None:
@@ -106,7 +106,7 @@ def test_the_exception_comes_when_the_code_has_been_left(taken, module, number, 
         struck()
 
 
-def test_elsewhere_it_comes_at_once(taken):
+def test_in_other_modules_the_exception_is_raised_at_once(taken):
     space = as_module("somewhere", STRIKES)
     with pytest.raises(KeyboardInterrupt):
         space["strikes"](signal.SIGINT)
@@ -131,7 +131,7 @@ def test_a_finalizer_is_not_interrupted(taken):
     assert seen == ["went on"]
 
 
-def test_nor_is_a_callback_of_the_garbage_collector(taken):
+def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
     class Held:
         pass
 
@@ -152,7 +152,7 @@ def test_nor_is_a_callback_of_the_garbage_collector(taken):
     assert seen == ["went on"]
 
 
-def test_an_exception_that_was_lost_comes_again(taken):
+def test_a_lost_exception_is_raised_again(taken):
     def lost() -> None:
         end_later(signal.SIGTERM)
         time.sleep(5)
@@ -162,7 +162,7 @@ def test_an_exception_that_was_lost_comes_again(taken):
     assert ended.value.code == 143
 
 
-def test_a_program_inside_an_import_ends_all_the_same(taken, monkeypatch):
+def test_a_program_inside_an_import_ends_in_any_case(taken, monkeypatch):
     monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.3)
     body = "def imports(number):\n    signal.raise_signal(number)\n    time.sleep(20)\n"
     with pytest.raises(KeyboardInterrupt):

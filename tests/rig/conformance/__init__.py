@@ -10,7 +10,7 @@ firmware as a Linux program, its AVR image in a simulator. `CHECKS` has them all
 and of a board that has a fault planted in it::
 
     with BoardUnderTest(command, late_us=50_000) as board:
-        failures = run_checks(board, ["an LED is the one that was asked for"])
+        failures = run_checks(board, ["the requested LED turns on"])
         assert failures
 
 Times are judged by the program's own events. ``late_us`` says how late an edge of it may be: 20

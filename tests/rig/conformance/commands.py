@@ -8,7 +8,7 @@ from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line
 
 
-@check("the identity says what the board is")
+@check("ID returns the identity of the board")
 def _(board: BoardUnderTest) -> None:
     told = board.identity
     assert told.protocol == 2
@@ -18,7 +18,7 @@ def _(board: BoardUnderTest) -> None:
     assert told.steps >= 1
 
 
-@check("nothing burns and the trigger is low from the start")
+@check("no LED is on and the trigger is low from the start")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000")
     board.lit(7)
@@ -29,7 +29,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a reset in the middle of a flash is dark and leaves no trace")
+@check("a reset in the middle of a flash turns the LED off and leaves no trace")
 def _(board: BoardUnderTest) -> None:
     board.send("FLASH 7 0 3000000")
     board.lit(7)
@@ -41,7 +41,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("an LED is the one that was asked for")
+@check("the requested LED turns on")
 def _(board: BoardUnderTest) -> None:
     for led in range(board.identity.leds):
         assert board.ok(f"ON {led} 5000") == f"{led} 5000"
@@ -78,7 +78,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "8"
 
 
-@check("the answer to ON comes when the LED burns, that to OFF when it is dark")
+@check("ON is answered when the LED is on, OFF when it is off")
 def _(board: BoardUnderTest) -> None:
     for _ in range(10):
         board.ok("ON 7 5000")
@@ -87,7 +87,7 @@ def _(board: BoardUnderTest) -> None:
         board.lit()
 
 
-@check("a light ends with its hold")
+@check("an LED turns off at the end of its hold")
 def _(board: BoardUnderTest) -> None:
     for hold_ms in (1, 30, 300):
         board.ok(f"ON 7 {hold_ms}")
@@ -96,7 +96,7 @@ def _(board: BoardUnderTest) -> None:
         assert board.status().state == "IDLE"
 
 
-@check("a new ON has a hold of its own")
+@check("a new ON has its own hold")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 400")
     board.lit(7)
@@ -109,7 +109,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("OFF says what burned until now")
+@check("OFF names the LED that was on until now")
 def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
     board.ok("ON 11 5000")
@@ -117,7 +117,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("LEVEL dims an LED from its next lighting on")
+@check("LEVEL dims an LED from the next time it is turned on")
 def _(board: BoardUnderTest) -> None:
     def levels() -> list[int]:
         return [level for event in board.drain() for level in event.get("levels", [])]
@@ -139,7 +139,7 @@ def _(board: BoardUnderTest) -> None:
     board.ok("LEVEL 7 4095")
 
 
-@check("a start forgets levels and steps")
+@check("a start clears levels and steps")
 def _(board: BoardUnderTest) -> None:
     board.ok("LEVEL 7 1")
     board.ok("STEP 0 7 0 1000 0")
@@ -159,7 +159,7 @@ def _(board: BoardUnderTest) -> None:
     board.lit(7)
 
 
-@check("STATUS tells time, light and state")
+@check("STATUS reports time, LED and state")
 def _(board: BoardUnderTest) -> None:
     first = board.status()
     assert (first.led, first.state) == ("-", "IDLE")
@@ -249,7 +249,7 @@ REFUSED = {
 }
 
 
-@check("refusals carry the right number, repeat the command and change nothing")
+@check("refusals have the right number, repeat the command and change nothing")
 def _(board: BoardUnderTest) -> None:
     told = board.identity
     board.ok("ON 3 60000")

@@ -35,7 +35,7 @@ DAMAGED = {
 }
 
 
-@check("damaged lines are counted, not answered and not obeyed")
+@check("damaged lines are counted, not answered and not carried out")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for number, (what, text) in enumerate(DAMAGED.items(), 1):
@@ -45,7 +45,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("no single flipped bit is obeyed")
+@check("no line with a single flipped bit is carried out")
 def _(board: BoardUnderTest) -> None:
     whole = line(0x00A1, "ON 7 1000")
     before, damaged = board.status().faults, 0
@@ -68,7 +68,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().faults == before
 
 
-@check("lines that are too long are ignored and spoil nothing")
+@check("lines that are too long are ignored and have no effect on others")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for length in (65, 66, 80, 256, 257, 1000):
@@ -80,7 +80,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("the longest command is answered whole")
+@check("the longest command is answered completely")
 def _(board: BoardUnderTest) -> None:
     for words in ("X" * 53, " ".join(["9" * 8] * 5) + " 77777777"):
         seq = board.next_seq()
@@ -95,7 +95,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq).startswith("OK STATUS")
 
 
-@check("more than one carriage return before the line end damages a line")
+@check("a line with more than one carriage return before its end is damaged")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for number, end in enumerate((b"\r\r\n", b"\r\r\r\n"), 1):
@@ -115,7 +115,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("half a line from before a reset is forgotten")
+@check("half a line from before a reset is discarded")
 def _(board: BoardUnderTest) -> None:
     whole = line(board.next_seq(), "ON 7 1000")
     board.write(whole[:9])
@@ -128,7 +128,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a line may come byte by byte")
+@check("a line may arrive byte by byte")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     for byte in line(seq, "LEVEL 3 4095"):
@@ -137,7 +137,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq) == "OK LEVEL 3 4095"
 
 
-@check("half a line does not spoil the next")
+@check("half a line does not damage the next line")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     board.write(b">00A1 ON 8 50\n" + line(seq, "STATUS"))
@@ -153,7 +153,7 @@ def _(board: BoardUnderTest) -> None:
         assert board.answer(seq).startswith("OK ID" if seq % 2 else "OK STATUS")
 
 
-@check("the whole range of sequence numbers is answered")
+@check("the full range of sequence numbers is answered")
 def _(board: BoardUnderTest) -> None:
     for seq in (0xFFFE, 0xFFFF, 0x0000, 0x0001, 0xABCD, 0x0A0A):
         assert board.ask("LEVEL 3 4095", seq) == "OK LEVEL 3 4095"

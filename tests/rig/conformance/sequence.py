@@ -25,7 +25,7 @@ def wait_for(board: BoardUnderTest, state: str) -> None:
         time.sleep(0.02)
 
 
-@check("a sequence runs in time and tells what every step did")
+@check("a sequence keeps its times and reports every step")
 def _(board: BoardUnderTest) -> None:
     declared = [(1, 2000, 6000, 50_000), (35, 1000, 4000, 100_000), (0, 0, 30_000, 20_000)]
     declared = [(led % board.identity.leds, *times) for led, *times in declared]
@@ -50,7 +50,7 @@ def _(board: BoardUnderTest) -> None:
         assert words[4] == "-"
 
 
-@check("a step is told when it has ended, not before")
+@check("a step is reported when it has ended, not before")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 700000 700000", "2 0 700000 0")
     board.ok("RUN 2 T")
@@ -75,7 +75,7 @@ def _(board: BoardUnderTest) -> None:
     assert did(board, 0)[:2] == ["0", "-"]
 
 
-@check("every step that there is room for runs, each with its own LED")
+@check("the maximum number of steps runs, each with its own LED")
 def _(board: BoardUnderTest) -> None:
     told = board.identity
     leds = [(7 * index) % told.leds for index in range(told.steps)]
@@ -112,7 +112,7 @@ def _(board: BoardUnderTest) -> None:
     board.flash(1)
 
 
-@check("a running sequence refuses what would disturb it, and goes on")
+@check("a running sequence refuses commands that would disturb it, and continues")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 700000 600000", "2 0 100000 0")
     board.ok("RUN 2 T")
@@ -175,7 +175,7 @@ def _(board: BoardUnderTest) -> None:
         assert 0.99 * shortest_us <= int(words[4]) <= int(words[3])
 
 
-@check("an exposure that began before the trigger paces nothing")
+@check("an exposure that began before the trigger does not pace the sequence")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 1000000 300000 0", "2 0 1000 0")
     board.active(True)
@@ -190,7 +190,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().state == "HALT"
 
 
-@check("an exposure-active input that stays up has no edge")
+@check("an exposure-active input that stays high has no edge")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 300000 0", "2 0 1000 0")
     board.active(True)

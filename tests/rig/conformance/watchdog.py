@@ -12,7 +12,7 @@ def watchdog_us(board: BoardUnderTest) -> int:
     return board.identity.watchdog_ms * 1000
 
 
-@check("silence puts out what ON has lit")
+@check("silence turns off an LED that ON turned on")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok(f"ON 7 {board.identity.max_hold_ms}")
@@ -22,7 +22,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a hold that ends before the silence is long is no case for the watchdog")
+@check("the watchdog does not act on a hold that has ended before")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok("ON 7 300")
@@ -31,7 +31,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before
 
 
-@check("a host that speaks keeps its light")
+@check("a host that sends commands keeps its LED on")
 def _(board: BoardUnderTest) -> None:
     before = board.status()
     light = f"ON 7 {board.identity.max_hold_ms}"
@@ -55,7 +55,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before.trips + 1
 
 
-@check("damaged lines are no sign of life")
+@check("damaged lines are not a sign of life")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000")
     on = board.lit(7)
@@ -75,7 +75,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before
 
 
-@check("a silent host's sequence finishes the step that burns and lights no other")
+@check("a sequence of a silent host finishes the current step and turns on no other LED")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     for index in range(4):
@@ -89,7 +89,7 @@ def _(board: BoardUnderTest) -> None:
     assert (status.state, status.done, status.trips) == ("HALT", 3, before + 1)
 
 
-@check("a silent host's sequence that is dark lights nothing more")
+@check("a sequence of a silent host that is in a gap turns on no other LED")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok("STEP 0 1 0 100000 1000000")
@@ -101,7 +101,7 @@ def _(board: BoardUnderTest) -> None:
     assert (status.state, status.done, status.trips) == ("HALT", 1, before + 1)
 
 
-@check("a sequence whose host speaks runs to its end")
+@check("a sequence whose host sends commands runs to its end")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     for index in range(3):
