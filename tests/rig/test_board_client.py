@@ -1,4 +1,4 @@
-"""The board client on a virtual board that is made to fail."""
+"""The board client with a virtual board that has faults."""
 
 import signal
 import termios
@@ -22,9 +22,10 @@ def board(bench):
 
 
 def test_identity(board):
-    told = board.identity
-    assert (told.name, told.protocol, told.firmware) == ("sgp-virtual-board", 2, "2.0.0")
-    assert (told.leds, told.max_hold_ms, told.watchdog_ms, told.max_steps) == (36, 60_000, 900, 48)
+    found = board.identity
+    assert (found.name, found.protocol, found.firmware) == ("sgp-virtual-board", 2, "2.0.0")
+    assert (found.leds, found.max_hold_ms) == (36, 60_000)
+    assert (found.watchdog_ms, found.max_steps) == (900, 48)
 
 
 def test_on_turns_the_led_on_and_off_names_it(bench, board):
@@ -62,14 +63,16 @@ def test_the_board_itself_ends_the_hold(bench, board):
         pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=4), id="lost byte"),
         pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=-1), id="lost line end"),
         pytest.param(BoardFault(kind="double-byte-command", verb="ON", value=2), id="double byte"),
-        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command comes twice"),
-        pytest.param(BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply unended"),
+        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command arrives twice"),
+        pytest.param(
+            BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply without end"
+        ),
         pytest.param(BoardFault(kind="double-byte-reply", verb="ON", value=7), id="reply garbled"),
-        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply comes twice"),
+        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply arrives twice"),
         pytest.param(BoardFault(kind="drop-reply", verb="ON"), id="lost reply"),
         pytest.param(BoardFault(kind="corrupt-reply", verb="ON"), id="corrupt reply"),
         pytest.param(BoardFault(kind="delay-reply", verb="ON", value=300), id="late reply"),
-        pytest.param(BoardFault(kind="banner", verb="ON"), id="noise spoils the reply"),
+        pytest.param(BoardFault(kind="banner", verb="ON"), id="noise damages the reply"),
         pytest.param(BoardFault(kind="reset", verb="ON"), id="reset instead of ON"),
     ],
 )
@@ -79,7 +82,7 @@ def test_one_failed_exchange_is_repaired_by_a_repetition(bench, board, fault):
     assert board.on(9, 5000).led == 9
     assert led_on(bench) == 9
     assert board.off().led == 9
-    # A repetition must not light the LED a second time.
+    # A repetition must not turn the LED on a second time.
     assert len([p for p in bench.state.periods() if p.led == 9]) == before + 1
 
 
@@ -109,7 +112,7 @@ def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board,
 
 
 def test_a_late_reply_is_not_mistaken_for_that_of_the_next_command(bench, board):
-    # The answer "LED 1 burned" comes 300 ms late, while the client waits for the next OFF's.
+    # The reply that names LED 1 is 300 ms late, while the client waits for that of the next OFF.
     bench.virtual.set_faults(
         BoardFault(kind="delay-reply", verb="OFF", value=300),
         BoardFault(kind="drop-reply", verb="OFF", skip=2),
@@ -129,7 +132,7 @@ def test_a_repeated_off_still_names_the_led_after_a_lost_reply(bench, board):
 def test_off_is_repeated_until_it_is_answered(bench, board):
     board.on(11, 9000)
     bench.virtual.set_faults(BoardFault(kind="drop-command", verb="OFF", times=6))
-    # The silence is longer than the watchdog's: the LED is out before the OFF arrives.
+    # The silence is longer than the watchdog time: the LED is off before the OFF arrives.
     assert board.off().led is None
     assert led_on(bench) is None
 
@@ -146,13 +149,13 @@ def test_a_flash_returns_its_report(bench, board):
 
 def test_a_flash_reports_the_exposure(own_bench):
     board = Board(own_bench.virtual.port)
-    for end_us, told in ((5000, (5000, False)), (90_000, (60_000, True))):
+    for end_us, expected in ((5000, (5000, False)), (90_000, (60_000, True))):
         board.begin_flash(7, 2000, 60_000)
         board.ping()
         trigger_ns = own_bench.state.triggers()[-1].time_ns
         own_bench.state.expose(trigger_ns, trigger_ns + end_us * 1000)
         report = board.end_flash()
-        assert (report.active_us, report.cut_off) == told
+        assert (report.active_us, report.cut_off) == expected
         time.sleep(0.1)
     board.close()
 
@@ -244,12 +247,12 @@ def test_a_sequence_with_too_many_steps_is_refused(bench, board):
 def test_darken_does_not_wait(bench, board):
     board.on(7, 5000)
     board.darken()
-    # The board needs no more than a moment; nothing was read.
+    # The board needs only a moment; nothing was read.
     ends = time.monotonic() + 5
     while led_on(bench) is not None:
         assert time.monotonic() < ends
         time.sleep(0.002)
-    # The light was cut: the OFF of the main path must not say that it burned until then.
+    # The light was cut off: the next OFF must not name the LED as on until then.
     assert board.off().led is None
     assert board.on(8, 5000).led == 8
     assert board.off().led == 8
@@ -275,7 +278,7 @@ def test_a_flash_overtaken_by_darken_is_not_sent_again(bench, board):
 
 
 @pytest.mark.parametrize(
-    "sent", [0, 7, -1, None], ids=["before", "amid", "before its end", "after"]
+    "sent", [0, 7, -1, None], ids=["before", "in the middle", "before its end", "after"]
 )
 def test_darken_during_the_writing_of_a_command_leaves_all_leds_off(
     bench, board, monkeypatch, sent

@@ -1,4 +1,4 @@
-"""Finding the board among ports that are silent, busy, gone, or something else."""
+"""Finding the board among ports that are silent, busy, gone, or other devices."""
 
 import contextlib
 import os
@@ -18,7 +18,7 @@ TIMEOUT_S = 0.75
 
 @contextlib.contextmanager
 def neighbours():
-    """Ports of every kind without a board, by what their complaint must say."""
+    """Open ports of every kind without a board; yield the expected complaint of each."""
     with contextlib.ExitStack() as stack:
         silent = stack.enter_context(device(lambda line: b""))
         chatters = stack.enter_context(device(lambda line: b"", chatter=b"$GPGGA\r\n"))
@@ -53,7 +53,7 @@ def test_the_board_is_found_among_others(bench):
         # All at the same time, not one after the other.
         assert took < 4 * TIMEOUT_S
         assert find_board([*others, bench.virtual.port], timeout_s=TIMEOUT_S) == bench.virtual.port
-    # The board was given back.
+    # The port of the board was closed.
     Board(bench.virtual.port).close()
 
 

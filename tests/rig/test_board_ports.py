@@ -1,4 +1,4 @@
-"""Ports behind which no usable board is, and answers that no sound board gives."""
+"""Ports without a usable board, and wrong answers."""
 
 import contextlib
 import os
@@ -19,7 +19,7 @@ TIMEOUT_S = 0.25
     ("answer", "said"),
     [
         pytest.param(lambda line: b"", "no answer within 0.25 s", id="silent"),
-        pytest.param(lambda line: line + b"\n", "it sent", id="echo of our own words"),
+        pytest.param(lambda line: line + b"\n", "it sent", id="echo"),
         pytest.param(lambda line: b"$GPGGA,1*00\r\n", "$GPGGA", id="another device"),
         pytest.param(lambda line: bytes(range(256)) * 4, "it sent", id="noise"),
         pytest.param(saying("dome", "1", "3.0", "36", "10000"), "speaks protocol 1", id="older"),
@@ -39,7 +39,7 @@ def test_other_devices_are_refused(answer, said):
         assert port in str(error.value)
         assert said in str(error.value)
         assert "\n" not in str(error.value)
-        # The port was given back: it opens again, and fails for the same reason.
+        # The port was closed: it opens again, and fails for the same reason.
         with pytest.raises(BoardError, match=r"protocol|no answer|is invalid"):
             Board(port, handshake_timeout_s=TIMEOUT_S)
 
@@ -132,14 +132,14 @@ def test_a_board_is_found_in_spite_of_noise():
 
 
 def fill(fd: int) -> None:
-    """Write until the far end would have to read first."""
-    taken = 1
-    while taken:
-        taken = 0
+    """Write until the other end would have to read first."""
+    written = 1
+    while written:
+        written = 0
         with contextlib.suppress(BlockingIOError):
             while True:
-                taken += os.write(fd, b"x" * 1000)
-        # What was taken moves on to the far end, which makes room again.
+                written += os.write(fd, b"x" * 1000)
+        # The written bytes move to the other end, which makes room again.
         time.sleep(0.1)
 
 
@@ -164,7 +164,7 @@ def test_darken_discards_unsent_data():
     def answer(line):
         lines.append(line)
         if b" ON " in line:
-            # It is busy with something else, and so does not read.
+            # It is busy, so it does not read.
             assert reads.wait(20)
         return saying(*IDENTITY)(line)
 

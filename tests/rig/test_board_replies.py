@@ -1,4 +1,4 @@
-"""What replies of the board say: words, numbers and LEDs, and the messages about them."""
+"""Replies of the board: words, numbers and LEDs, and the messages about them."""
 
 import pytest
 import serial

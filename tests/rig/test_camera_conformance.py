@@ -1,4 +1,4 @@
-"""What every camera has to do, whatever is behind it."""
+"""Requirements for every camera, with each implementation."""
 
 import time
 from itertools import pairwise
@@ -26,13 +26,13 @@ def camera(bench):
 
 
 def seen(frame):
-    """The one grey value of a frame."""
+    """Return the grey value of a uniform frame."""
     assert (frame.pixels == frame.pixels[0, 0]).all()
     return frame.pixels[0, 0]
 
 
 def shoot(bench, camera, led):
-    """A shot under an LED; the frame must be its own."""
+    """Take a shot under an LED and check that the frame shows this LED."""
     bench.light(led)
     frame_id = camera.trigger()
     frame = camera.fetch(frame_id, 5.0)
@@ -195,7 +195,7 @@ def test_waiting_is_called_at_least_every_200_ms(bench, camera):
     camera.arm()
     camera.fetch(camera.trigger(), 5.0, lambda: calls.append(time.monotonic()))
     calls.append(time.monotonic())
-    # 0.2 s are promised; the rest is for a machine that does other things as well.
+    # 0.2 s are specified; the rest is for a computer with other load.
     assert max(later - earlier for earlier, later in pairwise(calls)) < 0.3
     assert len(calls) >= 5
 
@@ -259,7 +259,7 @@ def test_a_line_without_pulses_is_named(bench, camera):
         CameraError, match=r"c7, armed on Line0, frame 0 did not come within 0\.1 s"
     ):
         camera.fetch(camera.expect(), 0.1)
-    # What comes now belongs to nobody.
+    # This frame belongs to no trigger.
     bench.light(1)
     bench.pulse()
     time.sleep(0.1)

@@ -1,4 +1,4 @@
-"""The conformance checks notice faults that are planted in the firmware, one at a time."""
+"""The conformance checks detect faults that are planted in the firmware, one at a time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SEQUENCE = "a sequence keeps its times and reports every step"
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of the sources, and the check that has to notice it."""
+    """A change of the sources, and the check that must detect it."""
 
     file: str
     old: str

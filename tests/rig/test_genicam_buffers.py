@@ -1,4 +1,4 @@
-"""Room for the frames of a sequence: how much there is, and what happens where it is too little."""
+"""Room for the frames of a sequence: how much there is, and what happens if it is too little."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ MB = 10**6
 
 @pytest.fixture
 def make(tmp_path):
-    """Makes benches; each is closed after the test."""
+    """Return a function that creates benches; each is closed after the test."""
     made = []
 
     def make(**options):
@@ -42,7 +42,7 @@ def armed(bench, frames, **options):
 
 
 def flash(bench, led):
-    """Pulse the line under an LED, and wait until the frame is out."""
+    """Pulse the line under an LED, and wait until the camera has sent the frame."""
     done = sum(counted(bench))
     bench.light(led)
     bench.pulse(0.001)
@@ -56,7 +56,7 @@ def counted(bench):
 
 
 def fetched(camera, ids, timeout_s=2.0):
-    """Return the LEDs that frames show."""
+    """Fetch frames and return the LEDs that they show."""
     frames = [camera.fetch(frame_id, timeout_s) for frame_id in ids]
     return [round((int(frame.pixels[0, 0]) - grey(0)) / (grey(1) - grey(0))) for frame in frames]
 
@@ -96,14 +96,14 @@ def test_the_room_is_bounded_and_never_zero(frames, payload, limit, taken):
     ):
         assert room.buffers >= 1
         together = room.buffers + room.copies
-        # All frames have a place, or memory is used up; the least is always there.
+        # All frames have a place, or memory is used up; there is always the minimum.
         assert together >= min(frames, limit // payload)
         assert together * payload <= max(limit, 2 * LEAST * payload)
         assert not room.copies or room.buffers < frames
 
 
 def test_every_frame_of_a_run_has_a_buffer_however_late_it_is_fetched(make):
-    """Before, the fifth frame and those behind it were lost."""
+    """With only four buffers, the fifth and all later frames would be lost."""
     bench = make()
     leds = [number % 12 for number in range(37)]
     camera = armed(bench, len(leds))
@@ -134,7 +134,7 @@ def test_a_thread_empties_buffers_that_are_too_few(make, options, opened, buffer
         wait_until(lambda number=number: len(kept) == min(number, copies))
     assert camera._acquisition._acquirer.num_buffers == buffers
     assert fetched(camera, ids) == leds
-    # The last one that is under way has come.
+    # The last pending frame has been fetched.
     assert not collecting()
 
 
@@ -154,7 +154,7 @@ def test_a_thread_keeps_no_more_frames_than_memory_allows(make):
     assert lost.value.host_is_slow
     assert lost.value.counts == {"started": 8, "delivered": 8, "underrun": 12, "buffers": 3}
     assert not collecting()
-    # A new run begins without anything of this one.
+    # A new run begins without frames or counters of this one.
     ids = [camera.expect()]
     flash(bench, 7)
     assert fetched(camera, ids) == [7]
@@ -202,7 +202,7 @@ def test_other_losses_do_not_indicate_a_slow_computer(make, kind, said, most_buf
         )
     assert fetched(camera, ids[:1]) == [1]
     if kind == "missed":
-        # No block id is missing, so the frame behind it is told by its time, and the last lacks.
+        # No block id is missing: the later frame takes its place, and the last frame is missing.
         assert fetched(camera, ids[1:2]) == [3]
         ids = ids[1:]
     with pytest.raises(FrameLostError, match=said) as lost:
@@ -213,7 +213,7 @@ def test_other_losses_do_not_indicate_a_slow_computer(make, kind, said, most_buf
 
 
 class Stream:
-    """A stream that counts what it is made to count."""
+    """A stream with given counters."""
 
     def __init__(self, infos=(), nodes=()):
         self._infos = dict(infos)

@@ -1,4 +1,4 @@
-"""The GenICam camera on our own producer: what goes wrong on the way from sensor to array."""
+"""The GenICam camera with our own producer: faults between sensor and array."""
 
 import gc
 import os
@@ -29,7 +29,7 @@ from tests.rig.camera_benches import (
 
 @pytest.fixture
 def make(tmp_path):
-    """Makes benches; each is closed after the test."""
+    """Return a function that creates benches; each is closed after the test."""
     made = []
 
     def make(**options):
@@ -248,9 +248,9 @@ def test_an_automatic_that_stays_on_is_named(make, automatic, node):
     ids="+".join,
 )  # fmt: skip
 def test_a_camera_without_a_needed_node_is_refused_by_name(make, nodes):
-    with pytest.raises(CameraError, match=r"c7 .*it lacks nodes: ") as told:
+    with pytest.raises(CameraError, match=r"c7 .*it lacks nodes: ") as error:
         make(without_nodes=nodes).open()
-    assert set(str(told.value).split("nodes: ")[1].split(", ")) == set(nodes)
+    assert set(str(error.value).split("nodes: ")[1].split(", ")) == set(nodes)
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_a_camera_without_a_needed_node_is_refused_by_name(make, nodes):
     [
         pytest.param(("Gain", "GainAuto", "Gamma", "GammaEnable", "BalanceWhiteAuto", "BlackLevel",
                       "ExposureAuto", "ExposureMode", "DeviceTemperature", "AcquisitionMode"),
-                     id="of the picture"),
+                     id="of the image"),
         pytest.param(("TriggerDelay", "TriggerSelector", "TriggerActivation", "LineSelector",
                       "LineStatus", "SensorShutterMode", "SensorReadoutTime",
                       "AcquisitionFrameRate", "AcquisitionFrameRateEnable"), id="of time"),
@@ -320,7 +320,9 @@ def test_pixels_arrive_bit_by_bit_in_every_format(make, cfa, suffix):
     ("wanted", "message"),
     [
         pytest.param(
-            "Mono14", "PixelFormat: 'Mono14' is not available, only Mono8, Mono10,", id="not had"
+            "Mono14",
+            "PixelFormat: 'Mono14' is not available, only Mono8, Mono10,",
+            id="not available",
         ),
         pytest.param("RGB8", "format of raw samples, .* not RGB8; the camera offers", id="not raw"),
     ],
@@ -347,7 +349,7 @@ def test_other_threads_run_while_a_frame_is_awaited(make):
     camera.fetch(camera.trigger(), 5.0)
     done.set()
     thread.join()
-    # Some 450 where nothing else runs; harvesters' own wait lets one through.
+    # About 450 if nothing else runs; harvesters' own wait allows one.
     assert ticks > 50
 
 
@@ -359,14 +361,14 @@ def test_opening_does_not_change_the_handler_of_ctrl_c(make):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-WAITS = """
+WAITING = """
 import sys, time
 from rig import open_genicam
 camera = open_genicam(sys.argv[1])
 camera.configure(exposure_us=1000)
 camera.arm("line")
 try:
-    print("waits", flush=True)
+    print("waiting", flush=True)
     camera.fetch(camera.expect(), 60.0)
 except KeyboardInterrupt:
     camera.arm()
@@ -377,10 +379,10 @@ camera.close()
 
 def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make):
     process = subprocess.Popen(
-        [sys.executable, "-c", WAITS, str(make().device.cti)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", WAITING, str(make().device.cti)], stdout=subprocess.PIPE, text=True
     )
     with process:
-        assert process.stdout.readline() == "waits\n"
+        assert process.stdout.readline() == "waiting\n"
         time.sleep(0.3)
         os.kill(process.pid, signal.SIGINT)
         assert process.stdout.readline() == "frame 1\n"
@@ -422,9 +424,9 @@ def test_a_failing_producer_gives_a_message_of_one_line(make, monkeypatch):
 
     monkeypatch.setattr(rig._genicam.system.Harvester, "update", fail)
     monkeypatch.setattr(rig._genicam.system.Harvester, "reset", fail)
-    with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as told:
+    with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as error:
         find_cameras([make().device.cti])
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def resident_kb():
@@ -448,7 +450,7 @@ def test_memory_stays_flat_over_opening_and_closing(make):
     before = resident_kb()
     for _ in range(50):
         cycle()
-    # harvesters alone would keep 240 kB of each.
+    # harvesters alone would keep 240 kB per camera.
     assert resident_kb() - before < 50 * 100
 
 

@@ -1,4 +1,4 @@
-"""Cameras of different makers: the same wish under other names, steps, units and refusals."""
+"""Cameras of different vendors: the same settings under other names, steps, units and errors."""
 
 import math
 
@@ -55,9 +55,9 @@ def test_the_exposure_is_set_under_any_name_and_read_back(node, wanted_us, got_u
 )  # fmt: skip
 def test_an_impossible_exposure_is_refused(node, wanted_us, message):
     camera = settings(node)
-    with pytest.raises(CameraError, match=message) as told:
+    with pytest.raises(CameraError, match=message) as error:
         camera.set_exposure(wanted_us)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(

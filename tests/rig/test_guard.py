@@ -1,4 +1,4 @@
-"""The guard of the readers: what it lets through, what it refuses, and how it says so."""
+"""The guard of the readers: what it accepts, what it refuses, and its messages."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_missing_files(tmp_path: Path, name: str) -> None:
 
 
 def test_a_large_file_is_not_read(tmp_path: Path) -> None:
-    """A sparse file: to read it would take all memory there is."""
+    """The file is sparse: reading it would need more memory than there is."""
     path = tmp_path / "large"
     with path.open("wb") as file:
         file.truncate(1 << 40)
@@ -154,7 +154,7 @@ def test_the_limit_on_pixels_can_be_raised() -> None:
 
 
 def test_other_exceptions_are_not_converted() -> None:
-    """Only what is listed is taken for damage: what nobody foresaw stays a fault."""
+    """Only the listed exceptions count as damage of the file; all others are passed on."""
 
     class OtherError(Exception):
         pass

@@ -1,4 +1,4 @@
-"""Hosts that end without saying goodbye: the board is dark in time, and nothing keeps running."""
+"""Hosts that end unexpectedly: all LEDs turn off in time, and no process keeps running."""
 
 import json
 import os
@@ -19,7 +19,7 @@ S = 1_000_000_000
 MS = 1_000_000
 WATCHDOG_NS = 1 * S
 
-# A host program: starts a board, does what it is told to with it, says so, and waits.
+# Beginning of a host program: it starts a board and prints its bench state and process id.
 HOST = """
 import json, sys, time
 from rig import Board, Step
@@ -35,7 +35,7 @@ print("done", flush=True)
 time.sleep(60)
 """
 
-# A host with a whole rig, which turns the light off when it ends in any way that lets it.
+# A host with a complete rig, which turns the LED off at exit if it can.
 RIG = (
     HOST
     + """
@@ -77,7 +77,7 @@ def wait_until(condition, timeout_s: float) -> bool:
 
 @pytest.fixture
 def host():
-    """Start a host program; give its process, its board's pid and bench state."""
+    """Return a function that starts a host program; it returns process, board's pid, bench state."""
     started = []
 
     def start(program: str):
@@ -87,13 +87,13 @@ def host():
             stdout=subprocess.PIPE,
             text=True,
         )
-        told = json.loads(process.stdout.readline())
-        bench = BenchState(Path(told["bench"]))
-        started.append((process, told["pid"], bench))
+        board = json.loads(process.stdout.readline())
+        bench = BenchState(Path(board["bench"]))
+        started.append((process, board["pid"], bench))
         process.stdin.write("\n")
         process.stdin.flush()
         assert process.stdout.readline() == "done\n"
-        return process, told["pid"], bench
+        return process, board["pid"], bench
 
     yield start
     for process, pid, bench in started:
@@ -115,7 +115,7 @@ def test_the_board_is_dark_a_second_after_its_host_was_killed(host, death):
     os.kill(process.pid, death)
     died_ns = time.monotonic_ns()
     process.wait()
-    # The board outlives its host, as a board on a bench does; its watchdog ends the light.
+    # The board outlives its host, as a real board does; its watchdog turns the LED off.
     assert wait_until(lambda: not running(pid), 10)
     (lit,) = light(bench)
     assert lit.led == 7
@@ -150,7 +150,7 @@ def test_a_sequence_of_a_killed_host_lasts_to_the_end_of_its_step(host):
     process.kill()
     assert wait_until(lambda: not running(pid), 10)
     lit = light(bench)
-    # RUN was the last word; what has begun a second later ends as declared.
+    # RUN was the last command; the step that is running a second later ends as declared.
     assert [period.led for period in lit] == [0, 1, 2]
     assert lit[-1].end_ns - lit[0].start_ns == 1190 * MS
     assert len(bench.triggers()) == 3

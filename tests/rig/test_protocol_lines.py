@@ -1,4 +1,4 @@
-"""The serial protocol's lines: what docs/serial-protocol.md shows, and what may not get through."""
+"""Lines of the serial protocol: the examples of docs/serial-protocol.md, and invalid lines."""
 
 import string
 from pathlib import Path
@@ -58,8 +58,8 @@ def test_golden_commands(command, line):
     ("reply", "line"),
     [
         pytest.param(Reply(0xA1, "ON", ("7", "1012")), b"<00A1 OK ON 7 1012*751B\n", id="on"),
-        pytest.param(Reply(0xA2, "OFF", ("7",)), b"<00A2 OK OFF 7*90D3\n", id="was burning"),
-        pytest.param(Reply(0xA3, "OFF", ("-",)), b"<00A3 OK OFF -*4CED\n", id="was dark"),
+        pytest.param(Reply(0xA2, "OFF", ("7",)), b"<00A2 OK OFF 7*90D3\n", id="was on"),
+        pytest.param(Reply(0xA3, "OFF", ("-",)), b"<00A3 OK OFF -*4CED\n", id="was off"),
         pytest.param(Reply(0xA5, "ON", ("36", "500"), 3), b"<00A5 E3 ON 36 500*D60E\n", id="E3"),
     ],
 )
@@ -186,7 +186,7 @@ def test_noise_without_a_line_end_is_discarded():
 
 
 def longest(mark: str, words: str, limit: int) -> bytes:
-    """Return a whole line of exactly so many characters."""
+    """Return a complete line of exactly ``limit`` characters."""
     body = f"{mark}0001 {words} ".encode()
     body += b"x" * (limit - len(body) - 5)
     return body + f"*{crc16(body):04X}".encode()
@@ -216,7 +216,7 @@ def test_a_buffer_keeps_lines_up_to_its_limit():
         *(b"1", b"12", b"1234", b"1234"),
     ]
     assert LineBuffer().feed(b"x" * 80 + b"\n" + b"x" * 81 + b"\n") == [b"x" * 80]
-    # The line end may come in two pieces, after a line as long as can be.
+    # The line end may arrive in two pieces, after a line of maximum length.
     buffer = LineBuffer(4)
     assert [buffer.feed(piece) for piece in (b"1234\r", b"\n12345", b"\n", b"1\n")] == [
         *([], [b"1234"], [], [b"1"]),

@@ -1,4 +1,4 @@
-"""What a mounting does to frames and to the colour filter over them."""
+"""Effect of a mounting on frames and their colour filter pattern."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from rig import Mounting
 
-# A, B / C, D / E, F as it is seen upright, and how a camera mounted in each way delivers it.
+# The upright image A, B / C, D / E, F, and the frame that a camera with each mounting delivers.
 UPRIGHT = ["AB", "CD", "EF"]
 STORED = [
     pytest.param(0, False, ["AB", "CD", "EF"], id="upright"),

@@ -1,6 +1,6 @@
-"""The self-test finds what is wrong with LEDs and wires, and nothing where nothing is.
+"""The self-test finds faults of LEDs and wires, and none in a rig without faults.
 
-Its limits were chosen on scenes of the seeds 0 and 3; those here are others.
+Its limits were chosen with scenes of the seeds 0 and 3; these tests use other seeds.
 """
 
 import functools
@@ -30,7 +30,7 @@ SIDE = 8
 
 @functools.cache
 def scene(name, leds, seed):
-    """Coarse images of a scene in photons, its LED positions, and where its places are."""
+    """Return coarse images of a scene in photons, its LED positions, and its places."""
     rendering = render(scene_named(name, width=160, height=128, leds=leds, seed=seed))
     planes = rendering.planes.reshape(leds, 128 // SIDE, SIDE, 160 // SIDE, SIDE).mean(axis=(2, 4))
     y, x = np.mgrid[0 : 128 // SIDE, 0 : 160 // SIDE].astype(float)
@@ -39,7 +39,7 @@ def scene(name, leds, seed):
 
 
 def judged(light, positions, places, *, dark=0.0, seed=0):
-    """What is found in these images, taken twice with noise; remarks left out."""
+    """Return the faults found in these images, taken twice with noise, without remarks."""
     draw = np.random.default_rng(seed)
     noise = NOISE * np.median(light)
     twice = np.stack([light + draw.normal(0, noise, light.shape) for _ in range(2)])
@@ -67,7 +67,7 @@ def test_a_rig_without_faults_has_no_findings(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     assert judged(light, positions, places) == []
     assert judged(light, None, places) == []
-    # A tape measure is good to a centimetre.
+    # A tape measure is accurate to a centimetre.
     measured = positions + np.random.default_rng(seed).normal(0, 10.0, positions.shape)
     assert judged(light, measured, places) == []
 
@@ -102,19 +102,19 @@ def test_an_led_that_also_turns_another_on_is_found(name, leds, seed):
     light = light.copy()
     light[one] = light[one] + light[other]
     found = judged(light, positions, places)
-    # That it is not alone is certain; a neighbour may be taken for its partner.
+    # It is certain that two LEDs are on; a neighbour may be mistaken for the second one.
     assert [item[:2] for item in found] == [("double", one)]
 
 
 @CASES
 def test_dead_dim_and_stuck_leds_are_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
-    dead, dim, burning = (int(i) for i in np.random.default_rng(seed).permutation(leds)[:3])
-    glow = light[burning]
+    dead, dim, stuck = (int(i) for i in np.random.default_rng(seed).permutation(leds)[:3])
+    glow = light[stuck]
     light = light.copy()
-    light[dead], light[dim], light[burning] = 0, 0.15 * light[dim], 0
+    light[dead], light[dim], light[stuck] = 0, 0.15 * light[dim], 0
     found = judged(light, positions, places, dark=glow)
-    assert found == sorted([("dead", dead), ("dim", dim), ("always on", burning)])
+    assert found == sorted([("dead", dead), ("dim", dim), ("always on", stuck)])
 
 
 def test_many_faults_at_once_are_distinguished():
@@ -240,7 +240,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, tri
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
         def nothing_comes(frame_id, timeout_s, waiting=None):
-            raise FrameTimeoutError("frame 0 did not come")
+            raise FrameTimeoutError("frame 0 did not arrive")
 
         fetch, expect = rig.camera.fetch, rig.camera.expect
 
@@ -282,7 +282,7 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
             return Shot(CameraFrame(np.full((8, 8), 4095), 0, 1, exposure_us, 0.0, None), led, None)
 
         monkeypatch.setattr(rig, "shoot", saturated)
-        # However short the exposure: no pass suits.
+        # The frames stay saturated however short the exposure is.
         rig.camera.info = replace(rig.camera.info, exposure_min_us=1e-6)
         exposure_us, _ = selftest_module._Camera(rig, lambda count: None).metered((0, 1))
     assert exposure_us == asked[-1]
@@ -311,6 +311,6 @@ def test_the_dome_of_the_tests_differs_from_that_of_the_tuning():
 def test_a_swap_with_a_dead_led_is_found():
     light, positions, places = scene("coin", 36, 21)
     broken = light.copy()
-    # The command of LED 7 lights LED 3, whose own command reaches the broken one.
+    # The command of LED 7 turns on LED 3, whose own command reaches the broken LED.
     broken[7], broken[3] = light[3], 0
     assert judged(broken, positions, places) == [("dead", 3), ("elsewhere", 7, 3)]

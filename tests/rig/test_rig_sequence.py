@@ -1,4 +1,4 @@
-"""Sequences: every frame that is handed out is proven, and one that cannot be ends the run."""
+"""Sequences: every yielded frame is proven, and a frame that cannot be proven ends the run."""
 
 import contextlib
 import itertools
@@ -49,7 +49,7 @@ def test_short_sequences(bench, leds):
 
 
 def test_two_frames_do_not_prove_each_other(bench):
-    """A lost first trigger and a stray pulse in step with the first gap look like a run of two."""
+    """A lost first trigger and a stray pulse after the first gap look like a run of two."""
     with bench.rig(**FAST) as rig:
         list(rig.sequence([1, 2, 3], EXPOSURE_US))
         first, second = (pulse.time_ns for pulse in bench.state.triggers()[-3:-1])
@@ -98,9 +98,9 @@ def test_a_fault_of_the_board_ends_the_run_after_the_proven_frames(bench, fault,
         assert "\n" not in str(error.value)
         assert [led_seen(shot.frame) for shot in shots] == leds[: len(shots)]
         assert len(shots) <= proven
-        # The first of the run is told by the second; a step may be asked for more than once.
+        # The second frame proves the first one; a step may be queried more than once.
         assert len(shots) >= (proven - 1 if fault.verb != "DID" else 0)
-        # What was left over is not taken for the next.
+        # Remaining frames are not mistaken for those of the next run.
         assert [led_seen(s.frame) for s in rig.sequence([20, 21, 22], EXPOSURE_US)] == [20, 21, 22]
 
 
@@ -205,7 +205,7 @@ def test_the_first_gap_is_longer_on_any_clock(settle_ms, exposure_us, period_us,
     spacing = [step.settle_us + step.hold_us + step.gap_us for step in steps[:-1]]
     assert all(each >= exposure.run_us - 1 for each in spacing)
     for other in spacing[1:]:
-        # Twice what the clocks may differ by, so that one is not taken for the other.
+        # Twice the tolerance of the clocks, so that one is not mistaken for the other.
         assert spacing[0] - other >= 2 * (300 + 0.01 * spacing[0]) or spacing[0] - other >= 4990
 
 
@@ -221,7 +221,7 @@ def test_the_light_outlasts_the_exposure_on_any_clock(
 ):
     """The board's clock may be 1 % off; an exposure is accepted up to the margin from its trigger.
 
-    Times are the camera's: a board whose clock is fast ends its light early.
+    Times are on the camera's clock: a board with a fast clock turns its LED off early.
     """
     info = CameraInfo(
         "m", "e", "1", 8, 8, "Mono8", 8, None, 1.0, 1e7,
@@ -233,11 +233,11 @@ def test_the_light_outlasts_the_exposure_on_any_clock(
     lit_us = exposure.hold_us / (1 + rate)
     # Clocks that differ by 1 % change the margin itself by 1 %.
     assert lit_us >= last_row_us + 0.99 * exposure.margin_us
-    # Two periods, and what is done between two flashes, by 1 %, and what the clocks state.
+    # The jitter of the clocks, and 1 % of two periods and the time between two flashes.
     period_us = max(frame_period_us, last_row_us)
     assert exposure.margin_us == pytest.approx(300 + 0.01 * (2 * period_us + 20_000))
     assert exposure.ahead_us >= min(max(settle_ms * 1000, exposure.margin_us), 1e6)
-    # Triggers of a sequence come no faster than the camera takes frames, if the clock is fast.
+    # Triggers of a sequence are not faster than the camera, even if the board's clock is fast.
     assert exposure.run_us / (1 + rate) >= period_us
 
 
@@ -258,10 +258,10 @@ def test_clocks_of_other_rates_agree(rate, offset_us):
 
 @pytest.mark.parametrize("missed", range(5))
 def test_a_missed_trigger_is_detected_at_any_place(missed):
-    """Frames come from all pulses but one; the counts do not show it."""
+    """There are frames for all pulses but one; the counts do not show this."""
     spacing = Spacing("cam")
     seen = [pulse for index, pulse in enumerate(PULSES_US) if index != missed]
-    # The first is never told from one frame alone; that is why it is held back.
+    # One frame alone does not show the loss of the first; it is therefore held back.
     wrong = max(1, missed)
     for number in range(wrong):
         spacing.check(frame(number, seen[number]), number, PULSES_US[number])
@@ -293,13 +293,13 @@ def test_the_camera_paces_the_run_if_its_line_is_wired(bench):
     assert [period.led for period in lit] == leds
     for shot, period in zip(shots, lit, strict=True):
         end_ns = shot.frame.timestamp_ns + 5_000_000
-        # Out when the exposure was over, not when the hold was.
+        # The LED turned off at the end of the exposure, not of the hold.
         assert end_ns <= period.end_ns
         assert [led_seen(replace_pixels(shot)) for shot in shots] == leds
 
 
 def replace_pixels(shot):
-    """The same frame as if it had been exposed for 1000 us."""
+    """Return the frame as if it had been exposed for 1000 us."""
     return replace(shot.frame, pixels=shot.frame.pixels // 5)
 
 

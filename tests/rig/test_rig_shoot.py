@@ -1,4 +1,4 @@
-"""Board and camera as one: the light of every frame is known, and none is left burning."""
+"""Board and camera as one rig: the LED of every frame is known, and no LED stays on."""
 
 import contextlib
 import random
@@ -77,7 +77,7 @@ def test_a_computer_that_is_too_busy_is_reported_and_the_shot_can_be_repeated(
 
 
 def late(rig, monkeypatch, seconds):
-    """Let frames come this much later than they do."""
+    """Delay frames by this time."""
     fetch = rig.camera.fetch
 
     def fetch_late(frame_id, timeout_s, waiting=None):
@@ -100,10 +100,10 @@ def test_a_frame_may_be_as_late_as_the_rig_file_allows(bench, monkeypatch):
 @pytest.mark.parametrize(
     ("settle_ms", "exposure_us", "frame_timeout_s", "hold_ms"),
     [
-        # The exposure and 1 % for the clocks; ON and OFF up to 8 times each, 250 ms a time.
-        pytest.param(4, 20_000, 2.0, 4 + 20.5 + 2000 + 4000 + 0.5, id="all that may come"),
+        # The exposure and 1 % for the clocks; ON and OFF up to 8 times each, 250 ms per time.
+        pytest.param(4, 20_000, 2.0, 4 + 20.5 + 2000 + 4000 + 0.5, id="all terms"),
         pytest.param(4.4, 20_500, 0.05, 4.4 + 21.005 + 50 + 4000 + 0.595, id="whole milliseconds"),
-        pytest.param(0, 20_000, 60.0, 60_000, id="no more than the board gives"),
+        pytest.param(0, 20_000, 60.0, 60_000, id="at most the board's limit"),
     ],
 )
 def test_the_hold_covers_the_complete_shot(
@@ -144,9 +144,9 @@ def test_the_frame_is_discarded_if_another_led_was_on(bench):
 @TRIGGERS
 @pytest.mark.parametrize("fault", ["lost", "late", "unplug"])
 def test_a_failing_camera_leaves_no_led_on(bench, trigger, fault):
-    # The board's first flash is a dark one, to compare the next with.
-    struck = 1 if trigger == "board" else 0
-    rig = bench.rig(trigger=trigger, faults={struck: fault})
+    # The board's first flash is a dark one, with which the next is compared.
+    faulty = 1 if trigger == "board" else 0
+    rig = bench.rig(trigger=trigger, faults={faulty: fault})
     with contextlib.suppress(CameraError), rig:
         with pytest.raises(CameraError) as error:
             rig.shoot(9, EXPOSURE_US)
@@ -154,18 +154,18 @@ def test_a_failing_camera_leaves_no_led_on(bench, trigger, fault):
         assert led_on(bench) is None
         assert "\n" not in str(error.value)
         if fault != "unplug":
-            assert f"frame {struck}" in str(error.value)
+            assert f"frame {faulty}" in str(error.value)
             if trigger == "board":
                 assert "Line0" in str(error.value)
                 assert "LED 9: check the wire" in str(error.value)
-            # The next frame is the next shot's, not the one that was given up.
+            # The next frame is that of the next shot, not the abandoned one.
             assert led_seen(rig.shoot(10, EXPOSURE_US).frame) == 10
     assert led_on(bench) is None
 
 
 @pytest.mark.parametrize("late_us", [2500, 5000, 9000])
 def test_noise_on_the_trigger_line_discards_the_frame(bench, late_us):
-    """A stray pulse makes a frame, and hides the real trigger from the camera that is busy."""
+    """A stray pulse produces a frame, and the busy camera misses the real trigger."""
     with bench.rig(trigger="board") as rig:
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
         bench.virtual.set_faults(BoardFault(kind="double-trigger", value=late_us))
@@ -186,7 +186,7 @@ def frame_at(time_us, frame_id=0):
 @pytest.mark.parametrize(
     ("times_us", "since_us", "said"),
     [
-        pytest.param([0, 50_000], [50_000], "", id="as it ought to be"),
+        pytest.param([0, 50_000], [50_000], "", id="correct"),
         pytest.param([0, 50_250], [50_000], "", id="a slow clock"),
         pytest.param([0, 51_000], [50_000], "50000 us apart", id="exposed later"),
         pytest.param([0, 49_000], [50_000], "something else triggered", id="exposed sooner"),
@@ -199,7 +199,7 @@ def frame_at(time_us, frame_id=0):
             [*(k * 50_250 for k in range(29)), 28 * 50_250 + 49_800],
             [50_000] * 29,
             "something else",
-            id="a rate well known makes it strict",
+            id="strict, because the rate is well known",
         ),
     ],
 )
@@ -266,8 +266,8 @@ def test_a_failing_off_does_not_hide_the_first_error(own_bench, monkeypatch):
     monkeypatch.setattr(rig.camera, "fetch", unplugged_too)
     with pytest.raises(CameraError, match="the first thing") as error, rig:
         rig.shoot(2, EXPOSURE_US)
-    told = [note.partition(": LED board on ")[0] for note in error.value.__notes__]
-    assert told[:2] == ["LEDs not confirmed off", "on closing"]
+    notes = [note.partition(": LED board on ")[0] for note in error.value.__notes__]
+    assert notes[:2] == ["LEDs not confirmed off", "on closing"]
     assert "unplugged" in error.value.__notes__[0]
 
 
@@ -299,11 +299,11 @@ def test_an_impossible_shot_is_refused_before_an_led_is_on(
 
 
 def test_a_reset_while_the_port_opens_does_not_count_as_a_restart(bench):
-    # As boards of the Arduino kind do: the boot loader hears nothing, then the clock starts at 0.
+    # Like boards of the Arduino family: the boot loader ignores commands, then the clock starts.
     bench.virtual.set_faults(BoardFault(kind="boot-loader", verb="ID", value=1500))
     with bench.rig() as rig:
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
-        # From then on it counts.
+        # A later reset counts.
         bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
         time.sleep(0.6)
         with pytest.raises(BoardError, match="restarted"):
@@ -311,7 +311,7 @@ def test_a_reset_while_the_port_opens_does_not_count_as_a_restart(bench):
 
 
 def stamped(rig, monkeypatch, stamp_ns):
-    """Let the camera state another time with its frames."""
+    """Replace the timestamps of the camera's frames."""
     fetch = rig.camera.fetch
 
     def fetched(*words, **named):

@@ -1,4 +1,4 @@
-"""Programs that are told to end, whatever they are stuck in, put out their lights first."""
+"""Programs that receive a signal to end turn their LEDs off first, even if they are stuck."""
 
 import signal
 import subprocess
@@ -11,7 +11,7 @@ import pytest
 from rig import Board
 from rig._shooting.dark import watch
 
-# Opens rigs on the ports given, with a camera that never delivers, and says when the light burns.
+# Opens rigs on these ports, with a camera that never delivers, and reports when the LED is on.
 HOST = """
 import os, signal, sys, threading, time
 import numpy as np
@@ -24,7 +24,7 @@ class Stuck:
     def trigger(self): return 0
     def expect(self): return 0
     def fetch(self, frame_id, timeout_s, waiting=None):
-        print("burning", flush=True)
+        print("lit", flush=True)
         while True:
             time.sleep(0.05)
             waiting()
@@ -52,7 +52,7 @@ ports = sys.argv[1:]
 SHOOT = "with opened(ports[0]) as rig: rig.shoot(5, 1000.0)"
 ON = "rigs = [opened(port) for port in ports]\nfor rig in rigs: rig.board.on(5, 50_000)\n"
 LOOK_ALIVE = """
-print("burning", flush=True)
+print("lit", flush=True)
 while True:
     time.sleep(0.05)
     for rig in rigs: rig.board.ping()
@@ -63,7 +63,7 @@ def start(body, *benches):
     program = HOST.replace("{body}", body)
     command = [sys.executable, "-c", program, *(bench.virtual.port for bench in benches)]
     host = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert host.stdout.readline() == "burning\n", host.stderr.read()
+    assert host.stdout.readline() == "lit\n", host.stderr.read()
     return host
 
 
@@ -78,7 +78,7 @@ def end(host):
 
 
 def went_dark(bench):
-    """Whether the light goes out before its hold, and not by the board's watchdog."""
+    """Return whether the LED turns off within 10 s, which is before the end of its hold."""
     ends = time.monotonic() + 10
     while bench.state.led(time.monotonic_ns()) is not None:
         if time.monotonic() > ends:
@@ -128,7 +128,7 @@ def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(own_bench):
         host.send_signal(signal.SIGTERM)
         assert went_dark(own_bench)
         time.sleep(0.3)
-        # Python waits for the writer, which is why nothing here may wait for Python.
+        # Python waits for the writer thread, so turning the LED off must not depend on that.
         assert host.poll() is None
     finally:
         host.kill()
@@ -157,7 +157,7 @@ def test_the_leds_of_all_rigs_of_a_program_turn_off(bench, own_bench):
 
 
 def test_a_program_that_does_not_close_turns_the_led_off(own_bench):
-    host = start(ON + "print('burning', flush=True)", own_bench)
+    host = start(ON + "print('lit', flush=True)", own_bench)
     assert end(host)[0] == 0
     assert went_dark(own_bench)
     assert trips(own_bench) == 0

@@ -1,4 +1,4 @@
-"""What proves a frame: clocks, reports and signs of life, on a clock that a test turns."""
+"""The proof of a frame: clocks, reports and signs of life, with a simulated clock."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INFO = CameraInfo("m", "e", "cam", 1, 1, "Mono8", 8, None, 1.0, 1e7)
 
 
 class Clock:
-    """A monotonic clock that goes on only while something sleeps."""
+    """A monotonic clock that advances only during sleep."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -54,18 +54,18 @@ def frame(time_us: float, frame_id: int = 0) -> CameraFrame:
 
 
 def test_signs_of_life_are_sent_five_times_a_second(clock: Clock) -> None:
-    given: list[float] = []
-    sign = SignOfLife(lambda: given.append(clock.now_s))
+    sent_s: list[float] = []
+    sign = SignOfLife(lambda: sent_s.append(clock.now_s))
     sign.sleep_until(101.01)
     assert clock.now_s == pytest.approx(101.01)
     assert max(clock.slept) <= 0.05
-    np.testing.assert_allclose(np.diff([100.0, *given]), 0.2, atol=0.051)
-    assert len(given) in (4, 5)
-    # Nothing is due, and nothing is waited for, in the past.
-    given.clear()
+    np.testing.assert_allclose(np.diff([100.0, *sent_s]), 0.2, atol=0.051)
+    assert len(sent_s) in (4, 5)
+    # Until a time in the past, nothing is due and there is no wait.
+    sent_s.clear()
     slept = len(clock.slept)
-    SignOfLife(lambda: given.append(clock.now_s)).sleep_until(50.0)
-    assert (given, len(clock.slept)) == ([], slept)
+    SignOfLife(lambda: sent_s.append(clock.now_s)).sleep_until(50.0)
+    assert (sent_s, len(clock.slept)) == ([], slept)
 
 
 def test_an_unanswered_sign_of_life_ends_the_wait(clock: Clock) -> None:
@@ -96,9 +96,9 @@ def test_the_tolerance_of_a_frame_of_a_run(off_us: float, proven: bool) -> None:
     [
         pytest.param(50_000, 100_000, None, id="as the board"),
         pytest.param(50_000, 100_700, None, id="off by less than one step allows"),
-        # From the first frame 200 us, from the one before 900 us.
-        pytest.param(49_300, 100_200, r"50900 us after frame 1", id="off from the one before"),
-        # Two steps of 0.79 ms stay within what one step allows, and not within that of both.
+        # Off by 200 us from the first frame and by 900 us from the previous one.
+        pytest.param(49_300, 100_200, r"50900 us after frame 1", id="off from the previous"),
+        # Each of two steps of 0.79 ms is within its tolerance, but not both together.
         pytest.param(50_790, 101_580, r"101580 us after frame 0", id="off from the first"),
     ],
 )
@@ -116,7 +116,7 @@ def test_a_frame_is_compared_with_the_previous_and_the_first_one(
 
 
 def test_other_earlier_frames_do_not_count() -> None:
-    """It lies 1350 us off, of 1300 us that two steps allow; the first and the last are near."""
+    """It is off by 1350 us, more than the 1300 us of two steps; the first and last are close."""
     spacing = Spacing("cam")
     for number, off_us in enumerate((0, -700, 0, 650)):
         spacing.check(frame(50_000 * number + off_us, number), number, 50_000 * number)
@@ -140,7 +140,7 @@ def test_the_tolerance_of_the_second_flash(off_us: float, proven: bool) -> None:
 
 @pytest.mark.parametrize(("off_us", "proven"), [(1399, True), (1401, False)])
 def test_the_tolerance_of_a_flash_is_limited_by_its_margin(off_us: float, proven: bool) -> None:
-    """After 200 ms the clocks leave 2300 us open, and the light lasts for 1400 us more."""
+    """After 200 ms the clocks are uncertain by 2300 us, but the margin of the light is 1400 us."""
     chain = FlashChain("cam")
     chain.begin(frame(0))
     if proven:
@@ -165,7 +165,7 @@ def test_a_known_rate_narrows_the_tolerance() -> None:
 
 
 def test_a_chain_reaches_as_far_as_the_margin(clock: Clock) -> None:
-    """The margin of 1400 us is open after 110 ms, of which one period is still to come."""
+    """The uncertainty reaches the margin of 1400 us after 110 ms, including one future period."""
     chain = FlashChain("cam")
     assert not chain.reaches(EXPOSURE)
     chain.begin(frame(0))
@@ -183,14 +183,14 @@ def test_a_chain_reaches_as_far_as_the_margin(clock: Clock) -> None:
 @pytest.mark.parametrize(
     ("count", "most", "lengths"),
     [
-        pytest.param(0, 48, [], id="none"),
+        pytest.param(0, 48, [], id="no LED"),
         pytest.param(1, 48, [1], id="one"),
-        pytest.param(48, 100, [48], id="as many as stay in step"),
+        pytest.param(48, 100, [48], id="the longest run"),
         pytest.param(49, 100, [24, 25], id="one more"),
         pytest.param(49, 48, [24, 25], id="one more than the board holds"),
         pytest.param(36, 10, [9, 9, 9, 9], id="a small board"),
         pytest.param(5, 2, [1, 2, 2], id="two at a time"),
-        pytest.param(3, 0, [1, 1, 1], id="a board that tells none"),
+        pytest.param(3, 0, [1, 1, 1], id="a board that reports 0 steps"),
     ],
 )
 def test_runs_are_few_and_even(count: int, most: int, lengths: list[int]) -> None:
@@ -200,7 +200,7 @@ def test_runs_are_few_and_even(count: int, most: int, lengths: list[int]) -> Non
 
 
 def test_the_first_gap_of_a_run_is_longer() -> None:
-    """By 5 %, and 5 ms or more: steps of 60 ms, and of 400 ms."""
+    """It is longer by 5 % and at least 5 ms: steps of 60 ms and of 400 ms."""
     for run_us, longer_us in ((60_000.0, 5000), (400_000.0, 20_000)):
         exposure = Exposure(2000, 5000.0, 45_000.0, run_us)
         steps = list(exposure.steps((3, None, 5, 0)))

@@ -10,12 +10,12 @@ from tests.rig.conformance.board import BoardUnderTest, line
 
 @check("ID returns the identity of the board")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    assert told.protocol == 2
-    assert 1 <= told.leds <= 255
-    assert told.max_hold_ms >= 1000
-    assert told.watchdog_ms == 900
-    assert told.steps >= 1
+    identity = board.identity
+    assert identity.protocol == 2
+    assert 1 <= identity.leds <= 255
+    assert identity.max_hold_ms >= 1000
+    assert identity.watchdog_ms == 900
+    assert identity.steps >= 1
 
 
 @check("no LED is on and the trigger is low from the start")
@@ -70,7 +70,7 @@ def _(board: BoardUnderTest) -> None:
         board.write(b"".join(line(seq, f"ON {led} 5000") for seq, led in pairs))
         for seq, led in zip(numbers, leds, strict=True):
             assert board.answer(seq) == f"OK ON {led} 5000"
-        # A sign of life moves the end of the light, and of no other.
+        # A sign of life extends this light and no other.
         assert board.status().led == str(leds[-1])
         seen = [event["lit"] for event in board.drain() if "lit" in event]
         assert seen[-1] == [leds[-1]], seen
@@ -174,7 +174,7 @@ def _(board: BoardUnderTest) -> None:
     assert (board.status().led, board.status().state) == ("-", "IDLE")
 
 
-# The fields in braces are one more than the board has, or gives.
+# The fields in braces are one more than the board has or allows.
 REFUSED = {
     "BLINK 7": 1,
     "on 7 100": 1,
@@ -237,7 +237,7 @@ REFUSED = {
     "DID {steps}": 7,
     "DID 256": 7,
     "DID 999999999": 7,
-    # More than one thing wrong: the order is 1, 2, 5, 7, 3, 4, 6.
+    # More than one error: the order is 1, 2, 5, 7, 3, 4, 6.
     "BLINK {leds} x": 1,
     "ON {leds} x": 2,
     "STEP {steps} {leds} x 0 0": 2,
@@ -251,17 +251,17 @@ REFUSED = {
 
 @check("refusals have the right number, repeat the command and change nothing")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
+    identity = board.identity
     board.ok("ON 3 60000")
     board.lit(3)
     for pattern, error in REFUSED.items():
         words = pattern.format(
-            leds=told.leds,
-            hold_ms=told.max_hold_ms + 1,
-            hold_us=1000 * told.max_hold_ms + 1,
-            late_us=1000 * told.max_hold_ms - 999_999,
-            steps=told.steps,
-            too_many=told.steps + 1,
+            leds=identity.leds,
+            hold_ms=identity.max_hold_ms + 1,
+            hold_us=1000 * identity.max_hold_ms + 1,
+            late_us=1000 * identity.max_hold_ms - 999_999,
+            steps=identity.steps,
+            too_many=identity.steps + 1,
         )
         assert board.ask(words) == f"E{error} {words}"
     board.no_edge(0.05)
@@ -270,13 +270,13 @@ def _(board: BoardUnderTest) -> None:
 
 @check("the limits themselves are accepted")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    last, hold_us = told.leds - 1, 1000 * told.max_hold_ms
+    identity = board.identity
+    last, hold_us = identity.leds - 1, 1000 * identity.max_hold_ms
     for words in (
-        f"ON {last} {told.max_hold_ms}",
+        f"ON {last} {identity.max_hold_ms}",
         "ON 0 1",
         f"LEVEL {last} 4095",
-        f"STEP {told.steps - 1} {last} 1000000 {hold_us - 1_000_000} 1000000",
+        f"STEP {identity.steps - 1} {last} 1000000 {hold_us - 1_000_000} 1000000",
         f"STEP 0 - 0 {hold_us} 0",
         "STEP 0 0 0 10 0",
     ):

@@ -1,4 +1,4 @@
-"""FLASH: light, pulse and darkness in time, what is reported, what is refused meanwhile."""
+"""FLASH: times of LED and pulse, the report, and commands that are refused meanwhile."""
 
 from __future__ import annotations
 
@@ -87,9 +87,9 @@ def _(board: BoardUnderTest) -> None:
             if len(answers) == 2:
                 break
         assert set(answers) == {first, second}, f"{words}: {answers}"
-        told = answers[first]
-        assert told[:3] == ["OK", "FLASH", "7"], f"{words}: {told}"
-        board.after(0, int(told[4]), hold_us)
+        reply = answers[first]
+        assert reply[:3] == ["OK", "FLASH", "7"], f"{words}: {reply}"
+        board.after(0, int(reply[4]), hold_us)
         assert answers[second][0] in ("OK", "E5"), answers
         board.ok("OFF")
         board.drain()
@@ -110,7 +110,7 @@ def _(board: BoardUnderTest) -> None:
 def _(board: BoardUnderTest) -> None:
     board.ok("STEP 0 3 0 1000 0")
     seq = board.send("FLASH 7 500000 1000000")
-    # Wrong arguments are told first, all else after.
+    # Wrong arguments are reported first, all other errors after that.
     for words in ("ON 3 100", "LEVEL 3 9", "FLASH 3 0 10", "STEP 0 3 0 10 0", "RUN 1 T"):
         assert board.ask(words) == f"E5 {words}"
     for words in ("ON 3 0", "ON 99 100", "LEVEL 3 9999", "STEP 99 3 0 10 0", "RUN 99 T"):
@@ -180,7 +180,7 @@ def _(board: BoardUnderTest) -> None:
         board.wait(200)
         board.active(up)
     active = board.answer(seq).split()[5]
-    # Twice 200 ms, and no more than all but the other two.
+    # Twice 200 ms, and at most the total time without the other two waits.
     assert 396_000 <= int(active) <= 2_600_000
-    # The next flash does not inherit it.
+    # It does not count for the next flash.
     assert board.ok("FLASH 7 0 1000").split()[3] == "-"

@@ -1,4 +1,4 @@
-"""Lines: what is read, what is ignored, what is counted, and that no damage is ever obeyed."""
+"""Lines: which are read, ignored or counted, and that damaged lines are never carried out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line, signed
 
 ON = b">00A1 ON 7 1000"
-# What each is, line ends left out: damaged, counted, not answered.
+# Damaged lines by kind, without line ends: each is counted and not answered.
 DAMAGED = {
     "no checksum": ON,
     "wrong checksum": signed(ON)[:-1] + b"!",
@@ -41,7 +41,7 @@ def _(board: BoardUnderTest) -> None:
     for number, (what, text) in enumerate(DAMAGED.items(), 1):
         board.write(text + b"\n")
         counted = board.status().faults - before
-        assert counted == number, f"{what}: counted {counted}, wanted {number}"
+        assert counted == number, f"{what}: counted {counted}, expected {number}"
     board.no_edge()
 
 
@@ -53,7 +53,7 @@ def _(board: BoardUnderTest) -> None:
         text = bytearray(whole)
         text[bit // 8] ^= 1 << bit % 8
         board.write(bytes(text))
-        # A flipped bit can make a line end, and then a piece may be empty.
+        # A flipped bit can create a line end, and then a piece may be empty.
         damaged += sum(piece not in (b"", b"\r") for piece in bytes(text).split(b"\n"))
         if bit % 8 == 7:
             assert board.status().faults - before == damaged, bytes(text)
@@ -119,7 +119,7 @@ def _(board: BoardUnderTest) -> None:
 def _(board: BoardUnderTest) -> None:
     whole = line(board.next_seq(), "ON 7 1000")
     board.write(whole[:9])
-    # It has arrived before the reset, else it would be lost on the way.
+    # Wait until it has arrived before the reset, otherwise it would be lost.
     time.sleep(0.1)
     board.order("reset")
     board.write(whole[9:])

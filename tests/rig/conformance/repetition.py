@@ -1,4 +1,4 @@
-"""Repetition: the same line again is answered again, and nothing is done again."""
+"""Repetition: a repeated line is answered again but not carried out again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _(board: BoardUnderTest) -> None:
         time.sleep(0.1)
         assert board.ask("ON 7 600", seq) == first
     board.after(on, board.lit(), 600_000)
-    # Nor does it light the LED again when it is dark.
+    # It does not turn the LED on again either.
     assert board.ask("ON 7 600", seq) == first
     board.no_edge()
     assert board.ok("OFF") == "-"

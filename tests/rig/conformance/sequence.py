@@ -18,7 +18,7 @@ def did(board: BoardUnderTest, index: int) -> list[str]:
 
 
 def wait_for(board: BoardUnderTest, state: str) -> None:
-    """Ask until the board is in a state, which also keeps its watchdog quiet."""
+    """Send STATUS until the board is in a state, which also keeps its watchdog from acting."""
     ends_s = time.monotonic() + 10
     while (status := board.status()).state != state:
         assert time.monotonic() < ends_s, status
@@ -77,13 +77,13 @@ def _(board: BoardUnderTest) -> None:
 
 @check("the maximum number of steps runs, each with its own LED")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    leds = [(7 * index) % told.leds for index in range(told.steps)]
+    identity = board.identity
+    leds = [(7 * index) % identity.leds for index in range(identity.steps)]
     load(board, *(f"{led} 200 800 3000" for led in leds))
-    assert board.ok(f"RUN {told.steps} T") == str(told.steps)
+    assert board.ok(f"RUN {identity.steps} T") == str(identity.steps)
     starts = [board.flash(led).on for led in leds]
     assert starts == sorted(starts)
-    assert [did(board, index)[1] for index in range(told.steps)] == [str(led) for led in leds]
+    assert [did(board, index)[1] for index in range(identity.steps)] == [str(led) for led in leds]
     assert board.status().state == "IDLE"
 
 
@@ -164,7 +164,7 @@ def _(board: BoardUnderTest) -> None:
         board.wait(shortest_us // 1000)
         board.active(False)
         off = board.lit()
-        assert shortest_us <= off - on < 19_000_000, "the light did not go out with the exposure"
+        assert shortest_us <= off - on < 19_000_000, "the LED did not turn off with the exposure"
         ends.append((on, off))
     board.after(ends[0][1], ends[1][0], 20_000)
     wait_for(board, "IDLE")
@@ -201,7 +201,7 @@ def _(board: BoardUnderTest) -> None:
     board.active(True)
     board.wait(20)
     board.active(False)
-    # It was up before the trigger, so its fall paces nothing.
+    # It was high before the trigger, so its fall does not count.
     board.lit()
     board.no_edge()
     assert board.status().state == "HALT"

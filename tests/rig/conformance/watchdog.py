@@ -1,4 +1,4 @@
-"""The watchdog: no LED burns on for a host that has died, no declared flash is cut."""
+"""The watchdog: no LED stays on after the host has died, and no declared flash is cut off."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def _(board: BoardUnderTest) -> None:
     light = f"ON 7 {board.identity.max_hold_ms}"
     seq = board.next_seq()
     board.ok(light, seq)
-    # Each of these is a sign of life: a repetition, what only asks, a refusal.
+    # Each of these is a sign of life: a repetition, queries, a refusal.
     for words, number in ((light, seq), ("ID", None), ("DID 0", None), ("BLINK", None)):
-        # As often as it takes for the board's clock to pass the time of the watchdog.
+        # Repeat until the watchdog time has passed on the board's clock.
         signs, passed_ms = 5, 0
         while passed_ms <= board.identity.watchdog_ms:
             start_ms = board.status().uptime_ms
@@ -47,7 +47,7 @@ def _(board: BoardUnderTest) -> None:
                 time.sleep(0.25)
                 board.ask(words, number)
             status = board.status()
-            assert (status.led, status.trips) == ("7", before.trips), f"{words} keeps no light"
+            assert (status.led, status.trips) == ("7", before.trips), f"{words} is no sign of life"
             passed_ms = status.uptime_ms - start_ms
             signs *= 2
     on = board.lit(7)
