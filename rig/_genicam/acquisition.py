@@ -126,7 +126,7 @@ class Acquisition:
         return {**self._counts.read(), "buffers": self._room.buffers}
 
     def poll(self) -> ReceivedFrame | None:
-        """Return the next frame, None if there is none at this moment.
+        """Return the next frame, None if no frame is ready.
 
         Raises
         ------

@@ -208,7 +208,7 @@ class _Judge:
 
 
 def _mean(values: Array, axis: int) -> Array:
-    """Return the mean of the known values, 0 where there are none."""
+    """Return the mean of the known values, 0 without known values."""
     known = np.isfinite(values)
     total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
     return total

@@ -80,7 +80,7 @@ def selftest(rig: Rig, *, on_shot: OnShot = lambda count: None) -> SelfTest:
     leds = tuple(led for led in range(config.leds) if led not in config.dead_leds)
     if not leds:
         raise RigError(
-            f"rig {config.name}: every LED is listed in dead_leds, so there is none to test"
+            f"rig {config.name}: every LED is listed in dead_leds, so no LED is left to test"
         )
     camera = _Camera(rig, on_shot)
     exposure_us, first = camera.metered(leds)

@@ -1,4 +1,4 @@
-"""Pixel formats: samples encoded to bytes as the standard specifies, decoded by the camera's code."""
+"""Pixel formats: samples packed as the standard specifies, decoded by the camera's code."""
 
 import numpy as np
 import pytest

@@ -77,7 +77,7 @@ def wait_until(condition, timeout_s: float) -> bool:
 
 @pytest.fixture
 def host():
-    """Return a function that starts a host program; it returns process, board's pid, bench state."""
+    """Return a function that starts a host and returns its process, board's pid and bench state."""
     started = []
 
     def start(program: str):

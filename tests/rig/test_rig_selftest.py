@@ -299,7 +299,7 @@ def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
     with (
         rig_for(rendered("coin"), config) as rig,
-        pytest.raises(RigError, match="there is none to test"),
+        pytest.raises(RigError, match="no LED is left to test"),
     ):
         selftest(rig)
 

@@ -177,7 +177,7 @@ class BoardUnderTest:
                 return
 
     def next_event(self, timeout_s: float) -> Event | None:
-        """Return the next edge, None if there is none within a time."""
+        """Return the next edge, None if no edge arrives within a time."""
         ends_s = time.monotonic() + timeout_s
         while not self._events:
             if not self._await(ends_s, self._output):
