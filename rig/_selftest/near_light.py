@@ -44,7 +44,7 @@ class Images:
 
     @property
     def mean(self) -> Array:
-        """``(B,)`` mean of the known values over the LEDs; NaN without known values or if it is 0."""
+        """``(B,)`` mean of the known values over the LEDs; NaN without known values or if 0."""
         known = np.isfinite(self.light)
         mean = np.where(known, self.light, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         return np.where(mean > 0, mean, np.nan)
