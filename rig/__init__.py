@@ -1,4 +1,4 @@
-"""The bench: LED board, camera, and the two as one rig that knows which LED lit which frame."""
+"""The bench: LED board, camera, and the rig that records which LED lit each frame."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The bench itself: the driver ``bench`` finds board and camera and opens them as a rig."""
+"""The driver ``bench``: finds the LED board and the camera and opens them as a rig."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ class BenchOptions(BaseModel):
     Parameters
     ----------
     port
-        Serial port of the LED board; ``auto`` asks all ports for it.
+        Serial port of the LED board; ``auto`` queries all ports.
     board
-        Name of the board's firmware, where several boards are plugged in.
+        Name of the board's firmware, if several boards are plugged in.
     cti
-        The camera maker's GenTL producer, a file ``*.cti``; needed for the camera.
+        The camera vendor's GenTL producer, a file ``*.cti``; needed for the camera.
     camera, model
-        Serial number or model of the camera, where several are plugged in.
+        Serial number or model of the camera, if several are plugged in.
     pixel_format
-        For instance ``Mono12``; otherwise the best that the camera has: 12 bit before all others.
+        For instance ``Mono12``; by default the best that the camera has: 12 bit before all others.
     trigger_line
-        The camera's input that the board's trigger output is wired to.
+        The camera input that is wired to the board's trigger output.
     frame_rate_hz
-        Limits the camera, where the computer does not keep up.
+        Limit of the frame rate, for a computer that is too slow.
     black_level
-        In the camera's own unit; left as it is otherwise.
+        Black level in the camera's own unit; unchanged by default.
     readout_us
-        From the first to the last row of a rolling shutter, of cameras that do not tell it.
+        Time from the first to the last row of a rolling shutter, for cameras that do not report it.
     buffer_mib
-        Memory that frames under way may take, MiB: a sequence gets a buffer for each of its frames
-        where they fit. By default 1024, or a quarter of the computer's memory where that is less.
+        Memory for pending frames, MiB: a sequence gets one buffer per frame if they fit. By default
+        1024, or a quarter of the computer's memory if that is less.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -63,29 +63,29 @@ class BenchOptions(BaseModel):
 
 
 def open_bench(config: RigConfig) -> Rig:
-    """Open the LED board and the GenICam camera of a rig file: the driver ``bench``.
+    """Open the LED board and the GenICam camera of a rig file of the driver ``bench``.
 
     Parameters
     ----------
     config
-        With the ``options`` that `BenchOptions` lists.
+        Configuration with the ``options`` that `BenchOptions` lists.
 
     Raises
     ------
     RigConfigError
-        If an option is missing or not understood.
+        If an option is missing or invalid.
     RigError
-        If board or camera are not found, do not open, or do not fit to the rig file.
+        If board or camera are not found, do not open, or do not match the rig file.
     """
     options = _options(config)
     if options.cti is None:
         raise RigConfigError(
-            f"rig {config.name}: where the camera is found has to be told: write a rig file with "
+            f"rig {config.name}: the camera's GenTL producer is missing: write a rig file with "
             'driver = "bench" and, under [options], cti = "..." (see docs/rig-and-plan-files.md)'
         )
     board = _board(config, options)
     with _given_back(board):
-        # The light first: an earlier program may have left one on, and cameras are slow to open.
+        # Before the camera: an earlier program may have left an LED on, and cameras open slowly.
         board.off()
         camera = _camera(options.cti, options)
     return Rig(board, camera, config)
@@ -97,9 +97,9 @@ def open_bench_lights(config: RigConfig) -> Lights:
     Raises
     ------
     RigConfigError
-        If an option is not understood.
+        If an option is invalid.
     RigError
-        If the board is not found, does not open, or does not fit to the rig file.
+        If the board is not found, does not open, or does not match the rig file.
     """
     return Lights(_board(config, _options(config)), config)
 
@@ -118,7 +118,7 @@ def _board(config: RigConfig, options: BenchOptions) -> Board:
     with _given_back(board):
         if options.board not in (None, board.identity.name):
             raise BoardError(
-                f"LED board on {port} is {board.identity.name}, rig {config.name} wants "
+                f"LED board on {port} is {board.identity.name}, but rig {config.name} requires "
                 f"{options.board}: correct port or board in the rig file"
             )
     return board
@@ -126,7 +126,7 @@ def _board(config: RigConfig, options: BenchOptions) -> Board:
 
 @contextlib.contextmanager
 def _given_back(board: Board) -> Iterator[None]:
-    """Close the board where something fails."""
+    """Close the board if the block raises."""
     try:
         yield
     except BaseException as error:
@@ -135,7 +135,7 @@ def _given_back(board: Board) -> Iterator[None]:
 
 
 def _camera(cti: str, options: BenchOptions) -> Camera:
-    # harvesters takes a while to import; who only asks for options is spared it.
+    # Imported here because harvesters takes a while to import.
     from rig._genicam.camera import open_genicam
 
     return open_genicam(

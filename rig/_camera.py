@@ -1,4 +1,4 @@
-"""What a camera must be able to do for a rig."""
+"""The interface that a rig requires of a camera."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ Trigger = Literal["software", "line"]
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """What a camera is.
+    """Identity and properties of a camera.
 
     Parameters
     ----------
     vendor, model, serial
-        As the camera states them.
+        As the camera reports them.
     width, height
         Size of a frame in pixels.
     pixel_format
         Name of the format in the GenICam naming convention, for instance Mono12.
     bit_depth
-        Significant bits of a sample; they sit at the low end of the 16.
+        Significant bits of a sample; they are the low bits of the 16.
     cfa
         Colour filter pattern of the first pixels, row by row ("RGGB"), None for monochrome.
     exposure_min_us, exposure_max_us
         Range of exposure times, microseconds.
     shutter
-        "rolling" where the rows are exposed one after the other.
+        "rolling" if the rows are exposed one after the other.
     readout_us
-        With a rolling shutter, the time from the start of the first row's exposure to that of the
-        last row's: the light has to cover the exposure and this. 0 with a global shutter.
+        With a rolling shutter, the time from the start of the first row's exposure to the start of
+        the last row's: the light has to cover the exposure plus this time. 0 with a global shutter.
     trigger_delay_us
-        From the trigger to the start of the exposure.
+        Time from the trigger to the start of the exposure.
     frame_period_us
-        Least time between two triggers at the exposure set last, 0 where it is not known.
+        Least time between two triggers at the current exposure time, 0 if it is not known.
     turned_off
-        What the camera did to its pictures by itself until it was opened: names of nodes.
+        Names of the nodes for image processing in the camera that were on when it was opened.
     """
 
     vendor: str
@@ -67,15 +67,15 @@ class CameraFrame:
     Parameters
     ----------
     pixels
-        ``(H, W)`` uint16, raw samples aligned at the low end.
+        ``(H, W)`` uint16, raw samples in the low bits.
     frame_id
-        The count of triggers since the camera was opened, checked against the device's own.
+        Number of the trigger since the camera was opened, checked against the device's own count.
     timestamp_ns
-        The camera's own clock at the start of the exposure; 0 where it tells no time.
+        The camera's own clock at the start of the exposure; 0 if it reports no time.
     exposure_us, gain_db
-        What the frame was taken with, as read back from the camera.
+        Exposure time and gain of the frame, as read back from the camera.
     temperature_c
-        Of the sensor, None where the camera does not tell.
+        Temperature of the sensor, None if the camera does not report it.
     """
 
     pixels: npt.NDArray[np.uint16]
@@ -89,50 +89,51 @@ class CameraFrame:
 class Camera(Protocol):
     """A camera that takes one frame per trigger. Every method raises `CameraError`.
 
-    Ids count triggers from 0 while the camera is open, whatever the device's own count does. After
-    a failed `fetch` all that is under way is drained before the next trigger: the frame of one
-    trigger is never taken for that of another.
+    Ids count triggers from 0 while the camera is open, independently of the device's own count.
+    After a failed `fetch` all pending frames are discarded before the next trigger, so that the
+    frame of one trigger is never mistaken for that of another.
     """
 
     @property
     def info(self) -> CameraInfo:
-        """What the camera is."""
+        """Identity and properties of the camera."""
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        """Set exposure and gain, armed or not, and return the exposure read back.
+        """Set exposure time and gain, armed or not, and return the exposure time as read back.
 
-        A value outside the camera's range is refused; the message says the range.
+        A value outside the camera's range is refused; the message states the range.
         """
 
     def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
-        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten.
+        """Prepare for triggers of one kind. Frames of earlier triggers are discarded.
 
-        ``frames`` is how many may be under way at once: the camera keeps room for so many, as far
-        as memory allows. Left out by callers that need only one.
+        ``frames`` is the number of frames that may be pending at once: the camera reserves room for
+        them as far as memory allows.
         """
 
     def trigger(self) -> int:
-        """Start one exposure by software and return, at once, the id that its frame will carry."""
+        """Start one exposure by software and return at once the id that its frame will have."""
 
     def expect(self) -> int:
-        """Announce one pulse on the trigger line and return the id that its frame must carry.
+        """Announce one pulse on the trigger line and return the id that its frame must have.
 
-        May be called several times ahead; the pulses then belong to the ids in their order. Only
-        pulses after `arm`, or after the first `expect` that follows a failed `fetch`, count.
+        It may be called several times in advance; the pulses then belong to the ids in their order.
+        Only pulses after `arm`, or after the first `expect` that follows a failed `fetch`, count.
         """
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        """Wait for the frame of this id; older ones that arrive late are thrown away.
+        """Wait for the frame with this id; older frames that arrive late are discarded.
 
-        When it does not come in time, the message names the frame, the time waited and, where the
-        trigger is a line, the line. ``waiting`` is called at least every 200 ms meanwhile; what it
-        raises ends the wait. Until the next trigger the same frame may be asked for again.
+        If it does not arrive in time, the message names the frame, the time waited and, if the
+        trigger is a line, the line. ``waiting`` is called at least every 200 ms meanwhile; an
+        exception from it ends the wait. The same frame may be requested again until the next
+        trigger.
         """
 
     def disarm(self) -> None:
-        """Stop taking triggers."""
+        """Stop accepting triggers."""
 
     def close(self) -> None:
-        """Give the camera back; closing twice does nothing."""
+        """Release the camera; closing twice does nothing."""

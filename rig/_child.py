@@ -1,4 +1,4 @@
-"""How this project starts a Python process of its own."""
+"""Commands that run a module of this project in a separate Python process."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 _ROOT = str(Path(__file__).parents[1])
-# The module search path comes first, so that the module is looked for nowhere else.
+# The module search path is set first, so that the module is searched for nowhere else.
 _RUN = (
     "import runpy, sys\n"
     "sys.path[:] = sys.argv[1].split('\\n')\n"
@@ -18,29 +18,29 @@ _RUN = (
 
 
 def module_command(module: str, *arguments: object) -> list[str]:
-    """Return the command that runs a module of this project in a process of its own.
+    """Return the command that runs a module of this project in a separate process.
 
-    The process imports from where this one does, but not from the working directory: a `rig.py` or
-    `numpy.py` that lies there is not ours to run. `python -m` would look there first.
+    The process imports from the same folders as this one, but not from the working directory, so
+    that it does not run a `rig.py` or `numpy.py` there. `python -m` would search there first.
 
     Parameters
     ----------
     module
-        Its full name.
+        Full name of the module.
     arguments
-        Command line arguments, turned into text.
+        Command line arguments, converted to text.
 
     Returns
     -------
     list[str]
-        For `subprocess.Popen`.
+        Arguments for `subprocess.Popen`.
     """
     path = "\n".join(_search_path())
     return [sys.executable, "-P", "-c", _RUN, path, module, *map(str, arguments)]
 
 
 def _search_path() -> list[str]:
-    """Return ``sys.path`` without the working directory, unless this project lies there."""
+    """Return ``sys.path`` without the working directory, unless this project is there."""
     try:
         here = os.getcwd()
     except FileNotFoundError:  # it was removed

@@ -1,4 +1,4 @@
-"""What pydantic objects to, in one line for people."""
+"""Validation errors of pydantic as one readable line."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ _MOST = 3
 
 
 def complaints(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
-    """Return what pydantic objects to, unknown names before others, as one line.
+    """Return the errors that pydantic found as one line, unknown names first.
 
     Parameters
     ----------
     error
-        What a model raised.
+        Exception raised by a model.
     noun
-        What a field is called where it comes from: a key of a file, an option.
+        What users call a field: a key of a file, an option.
     known
-        Names that an unknown one at the top may have been meant for.
+        Valid names at the top level, listed if an unknown one is found there.
 
     Returns
     -------
     str
-        Up to three complaints: which field (``lights.1.id`` where it is nested), what is wrong with
-        it, its value where that is short. Then how many more there are.
+        Up to three complaints, each with the field (``lights.1.id`` if nested), what is wrong with
+        it, and its value if that is short; then the number of further complaints.
     """
     errors = error.errors(include_url=False)
-    # A list counts as too short by its items that are wrong: those have been told.
+    # A list with invalid items is also reported as too short: the items are enough.
     lists = {one["loc"][:-1] for one in errors}
     errors = [one for one in errors if one["type"] != "too_short" or one["loc"] not in lists]
-    # A misspelt key is both unknown and missing: the unknown one says which word to mend.
+    # A misspelt key is both unknown and missing: the unknown one shows which word to correct.
     errors.sort(key=lambda one: one["type"] != "extra_forbidden")
     said = [_said(one, noun) for one in errors[:_MOST]]
     if errors[0]["type"] == "extra_forbidden" and len(errors[0]["loc"]) == 1 and known:

@@ -1,4 +1,4 @@
-"""What a rig file (rig.toml) says."""
+"""The content of a rig file (rig.toml)."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from rig._errors import RigConfigError, RigNotFoundError
 from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._mounting import Mounting
 
-# A dome of 100 m would do for a hangar.
+# A limit of 100 m is larger than any dome.
 _Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
 
 
 class RigConfig(BaseModel):
-    """One rig: which driver opens it, and what the driver and the controller need to know.
+    """Configuration of one rig: its driver, and the settings of the driver and the controller.
 
     Parameters
     ----------
     name
-        What people call the rig; recorded with every session.
+        Name of the rig; recorded with every session.
     driver
         Entry point of the group ``sgp.rigs`` that opens it.
     leds
-        How many LEDs there are, counted from 0.
+        Number of LEDs, counted from 0.
     settle_ms
-        From the board's confirmation that an LED is on to the trigger, 0 to 1000.
+        Time from the board's confirmation that an LED is on to the trigger, 0 to 1000.
     dead_leds
         LEDs known to be broken; shooting with one is refused.
     led_positions_mm
-        Where each LED is, ``(x, y, z)`` in the house's frame, one for every LED or none at all.
-        The self-test needs them to tell LEDs that are swapped.
+        Position of each LED, ``(x, y, z)`` in the frame of the upright image, either for every LED
+        or for none. The self-test needs them to detect swapped LEDs.
     trigger
-        Who starts an exposure: ``software``, this program by a command to the camera; ``board``,
-        the LED board by a pulse on a wire.
+        What starts an exposure: ``software``, a command from this program to the camera; ``board``,
+        a pulse from the LED board on a wire.
     exposure_active
         Whether the camera's exposure-active output is wired to the board.
     frame_period_ms
-        Least time between two exposures, where the camera does not tell it; 0 for not known.
+        Least time between two exposures, for a camera that does not report it; 0 if not known.
     frame_timeout_s
         How long after the end of an exposure its frame may arrive, up to 60.
     mounting
         How the camera is mounted.
     options
-        Handed to the driver, which checks them.
+        Options for the driver, which checks them.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -74,7 +74,7 @@ class RigConfig(BaseModel):
                 f"led_positions_mm has {len(self.led_positions_mm)} positions for {self.leds} LEDs"
             )
         if len(set(self.led_positions_mm)) < len(self.led_positions_mm):
-            raise ValueError("led_positions_mm has two LEDs at one place")
+            raise ValueError("led_positions_mm has two LEDs at the same position")
         return self
 
 
@@ -86,7 +86,7 @@ def read_rig_config(path: Path) -> RigConfig:
     RigNotFoundError
         If there is no such file.
     RigConfigError
-        If it cannot be read, is not TOML, or holds a key or value that is not understood.
+        If it cannot be read, is not TOML, or contains an unknown key or an invalid value.
     """
     try:
         content = parse_toml(read_bounded(path, MAX_TOML_BYTES))

@@ -1,10 +1,11 @@
-"""Ends the program on a signal by an exception, where an exception does no harm.
+"""Ends the program on a signal by an exception, raised when it does no harm.
 
 Python runs signal handlers between any two steps of the program. An exception that a handler
-raises inside a compiler or an import can do damage that `finally` does not repair: raised just
-after LLVM has linked one module into another, it leaves llvmlite owning memory that LLVM has freed,
-and the process dies of a segmentation fault when that is released. Raised in a finalizer, it is
-reported and ignored. So the exception waits until the main thread has left such code.
+raises inside a compiler or an import can do damage that `finally` does not repair: if it is raised
+just after LLVM has linked one module into another, llvmlite still owns memory that LLVM has freed,
+and the process dies of a segmentation fault when that memory is released. If it is raised in a
+finalizer, it is reported and ignored. The exception therefore waits until the main thread has left
+this code.
 """
 
 from __future__ import annotations
@@ -15,27 +16,27 @@ import threading
 import time
 from types import FrameType
 
-# The exit code of a program that a signal has ended is so much more than the signal's number.
+# Added to the number of the signal in the exit code of a program that a signal has ended.
 SIGNALLED = 128
 
 _COMPILERS = ("numba", "llvmlite")
-# Imports that fail half-way and callbacks of the garbage collector, which swallow exceptions.
+# Imports, which would fail half-way, and garbage collector callbacks, which swallow exceptions.
 _BRIEF = ("importlib", "_frozen_importlib", "_frozen_importlib_external", "weakref")
 _FINALIZER = "__del__"
-# A whole program may be running inside an import; a compiler always ends.
+# An import may run an entire program, so the wait is limited; a compiler always ends.
 _BRIEF_PATIENCE_S = 3.0
 _AGAIN_EVERY_S = 0.1
 
 
 class _Waiting:
-    """A signal whose exception waits, and the thread that sends it again."""
+    """A signal whose exception is delayed, and the thread that sends the signal again."""
 
     def __init__(self, number: int) -> None:
         self.number = number
         self.since_s = time.monotonic()
         self.sent_again = False
         self.over = False
-        # A daemon: the end of the program does not wait for it.
+        # A daemon thread: the end of the program does not wait for it.
         threading.Thread(target=self._send_again, daemon=True).start()
 
     def _send_again(self) -> None:
@@ -55,16 +56,16 @@ _waiting: _Waiting | None = None
 
 
 def end_program(number: int, frame: FrameType | None) -> None:
-    """Handle a signal that ends the program; for `signal.signal`.
+    """Handle a signal that ends the program; a handler for `signal.signal`.
 
-    Raises KeyboardInterrupt for SIGINT and SystemExit with 128 + number for others: at once, or as
-    soon as the main thread has left a compiler (numba), an import or a finalizer. A second signal
-    while the first one waits ends the process by the signal's default action.
+    Raises KeyboardInterrupt for SIGINT and SystemExit with 128 + number for other signals, either
+    immediately or as soon as the main thread has left a compiler (numba), an import or a finalizer.
+    A second signal during this wait ends the process by the signal's default action.
 
     Parameters
     ----------
     number, frame
-        As Python gives them to a handler.
+        As Python passes them to a handler.
     """
     global _waiting
     waiting = _waiting
@@ -84,7 +85,7 @@ def end_program(number: int, frame: FrameType | None) -> None:
 
 
 def end_later(number: int) -> None:
-    """Send a signal to the main thread in a moment, as if it came then; for exceptions lost."""
+    """Send a signal to the main thread in a moment; for use when its exception was lost."""
     global _waiting
     _waiting = _waiting or _Waiting(number)
 

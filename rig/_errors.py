@@ -1,4 +1,4 @@
-"""What can go wrong on the bench. Every message says what, where and what to do, in one line."""
+"""Errors of the bench. Every message states in one line what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Self
 
 
 class RigError(RuntimeError):
-    """The rig cannot do what was asked (exit code 3 at the front door)."""
+    """The rig cannot do what was requested (exit code 3 of the command line)."""
 
 
 class BoardError(RigError):
@@ -15,26 +15,26 @@ class BoardError(RigError):
 
 
 class CameraError(RigError):
-    """The camera failed; the message names the node or the frame that was awaited."""
+    """The camera failed; the message names the node or the expected frame."""
 
 
 class CameraGoneError(CameraError):
-    """The camera does not answer any more."""
+    """The camera no longer answers."""
 
 
 class FrameLostError(CameraError):
     """The frame of a trigger is missing, incomplete, or not proven to be of that trigger.
 
-    Neither the object nor the light is at fault, so the shot may simply be taken again.
+    The cause is neither the object nor the light, so the shot may simply be taken again.
 
     Parameters
     ----------
     message
         What happened.
     counts
-        What the camera's stream has counted since acquisition was started, as far as its GenTL
-        producer counts: frames ``started``, ``delivered``, and ``underrun``, those that found no
-        free buffer; and ``buffers``, how many there are.
+        Counters of the camera's stream since acquisition was started, as far as its GenTL producer
+        has them: frames ``started``, ``delivered``, and ``underrun`` (those that found no free
+        buffer); and ``buffers``, the number of buffers.
     """
 
     def __init__(self, message: str, counts: Mapping[str, int] | None = None) -> None:
@@ -43,30 +43,30 @@ class FrameLostError(CameraError):
 
     @property
     def host_is_slow(self) -> bool:
-        """Whether frames found no free buffer: this computer did not return them in time."""
+        """Whether frames found no free buffer because this computer did not return any in time."""
         return self.counts.get("underrun", 0) > 0
 
     def because(self, more: str) -> Self:
-        """Return the same error with more to say."""
+        """Return the same error with an addition to its message."""
         return type(self)(f"{self}; {more}", self.counts)
 
 
 class FrameTimeoutError(FrameLostError):
-    """A frame did not come in time, and the camera has nothing to say about it."""
+    """A frame did not arrive in time, and the camera reports no reason."""
 
 
 class RigConfigError(RigError, ValueError):
-    """A rig file or rig name is not understood."""
+    """A rig file or rig name is invalid."""
 
 
 class RigNotFoundError(RigConfigError):
-    """There is no rig of this name, or no such rig file (exit code 2 at the front door)."""
+    """There is no rig of this name, or no such rig file (exit code 2 of the command line)."""
 
 
 def note(error: BaseException, what: str, failure: Exception) -> None:
-    """Tell of a failure, and of what it notes itself, beside the error that came first.
+    """Add a later failure and its notes to the error that was raised first.
 
-    That a camera which is gone cannot be closed either is nothing new.
+    If both report that the camera no longer answers, nothing is added.
     """
     if isinstance(error, CameraGoneError) and isinstance(failure, CameraGoneError):
         return
@@ -75,7 +75,7 @@ def note(error: BaseException, what: str, failure: Exception) -> None:
 
 
 def close_after(error: BaseException, close: Callable[[], object]) -> None:
-    """Close something on the way out of an error, which stays the one that is told."""
+    """Close something while an error is handled; a failure is added to that error as a note."""
     try:
         close()
     except Exception as failure:  # noqa: BLE001

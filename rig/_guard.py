@@ -1,8 +1,8 @@
-"""The guard of every reader: what a file may ask for, and how a reader says that it asks too much.
+"""Checks for all readers of files: limits for their content, and one error if it is unreadable.
 
-A file that somebody else wrote or damaged is judged here before a parser sees it: it is a regular
-file, not too large, not nested too deeply, and its numbers can be numbers. What a parser raises all
-the same becomes one error, which each room turns into its own (decision 13).
+A file that may be damaged or of another origin is checked here before a parser reads it: it must be
+a regular file, not too large, not nested too deeply, and its numbers not too long. Exceptions of a
+parser become one error, which each package converts to its own (decision 13).
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from typing import Any, Final
 
 # A plan of 60,000 LEDs has 0.4 MB, a session.toml with 4096 lights has 1 MB.
 MAX_TOML_BYTES: Final = 2 << 20
-# Lights, cameras, and notes of an export: 60,000 lights have 10 MB.
+# Files of lights and cameras, and notes of an export: 60,000 lights have 10 MB.
 MAX_TEXT_BYTES: Final = 16 << 20
-# Files of pixels, vertices and arrays, which are limited by what they declare, too.
+# Files of pixels, vertices and arrays, which are also limited by the size that they declare.
 MAX_BINARY_BYTES: Final = 16 << 30
 MAX_NESTING: Final = 32
-# More than a double has, and fewer than Python takes a second or an error for.
+# More than a double has, and few enough that Python converts them quickly and without an error.
 MAX_DIGITS: Final = 300
 MAX_PIXELS: Final = 200_000_000
-# Deflate reaches 1032; the few codecs that pack an even image more densely have the rest.
+# Deflate reaches 1032; `_SMALL_BYTES` allows for codecs that pack a uniform image more densely.
 _MAX_EXPANSION: Final = 1032
 _SMALL_BYTES: Final = 32 << 20
 
-# Strings, comments, brackets, what ends a dotted key, and the words between: all of TOML and JSON.
+# Tokens of TOML and JSON: strings, comments, brackets, ends of dotted keys, and words.
 _TOKEN = re.compile(
     r'"""[^"\\]*(?:(?:\\.|"(?!""))[^"\\]*)*"""'
     r"|'''.*?'''"
@@ -47,8 +47,8 @@ _TOKEN = re.compile(
 )
 _LONG_NUMBER = re.compile(rf"\d[\da-fx_]{{{MAX_DIGITS}}}", re.IGNORECASE)
 
-# What the parsers at hand have been seen to raise when they were given damaged bytes. Errors of
-# their own classes are named where they are called.
+# Exceptions that the parsers in use have been seen to raise for damaged bytes. Their own exception
+# classes are passed in by the callers.
 _PROVOKED: Final[tuple[type[Exception], ...]] = (
     ArithmeticError,
     AssertionError,
@@ -74,30 +74,30 @@ _BINARY: Final = getattr(os, "O_BINARY", 0)
 
 
 class UnreadableError(ValueError):
-    """A file that is not what its reader takes. The message does not name the file."""
+    """A file that its reader cannot accept. The message does not name the file."""
 
 
 def read_bounded(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
-    """Return the bytes of a regular file, links followed, that is not too large.
+    """Return the bytes of a regular file of limited size; links are followed.
 
     Raises
     ------
     FileNotFoundError
-        If there is none.
+        If there is no such file.
     UnreadableError
-        If it cannot be read, is no regular file, which might never end, or has more bytes.
+        If it cannot be read, is not a regular file (and might never end), or has more bytes.
     """
     data, size = read_head(path, most_bytes)
     if size > most_bytes:
         raise UnreadableError(
-            f"larger than {most_bytes >> 20} MB, the most that a file of its kind has: is it the "
+            f"larger than {most_bytes >> 20} MB, the limit for a file of this kind: is it the "
             "right file?"
         )
     return data
 
 
 def read_head(path: Path, count: int) -> tuple[bytes, int]:
-    """Return the first bytes of a regular file and its size; errors as of `read_bounded`."""
+    """Return the first bytes of a regular file and its size; raises as `read_bounded`."""
     try:
         # Opening a pipe for reading would wait for its writer.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
@@ -107,7 +107,7 @@ def read_head(path: Path, count: int) -> tuple[bytes, int]:
                 raise IsADirectoryError
             if not stat.S_ISREG(status.st_mode):
                 raise UnreadableError("not a regular file: put the file itself there")
-            # A buffer of the size that is asked for is made at once.
+            # read() allocates the requested size immediately, so limit it to the file's size.
             return file.read(min(count, status.st_size)), status.st_size
     except (FileNotFoundError, NotADirectoryError) as error:
         raise FileNotFoundError(str(path)) from error
@@ -121,7 +121,7 @@ def read_head(path: Path, count: int) -> tuple[bytes, int]:
 
 
 def check_text(text: str) -> None:
-    """Refuse a TOML or JSON text that a parser would choke on, in one pass.
+    """Refuse, in one pass, a TOML or JSON text that would overload a parser.
 
     Raises
     ------
@@ -144,12 +144,12 @@ def check_text(text: str) -> None:
                 if len(word) > MAX_DIGITS and _LONG_NUMBER.search(word):
                     line = text.count("\n", 0, token.start()) + 1
                     raise UnreadableError(
-                        f"line {line}: a number of more than {MAX_DIGITS} digits: correct it"
+                        f"line {line}: a number has more than {MAX_DIGITS} digits: correct it"
                     )
         if max(depth, dots) > MAX_NESTING:
             line = text.count("\n", 0, token.start()) + 1
             raise UnreadableError(
-                f"line {line}: nested more than {MAX_NESTING} deep: is it the right file?"
+                f"line {line}: nested more than {MAX_NESTING} levels deep: is it the right file?"
             )
 
 
@@ -159,7 +159,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     Raises
     ------
     UnreadableError
-        If they are not UTF-8 or not TOML, or see `check_text`.
+        If they are not UTF-8 or not TOML, or if `check_text` refuses them.
     """
     with refusing("is not TOML"):
         text = data.decode("utf-8")
@@ -168,7 +168,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
 
 def parse_json(data: bytes | str) -> Any:
-    """Parse a JSON text. Errors are those of `parse_toml`."""
+    """Parse a JSON text; raises as `parse_toml`."""
     with refusing("is not JSON"):
         text = data if isinstance(data, str) else data.decode("utf-8")
         check_text(text)
@@ -178,30 +178,30 @@ def parse_json(data: bytes | str) -> Any:
 def check_pixels(
     width: int, height: int, pixel_bits: int, file_bytes: int, max_pixels: int = MAX_PIXELS
 ) -> None:
-    """Refuse an image before it is decoded if it declares more pixels than it should.
+    """Refuse an image before it is decoded if it declares more pixels than allowed.
 
     Parameters
     ----------
     width, height
-        As the header declares them.
+        Size as the header declares it.
     pixel_bits
-        Of one pixel as the file stores it, all channels.
+        Bits of one pixel as the file stores it, all channels.
     file_bytes
         Size of the file.
     max_pixels
-        The most that the caller expects.
+        Largest number of pixels that the caller allows.
 
     Raises
     ------
     UnreadableError
-        If there are none, more than ``max_pixels``, or far more than the file can hold.
+        If there are no pixels, more than ``max_pixels``, or far more than the file can hold.
     """
     if width < 1 or height < 1:
         raise UnreadableError(f"an image of {width} x {height} pixels: its header is damaged")
     if width * height > max_pixels:
         raise UnreadableError(
-            f"an image of {width} x {height} pixels, {max_pixels} are allowed: if it is to be so "
-            "large, raise the limit on pixels"
+            f"an image of {width} x {height} pixels, {max_pixels} are allowed: if the size is "
+            "correct, raise the limit on pixels"
         )
     if width * height * pixel_bits // 8 > _SMALL_BYTES + _MAX_EXPANSION * file_bytes:
         raise UnreadableError(
@@ -212,17 +212,17 @@ def check_pixels(
 
 @contextmanager
 def refusing(what: str, *own: type[Exception]) -> Iterator[None]:
-    """Turn whatever a parser raises over damaged bytes into an `UnreadableError`.
+    """Convert any exception that a parser raises for damaged bytes to an `UnreadableError`.
 
-    Nothing but the call of the parser belongs into the block: an error of ours would pass as one of
-    the file.
+    The block should contain only the call of the parser: an error in other code would be reported
+    as an error of the file.
 
     Parameters
     ----------
     what
-        What the file is then, such as ``is not TOML``; the parser's reason follows.
+        Beginning of the message, for instance ``is not TOML``; the parser's reason follows.
     own
-        Error classes of the parser's own.
+        Exception classes of the parser.
     """
     try:
         yield
@@ -231,10 +231,10 @@ def refusing(what: str, *own: type[Exception]) -> Iterator[None]:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return what a parser has to say about a file, as part of one line."""
+    """Return a parser's reason as part of one line."""
     match error:
         case MemoryError():
-            return "it asks for more memory than there is"
+            return "it needs more memory than there is"
         case RecursionError():
             return "nested too deeply"
     reason = error.args[0] if error.args else ""

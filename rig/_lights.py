@@ -1,4 +1,4 @@
-"""The LED board of a rig by itself: lights without a camera."""
+"""The LED board of a rig without the camera."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from rig._shooting.dark import watch
 
 
 class Lights:
-    """The open LED board of a rig, dark at first and when it is closed again.
+    """The open LED board of a rig; all LEDs are off after opening and after closing.
 
-    It is closed on leaving its ``with``, on `close`, or at interpreter exit. While it is open,
-    signals that end the program turn the LEDs off first (`rig._shooting.dark`).
+    It is closed at the end of its ``with`` block, by `close`, or at interpreter exit. While it is
+    open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
 
     Parameters
     ----------
     board
         Open board.
     config
-        What is known about the rig.
+        Configuration of the rig.
     closing
-        What `close` does, in this order; by default it turns the LEDs off and gives the board back.
+        Functions that `close` calls, in this order; by default it turns the LEDs off and closes the
+        board.
 
     Raises
     ------
     BoardError
-        If the board has not the LED count of the configuration or does not answer; all has been
-        closed then.
+        If the board's LED count differs from the configuration or the board does not answer;
+        everything has been closed then.
     """
 
     def __init__(
@@ -45,8 +46,8 @@ class Lights:
         try:
             if board.identity.leds != config.leds:
                 raise BoardError(
-                    f"LED board on {board.port} has {board.identity.leds} LEDs, rig {config.name} "
-                    f"is said to have {config.leds}: correct the rig file"
+                    f"LED board on {board.port} has {board.identity.leds} LEDs, but rig "
+                    f"{config.name} is configured with {config.leds}: correct the rig file"
                 )
             board.off()
         except BaseException as error:
@@ -55,7 +56,7 @@ class Lights:
         atexit.register(self.close)
 
     def close(self) -> None:
-        """Turn the LEDs off and give back what was handed over; closing twice does nothing.
+        """Turn the LEDs off and close board and camera; closing twice does nothing.
 
         Raises
         ------
@@ -63,7 +64,7 @@ class Lights:
             The first failure, after everything has been closed as far as possible.
         """
         first: Exception | None = None
-        # A step leaves the list when it is done, so that a close cut short can be taken up again.
+        # A step is removed when it is done, so that an interrupted close can be resumed.
         while self._closing:
             try:
                 self._closing[0]()

@@ -1,4 +1,4 @@
-"""How the camera is mounted: what has to be done to its frames until they stand upright."""
+"""The mounting of the camera: how to turn its frames upright."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 class Mounting(BaseModel):
-    """How stored frames become upright: mirrored left to right first, then turned clockwise.
+    """How to make stored frames upright: mirror them left to right first, then turn them clockwise.
 
-    Upright is the house's frame: X right, Y up, as the LED positions and the camera model have it.
+    The upright frame has X right and Y up, like the LED positions and the camera model.
 
     Parameters
     ----------
     rotation_deg
-        By how much a frame is turned clockwise: 0, 90, 180 or 270.
+        Angle by which a frame is turned clockwise: 0, 90, 180 or 270.
     mirror
-        Whether it is mirrored left to right before that, as behind a mirror.
+        Whether the frame is mirrored left to right before that, as for a camera behind a mirror.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -31,7 +31,7 @@ class Mounting(BaseModel):
     mirror: bool = False
 
     def upright(self, pixels: npt.NDArray[_Scalar]) -> npt.NDArray[_Scalar]:
-        """Return a frame ``(H, W)`` or ``(H, W, 3)`` as one sees it."""
+        """Return a frame ``(H, W)`` or ``(H, W, 3)`` upright."""
         seen = pixels[:, ::-1] if self.mirror else pixels
         return np.ascontiguousarray(np.rot90(seen, -self.rotation_deg // 90))
 
@@ -41,7 +41,7 @@ class Mounting(BaseModel):
         return np.ascontiguousarray(seen[:, ::-1] if self.mirror else seen)
 
     def upright_shape(self, shape: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the shape that `upright` gives a frame of this shape, and `stored` likewise."""
+        """Return the shape that `upright` or `stored` gives a frame of this shape."""
         height, width, *rest = shape
         return (width, height, *rest) if self.rotation_deg in (90, 270) else shape
 
@@ -53,25 +53,25 @@ class Mounting(BaseModel):
         cfa
             Colours of the square block that repeats, row by row from the top left of the frame.
         size
-            (H, W) of the frame as stored: whether a side is a whole number of blocks matters.
+            (H, W) of the frame as stored; it matters whether a side is a multiple of the block.
 
         Raises
         ------
         ValueError
-            If the block is no square.
+            If the block is not square.
         """
         return _pattern(self.upright(_mosaic(cfa, size)), cfa)
 
     def stored_cfa(self, cfa: str, size: tuple[int, int]) -> str:
-        """Return the pattern of the frame as stored, from that of an upright image of this size."""
+        """Return the pattern of the frame as stored, given that of its upright image."""
         return _pattern(self.stored(_mosaic(cfa, size)), cfa)
 
 
 def _mosaic(cfa: str, size: tuple[int, int]) -> npt.NDArray[np.str_]:
-    """Return the smallest mosaic whose borders lie in the pattern as those of the frame do."""
+    """Return the smallest mosaic whose borders cut the pattern as those of the frame do."""
     side = isqrt(len(cfa))
     if side * side != len(cfa):
-        raise ValueError(f"the colour filter pattern {cfa} is no square block")
+        raise ValueError(f"the colour filter pattern {cfa} is not a square block")
     block = np.array(list(cfa)).reshape(side, side)
     more: Any = [(0, length % side) for length in size]
     return np.pad(block, more, mode="wrap")

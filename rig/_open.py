@@ -1,4 +1,4 @@
-"""Rigs by name or by rig file."""
+"""Opening of rigs by name or by rig file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BENCH = "bench"
 
 
 def rig_names() -> tuple[str, ...]:
-    """Return the names of the rigs that are installed."""
+    """Return the names of the installed rigs."""
     return tuple(sorted(entry_points(group=DRIVERS).names))
 
 
@@ -27,15 +27,15 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     Parameters
     ----------
     name_or_path
-        A name of the entry-point group ``sgp.rigs``, or else the path of a rig file; what has a
-        folder or the suffix ``.toml`` is taken for a path.
+        A name of the entry-point group ``sgp.rigs``, or the path of a rig file; a text with a
+        folder or the suffix ``.toml`` is interpreted as a path.
 
     Raises
     ------
     RigNotFoundError
         If there is no such name or file.
     RigConfigError
-        If the file is not understood.
+        If the file is invalid.
     RigError
         If the rig does not open.
     """
@@ -44,12 +44,12 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
 
 
 def open_lights(name_or_path: str = "simulated") -> Lights:
-    """Open a rig for its LEDs only: of the driver ``bench`` the board alone, without its camera.
+    """Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
 
     Parameters
     ----------
     name_or_path
-        See `open_rig`; the name ``bench`` stands for the one board that any port has.
+        See `open_rig`; the name ``bench`` stands for the only board on any port.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Board and camera as one: every frame knows its LED, and no LED is left burning."""
+"""LED board and camera as one rig: the LED of every frame is known, and no LED stays on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rig._shooting.wires import Wires, try_wires
 
 
 class Rig(Lights):
-    """An open rig, its lights and its camera, closed as `Lights` are.
+    """An open rig with its lights and its camera, closed in the same way as `Lights`.
 
     Parameters
     ----------
@@ -28,14 +28,14 @@ class Rig(Lights):
     camera
         Open camera.
     config
-        What is known about the rig.
+        Configuration of the rig.
     on_close
         Called after board and camera are closed.
 
     Raises
     ------
     RigError
-        If board, camera and configuration do not fit; all that was handed over is closed then.
+        If board, camera and configuration do not match; board and camera are closed then.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Rig(Lights):
         self._armed: Trigger | None = None
         # Frames that the camera has room for.
         self._frames = 1
-        # The light goes first, whatever fails after it.
+        # The LEDs are turned off first, even if a later step fails.
         closing = board.off, camera.disarm, camera.close, board.close, on_close
         super().__init__(board, config, closing)
         try:
@@ -71,29 +71,29 @@ class Rig(Lights):
         *,
         trigger: Literal["software", "board"] | None = None,
     ) -> Shot:
-        """Take one frame under one LED, or with all LEDs dark.
+        """Take one frame under one LED, or with all LEDs off.
 
         Parameters
         ----------
         led
             The LED, or None for a dark or ambient frame.
         exposure_us, gain_db
-            Within the camera's range.
+            Exposure time and gain, within the camera's range.
         trigger
-            Who starts the exposure, where not the rig file's.
+            What starts the exposure; by default as the rig file states.
 
         Raises
         ------
         RigError
             If the LED does not exist or is listed as dead, the board or the camera fails, the
-            frame is not the one awaited, or the LED did not burn until the exposure ended. The
-            LEDs are off then, or the message's note says that the board did not confirm it.
+            frame is not the expected one, or the LED was not on until the exposure ended. The
+            LEDs are off then, or a note of the error states that the board did not confirm it.
 
         Notes
         -----
-        A board that starts the exposure is told the length of the light with it. Otherwise the
-        light ends with the frame's arrival, by the board's watchdog where this program has died,
-        and in any case when its hold is over.
+        If the board starts the exposure, its command includes the length of the light. Otherwise
+        the LED is turned off when the frame arrives, by the board's watchdog if this program has
+        died, and in any case at the end of its hold.
         """
         self._check_led(led)
         exposure = self._configure(exposure_us, gain_db)
@@ -106,12 +106,12 @@ class Rig(Lights):
             raise
 
     def prepare(self, exposure_us: float, gain_db: float = 0.0) -> None:
-        """Set the camera as for a shot and take none: tells early whether it can be taken.
+        """Set the camera as for a shot without taking it, to check early whether it is possible.
 
         Raises
         ------
         RigError
-            If camera or board cannot do it.
+            If camera or board cannot take the shot.
         """
         exposure = self._configure(exposure_us, gain_db)
         if self.config.trigger == "board":
@@ -122,35 +122,35 @@ class Rig(Lights):
     def sequence(
         self, leds: Sequence[int | None], exposure_us: float, gain_db: float = 0.0
     ) -> Iterator[Shot]:
-        """Let the board run through LEDs by itself, and yield a shot of each in turn.
+        """Let the board step through LEDs by itself, and yield a shot of each in turn.
 
-        The camera's line must be wired to the board's trigger output. Every shot that is yielded
-        is proven: the board says that this LED burned during the whole exposure, and the camera's
-        clock tells the same spacing of frames as the board's of triggers.
+        The camera's line must be wired to the board's trigger output. Every yielded shot is proven:
+        the board reports that this LED was on during the complete exposure, and the frames have the
+        same spacing on the camera's clock as the triggers on the board's clock.
 
         Parameters
         ----------
         leds
-            In the order in which they are lit; None is a dark frame.
+            LEDs in the order in which they are turned on; None for a dark frame.
         exposure_us, gain_db
-            Within the camera's range, the same for all.
+            Exposure time and gain, within the camera's range, the same for all.
 
         Yields
         ------
         Shot
-            The first one only when the second has come, which proves it.
+            The shots in order; the first one only after the second has arrived, which proves it.
 
         Raises
         ------
         RigError
-            As `shoot`, naming LED and frame. The LEDs are off then and the run is ended, as they
-            are when the iterator is closed early.
+            As `shoot`; the message names LED and frame. The LEDs are then off and the run has
+            ended, as when the iterator is closed early.
 
         Notes
         -----
-        The board does not wait: take the shots as fast as the camera delivers them. Whoever holds
-        on to one for more than a second stops the run, since nobody gives the board a sign of life
-        meanwhile.
+        The board does not wait: take the shots as fast as the camera delivers them. A caller that
+        delays the next shot by more than a second stops the run, since the board receives no sign
+        of life meanwhile.
         """
         for led in leds:
             self._check_led(led)
@@ -160,8 +160,8 @@ class Rig(Lights):
             self._arm("line", max(map(len, parts), default=1))
             self._bench.chain.cut()
             for part in parts:
-                # Two frames alone do not prove each other: a lost trigger and a stray one could
-                # stand in for them.
+                # Two frames do not prove each other: a lost trigger and a stray one could produce
+                # the same spacing.
                 if len(part) <= 2:
                     for led in part:
                         yield by_board(self._bench, led, exposure)
@@ -172,19 +172,20 @@ class Rig(Lights):
             raise
 
     def wires(self, led: int, exposure_us: float) -> Wires:
-        """Try by one flash whether board and camera are wired to each other.
+        """Test with one flash whether board and camera are wired to each other.
 
         Parameters
         ----------
         led
-            Which LED is to flash.
+            LED to flash.
         exposure_us
-            Within the camera's range.
+            Exposure time, within the camera's range.
 
         Raises
         ------
         RigError
-            If the LED is not there or the board fails; a trigger that does not arrive is no error.
+            If the LED does not exist or the board fails; a trigger that does not arrive is not an
+            error.
         """
         self._check_led(led)
         exposure = self._configure(exposure_us, 0.0)
@@ -216,17 +217,18 @@ class Rig(Lights):
             )
         if led in self.config.dead_leds:
             raise RigError(
-                f"LED {led} of rig {self.config.name} is listed as dead: leave it out, or mend it "
-                "and strike it from dead_leds in the rig file"
+                f"LED {led} of rig {self.config.name} is listed as dead: leave it out, or repair "
+                "it and remove it from dead_leds in the rig file"
             )
 
     def _configure(self, exposure_us: float, gain_db: float) -> Exposure:
         if self._exposure is None or self._settings != (exposure_us, gain_db):
             self._exposure = None
-            # Cameras that stamp the end of an exposure, or begin it later, shift by its length.
+            # With the exposure time, timestamps shift in cameras that stamp the end of an exposure
+            # or delay its start.
             self._bench.chain.cut()
             real_us = self.camera.configure(exposure_us=exposure_us, gain_db=gain_db)
-            # The frame period may hang on the exposure.
+            # The frame period may depend on the exposure time.
             self._exposure = Exposure.of(self.camera.info, self.config, real_us)
             self._settings = (exposure_us, gain_db)
         return self._exposure
@@ -243,8 +245,8 @@ class Rig(Lights):
         self._armed, self._frames = trigger, frames
 
     def _off_after(self, error: BaseException) -> None:
-        """Turn the LEDs off on the way out of an error, which stays the one that is told."""
-        # Frames that are still to come must not be taken for those of later shots.
+        """Turn the LEDs off while an error is handled; a failure is added to it as a note."""
+        # Frames that still arrive must not be mistaken for those of later shots.
         self._armed = None
         self._bench.chain.cut()
         try:

@@ -1,1 +1,1 @@
-"""The LED board: its protocol, its line, its client."""
+"""The LED board: protocol, serial line and client."""

@@ -1,4 +1,4 @@
-"""The serial line to the LED board: a command out, its reply back, whatever happens between."""
+"""The serial line to the LED board: sends commands and returns their replies."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from rig._board.protocol import (
 from rig._board.replies import Outcome, lost, overtaken, silent
 from rig._errors import BoardError
 
-# An unplugged port shows as any of these; SerialException is an OSError.
+# An unplugged port raises any of these; SerialException is an OSError.
 try:
     import termios
 
@@ -35,14 +35,14 @@ _OPEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError)
 _DARKEN_FAILURES: tuple[type[Exception], ...] = (*_LINE_FAILURES, ValueError, TypeError)
 
 REPLY_TIMEOUT_S = 0.25
-# A simulated board on a busy computer may be kept waiting for a second; its LED is safe meanwhile.
+# A simulated board on a busy computer may take a second to answer; its LED is safe meanwhile.
 ATTEMPTS = 8
 _WRITE_TIMEOUT_S = 1.0
 
 
 @dataclass
 class _Begun:
-    """A command that takes a while, when it was sent, and how often `darken` had been called."""
+    """A long-running command, when it was sent, and how often `darken` had been called by then."""
 
     command: Command
     lasts_s: float
@@ -52,10 +52,10 @@ class _Begun:
 
 
 class BoardLine:
-    """An open serial port on which commands are sent, and repeated until they are answered.
+    """An open serial port that sends commands and repeats them until they are answered.
 
-    A repetition carries the same sequence number, so that the board does not act twice. For one
-    thread, except `darken`.
+    A repetition has the same sequence number, so that the board does not act twice. Only `darken`
+    may be called from other threads.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class BoardLine:
         self._lines = LineBuffer()
         self._unread: list[bytes] = []
         self._rejected = b""
-        # A random start keeps the late replies of an earlier program from fitting.
+        # With a random start, late replies to an earlier program do not match.
         self._seq = secrets.randbelow(SEQUENCE_NUMBERS)
         self._begun: _Begun | None = None
         self._darkened = 0
@@ -88,16 +88,16 @@ class BoardLine:
         except _OPEN_FAILURES as error:
             raise BoardError(
                 f"LED board on {port}: the port cannot be opened ({error}); check the cable, "
-                "the name, your permissions and that no other program uses it"
+                "the name, your permissions, and that no other program uses it"
             ) from error
 
     def clear(self) -> None:
-        """Drop what has arrived, and end whatever an earlier program left half sent.
+        """Discard all received bytes, and end a line that an earlier program left half sent.
 
         Raises
         ------
         BoardError
-            If the line is lost.
+            If the connection is lost.
         """
         try:
             self._serial.reset_input_buffer()
@@ -111,7 +111,7 @@ class BoardLine:
         Raises
         ------
         BoardError
-            If the line is lost, nobody answers, or `darken` was called meanwhile.
+            If the connection is lost, there is no answer, or `darken` was called meanwhile.
         """
         command, darkened = self._next(verb, args), self._darkened
         for _ in range(attempts):
@@ -122,32 +122,32 @@ class BoardLine:
         raise silent(self.port, command, attempts * REPLY_TIMEOUT_S, self._rejected)
 
     def begin(self, lasts_s: float, verb: str, *args: str) -> None:
-        """Send a command that is answered after some time; others may be asked meanwhile.
+        """Send a command that is answered after some time; others may be sent meanwhile.
 
         Parameters
         ----------
         lasts_s
-            How long the board takes for it.
+            How long the board takes to carry it out.
         verb, args
             The command.
 
         Raises
         ------
         BoardError
-            If the line is lost.
+            If the connection is lost.
         """
         command = self._next(verb, args)
         self._begun = _Begun(command, lasts_s, time.monotonic(), self._darkened)
         self._send(command, self._begun.darkened)
 
     def begun(self) -> Outcome | None:
-        """Return the answer to what was begun, if it has been read already."""
+        """Return the answer to the pending command, if it has been read already."""
         if self._begun is None or self._begun.reply is None:
             return None
         return Outcome(self.port, self._begun.command, self._begun.reply)
 
     def finish(self) -> Outcome:
-        """Return the answer to what was begun; where it does not come, ask for it again.
+        """Return the answer to the pending command; send the command again if none arrives.
 
         Raises
         ------
@@ -156,14 +156,14 @@ class BoardLine:
         """
         begun, self._begun = self._begun, None
         if begun is None:
-            raise BoardError(f"LED board on {self.port}: nothing was begun that could be finished")
+            raise BoardError(f"LED board on {self.port}: no command is pending; begin one first")
         timeout_s = begun.lasts_s + REPLY_TIMEOUT_S
         left_s = begun.began_s + timeout_s - time.monotonic()
         reply = begun.reply or self._await(begun.command, left_s)
         again = reply is None
         for _ in range(ATTEMPTS - 1):
             if reply is None:
-                # A board that has not heard it yet takes its whole time from now.
+                # A board that has not received it yet takes the full time from now.
                 self._send(begun.command, begun.darkened)
                 reply = self._await(begun.command, timeout_s)
         if reply is None:
@@ -171,30 +171,30 @@ class BoardLine:
         return Outcome(self.port, begun.command, reply, again=again)
 
     def abandon(self) -> None:
-        """Await no answer to what was begun."""
+        """Stop waiting for the answer to the pending command."""
         self._begun = None
 
     def darken(self) -> None:
-        """Send one OFF, now, and wait for nothing; raise nothing.
+        """Send one OFF immediately, without waiting and without raising.
 
-        May be called from a signal handler or another thread, between any two steps of the other
-        methods. What they were about to send, or to repeat, is not sent any more, except OFF.
+        It may be called from a signal handler or another thread, between any two steps of the other
+        methods. Commands that they were about to send or repeat are no longer sent, except OFF.
         """
         self._darkened += 1
-        # A number apart: the OFF of the main path is no repetition of this one, so it does not
-        # name an LED as burning that this one has put out.
+        # A number far from the others: the next regular OFF is then not a repetition of this one,
+        # so its reply does not name an LED that this one has turned off.
         apart = (self._seq + SEQUENCE_NUMBERS // 2) % SEQUENCE_NUMBERS
         with contextlib.suppress(*_DARKEN_FAILURES):
-            # The line end before it ends a command that was half written.
+            # The line end in front ends a half-written command.
             self._write_now(b"\n" + encode_command(Command(apart, "OFF")))
 
     def close(self) -> None:
-        """Give the port back.
+        """Close the port.
 
         Raises
         ------
         BoardError
-            If that fails.
+            If closing fails.
         """
         try:
             self._serial.close()
@@ -214,12 +214,12 @@ class BoardLine:
         except _LINE_FAILURES as error:
             raise lost(self.port, command, error) from error
         if command.verb != "OFF" and darkened != self._darkened:
-            # The OFF may have gone out before this command did.
+            # The OFF may have been sent before this command.
             self.darken()
             raise overtaken(self.port, command)
 
     def _await(self, command: Command, timeout_s: float) -> Reply | None:
-        """Return the reply to a command, dropping what is damaged or answers others."""
+        """Return the reply to a command; discard damaged lines and replies to other commands."""
         deadline = time.monotonic() + timeout_s
         late = False
         while True:
@@ -231,7 +231,7 @@ class BoardLine:
                     self._begun.reply = reply
             if late:
                 return None
-            # After the deadline what has already arrived is still looked at, once.
+            # After the deadline, bytes that have already arrived are still read, once.
             left_s = deadline - time.monotonic()
             late = left_s <= 0
             try:
@@ -257,7 +257,7 @@ class BoardLine:
         try:
             os.write(fd, data)
         except BlockingIOError:
-            # The board does not read: what waits to be sent is worth less than this.
+            # The board does not read: discard what waits to be sent, this OFF matters more.
             self._serial.reset_output_buffer()
             os.write(fd, data)
 

@@ -1,4 +1,4 @@
-"""Which serial port the LED board is on: every one is asked who is there."""
+"""Search for the LED board on all serial ports."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from rig._board.board import Board
 from rig._board.values import BoardIdentity
 from rig._errors import BoardError
 
-# A board that resets when its port opens may sit in its boot loader for two seconds.
+# A board that resets when its port opens may stay in its boot loader for two seconds.
 DISCOVERY_TIMEOUT_S = 3.0
-# What opening and closing a port may take beyond that.
+# Additional time for opening and closing a port.
 _GRACE_S = 2.0
 
 
 @dataclass(frozen=True)
 class FoundPort:
-    """A serial port and what is behind it.
+    """A serial port and the LED board on it, if there is one.
 
     Parameters
     ----------
     port
         Device path.
     identity
-        The LED board that answered, None where none did.
+        Identity of the LED board that answered, None if no board answered.
     complaint
-        What is wrong with the port where no board answered, else empty.
+        What is wrong with the port if no board answered, otherwise empty.
     """
 
     port: str
@@ -41,9 +41,9 @@ class FoundPort:
 def find_boards(
     ports: Iterable[str] | None = None, *, timeout_s: float = DISCOVERY_TIMEOUT_S
 ) -> tuple[FoundPort, ...]:
-    """Ask every port, all at the same time, for the board behind it.
+    """Query all ports at the same time for an LED board.
 
-    A device of another kind receives an empty line and the protocol's ``ID``, a few times.
+    A device of another kind receives an empty line and the protocol's ``ID`` a few times.
 
     Parameters
     ----------
@@ -55,8 +55,9 @@ def find_boards(
     Returns
     -------
     tuple of FoundPort
-        In the order of ``ports``. A port that is silent, chatters, is busy or has vanished has a
-        complaint; nothing is raised for it, and none is waited for much longer than ``timeout_s``.
+        Ports in the order of ``ports``. A port that is silent, sends other data, is busy or has
+        disappeared has a complaint; nothing is raised for it, and no port is waited for much longer
+        than ``timeout_s``.
     """
     if ports is None:
         ports = sorted(port.device for port in list_ports.comports())
@@ -70,7 +71,7 @@ def find_boards(
         except BoardError as error:
             found.setdefault(port, FoundPort(port, None, str(error)))
 
-    # Daemons: a port whose driver never returns must not keep the program from ending.
+    # Daemon threads: a port whose driver never returns must not keep the program from ending.
     threads = {
         port: threading.Thread(target=ask, args=(port,), daemon=True)
         for port in dict.fromkeys(ports)
@@ -100,12 +101,13 @@ def find_board(
     ports, timeout_s
         See `find_boards`.
     name
-        Only a board whose firmware has this name counts.
+        Name that the board's firmware must have; None for any.
 
     Raises
     ------
     BoardError
-        If there is none, with what was found at each port, or more than one, with their ports.
+        If there is no board (the message lists the finding at each port) or more than one (the
+        message lists their ports).
     """
     found = find_boards(ports, timeout_s=timeout_s)
     boards = {port.port: port.identity for port in found if port.identity is not None}
@@ -115,12 +117,12 @@ def find_board(
     called = "" if name is None else f" named {name}"
     if wanted:
         raise BoardError(
-            f"{len(wanted)} LED boards{called} found, on {', '.join(wanted)}: say which port is "
-            "meant, or unplug the others"
+            f"{len(wanted)} LED boards{called} found, on {', '.join(wanted)}: give the port to "
+            "use, or unplug the others"
         )
     others = [f"{board.name} is on {port}" for port, board in boards.items()]
     complaints = [port.complaint for port in found if port.complaint]
-    if not complaints:  # each ends with its own advice
+    if not complaints:  # each complaint ends with its own advice
         complaints = ["check cable and power"]
         others = others or ["this computer has no serial port"]
     raise BoardError(f"no LED board{called} found: {'; '.join(others + complaints)}")

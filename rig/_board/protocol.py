@@ -1,6 +1,6 @@
-"""The serial protocol's lines, as bytes and as values. docs/serial-protocol.md is the contract.
+"""Encoding and decoding of the serial protocol's lines, as docs/serial-protocol.md specifies.
 
-Pure functions: the client and the virtual board both stand on them.
+Pure functions, used by both the client and the virtual board.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from enum import IntEnum
 
 PROTOCOL_VERSION = 2
 BAUD_RATE = 115200
-# Longest lines in bytes, without the line end. A refusal repeats its command and is 3 bytes longer.
+# Longest lines in bytes, without the line end. A refusal is 3 bytes longer than its command.
 MAX_COMMAND = 64
 MAX_REPLY = 80
 SEQUENCE_NUMBERS = 0x10000
@@ -24,11 +24,11 @@ _FRAME = re.compile(
 
 
 class LineError(Exception):
-    """A line is not a whole, undamaged frame of this protocol."""
+    """A line is not a complete, undamaged line of this protocol."""
 
 
 class ErrorCode(IntEnum):
-    """Why a board refuses a command."""
+    """Reasons for which a board refuses a command."""
 
     UNKNOWN_COMMAND = 1
     BAD_ARGUMENTS = 2
@@ -41,14 +41,14 @@ class ErrorCode(IntEnum):
 
 @dataclass(frozen=True)
 class Command:
-    """What the host asks.
+    """A command from the host.
 
     Parameters
     ----------
     seq
         Sequence number, 0 to 65535.
     verb
-        What is to be done, for instance ON.
+        Name of the command, for instance ON.
     args
         Words without spaces or ``*``.
     """
@@ -60,7 +60,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Reply:
-    """What the board answers: the command's sequence number and verb, and the outcome.
+    """A reply of the board: the command's sequence number and verb, and the outcome.
 
     Parameters
     ----------
@@ -69,9 +69,9 @@ class Reply:
     verb
         Verb of the command.
     args
-        The outcome; of a refused command, the arguments it came with.
+        The outcome; for a refused command, its arguments.
     error
-        None, or the number of the refusal (see `ErrorCode`; later boards may know more).
+        None, or the number of the refusal (see `ErrorCode`; later boards may have more).
     """
 
     seq: int
@@ -81,7 +81,7 @@ class Reply:
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, start 0xFFFF, nothing reflected."""
+    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, initial value 0xFFFF, no reflection."""
     return binascii.crc_hqx(data, 0xFFFF)
 
 
@@ -97,24 +97,24 @@ def encode_reply(reply: Reply) -> bytes:
 
 
 def decode_command(line: bytes) -> Command:
-    """Read a line (without its line end) as a command.
+    """Parse a line (without its line end) as a command.
 
     Raises
     ------
     LineError
-        If the line is damaged or is no command.
+        If the line is damaged or not a command.
     """
     seq, words = _decode(b">", MAX_COMMAND, line)
     return Command(seq, words[0], tuple(words[1:]))
 
 
 def decode_reply(line: bytes) -> Reply:
-    """Read a line (without its line end) as a reply.
+    """Parse a line (without its line end) as a reply.
 
     Raises
     ------
     LineError
-        If the line is damaged or is no reply.
+        If the line is damaged or not a reply.
     """
     seq, words = _decode(b"<", MAX_REPLY, line)
     status, verb, args = words[0], words[1:2], tuple(words[2:])
@@ -125,12 +125,12 @@ def decode_reply(line: bytes) -> Reply:
 
 
 class LineBuffer:
-    """Puts lines together from the pieces in which a serial line delivers them.
+    """Assembles lines from the pieces that a serial port delivers.
 
     Parameters
     ----------
     limit
-        Longest line that is kept, bytes without its line end.
+        Longest line that is kept, in bytes without the line end.
     """
 
     def __init__(self, limit: int = MAX_REPLY) -> None:
@@ -140,7 +140,7 @@ class LineBuffer:
     def feed(self, data: bytes) -> list[bytes]:
         """Return the lines that ``data`` completes, without line ends and without overlong ones."""
         *lines, rest = (self._rest + data).split(b"\n")
-        # A piece this long is still too long when its line end comes, so noise cannot pile up.
+        # A piece this long is still too long when its line end arrives, so noise does not pile up.
         self._rest = rest[: self._limit + 2]
         stripped = [line.removesuffix(b"\r") for line in lines]
         return [line for line in stripped if 0 < len(line) <= self._limit]
@@ -149,8 +149,8 @@ class LineBuffer:
 def _encode(mark: bytes, limit: int, seq: int, words: tuple[str, ...]) -> bytes:
     body = mark + f"{seq:04X} {' '.join(words)}".encode("ascii")
     line = body + f"*{crc16(body):04X}".encode("ascii")
-    whole = _FRAME.fullmatch(line) is not None and len(line.split(b" ")) == len(words) + 1
-    if not whole or len(line) > limit:
+    valid = _FRAME.fullmatch(line) is not None and len(line.split(b" ")) == len(words) + 1
+    if not valid or len(line) > limit:
         raise LineError(f"cannot be sent as one line of {limit} characters: {line!r}")
     return line + b"\n"
 

@@ -1,4 +1,4 @@
-"""What a reply of the LED board says, and what a failed exchange with it is called."""
+"""Parsing of the LED board's replies, and the errors of a failed exchange."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ import serial
 from rig._board.protocol import NO_LED, Command, ErrorCode, Reply
 from rig._errors import BoardError
 
-# Where the LED stands among the arguments.
+# Index of the LED among the arguments.
 _LED_AT = {"ON": 0, "FLASH": 0, "LEVEL": 0, "STEP": 1, "DID": 1}
 
 
 class Outcome:
-    """A reply to a command, its words read as what they have to be.
+    """A reply to a command, with methods that convert its words.
 
     Parameters
     ----------
     port
         The board's port.
     command
-        What was asked.
+        The command that was sent.
     reply
-        What came back.
+        The reply to it.
     again
-        It had to be asked again.
+        Whether the command had to be sent again.
 
     Raises
     ------
     BoardError
-        By every method, if a word is missing or makes no sense.
+        By every method, if a word is missing or invalid.
     """
 
     def __init__(self, port: str, command: Command, reply: Reply, *, again: bool = False) -> None:
@@ -42,16 +42,16 @@ class Outcome:
         self._command = command
 
     def done(self) -> Self:
-        """Return the outcome of a command that was done.
+        """Return the outcome of a command that was carried out.
 
         Raises
         ------
         BoardError
-            If it was refused.
+            If the board refused it.
         """
         if self.error is not None:
-            told = where(self._port, self._command)
-            raise BoardError(f"{told}: the board refused, {_reason(self.error)}")
+            prefix = where(self._port, self._command)
+            raise BoardError(f"{prefix}: the board refused, {_reason(self.error)}")
         return self
 
     def repeats(self, count: int) -> Self:
@@ -60,13 +60,13 @@ class Outcome:
         Raises
         ------
         BoardError
-            If the board says that it did something else.
+            If the board reports that it did something else.
         """
         verb, asked = self._command.verb, self._command.args
         if self.words[:count] != asked[:count]:
             raise BoardError(
                 f"{where(self._port, self._command)}: the board did {spoken(verb, self.words)} "
-                f"where {spoken(verb, asked)} was asked; check its firmware"
+                f"instead of {spoken(verb, asked)}; check its firmware"
             )
         return self
 
@@ -77,15 +77,15 @@ class Outcome:
         return self.words[index]
 
     def number(self, index: int) -> int:
-        """Return a word that has to be a number."""
+        """Return a word as a number."""
         return self._read(self.word(index))
 
     def led(self, index: int) -> int | None:
-        """Return the LED that a word names, None where it names none."""
+        """Return the LED that a word names, None for no LED."""
         return None if self.word(index) == NO_LED else self.number(index)
 
     def exposure(self, index: int) -> tuple[int | None, bool]:
-        """Return for how long the camera exposed, us, and whether it was still exposing then."""
+        """Return how long the camera exposed, us, and whether it was still exposing at the end."""
         word = self.word(index)
         if word == NO_LED:
             return None, False
@@ -99,8 +99,7 @@ class Outcome:
     def _senseless(self) -> BoardError:
         said = " ".join(self.words)
         return BoardError(
-            f"{where(self._port, self._command)}: a reply that makes no sense ({said}); check the "
-            "firmware"
+            f"{where(self._port, self._command)}: the reply is invalid ({said}); check the firmware"
         )
 
 
@@ -110,7 +109,7 @@ def where(port: str, command: Command) -> str:
 
 
 def spoken(verb: str, args: tuple[str, ...]) -> str:
-    """Return a command, or what was done for it, in words."""
+    """Return a command or its outcome in words."""
     at = _LED_AT.get(verb, len(args))
     led = [f"LED {word}" if word != NO_LED else "no LED" for word in args[at : at + 1]]
     return " ".join((verb, *args[:at], *led, *args[at + 1 :]))
@@ -118,19 +117,20 @@ def spoken(verb: str, args: tuple[str, ...]) -> str:
 
 def lost(port: str, command: Command, error: Exception) -> BoardError:
     """Return the error for a port that fails."""
+    prefix = where(port, command)
     if isinstance(error, serial.SerialTimeoutException):
         return BoardError(
-            f"{where(port, command)}: nothing takes what is sent ({error}); check that this port "
-            "is the LED board's"
+            f"{prefix}: no device accepts the data sent ({error}); check that this port is the LED "
+            "board's"
         )
     return BoardError(
-        f"{where(port, command)}: the line is lost ({error}); was the board unplugged?"
+        f"{prefix}: the connection is lost ({error}); check whether the board was unplugged"
     )
 
 
 def silent(port: str, command: Command, waited_s: float, heard: bytes) -> BoardError:
-    """Return the error for a board that does not answer, ``heard`` being what came instead."""
-    talk = f"; it does send {heard[:40]!r}" if heard else ""
+    """Return the error for a board that does not answer; ``heard`` is what arrived instead."""
+    talk = f", but it sent {heard[:40]!r}" if heard else ""
     return BoardError(
         f"{where(port, command)}: no answer within {waited_s:g} s{talk}; check power, cable, and "
         "that this port is the LED board's"
@@ -138,10 +138,9 @@ def silent(port: str, command: Command, waited_s: float, heard: bytes) -> BoardE
 
 
 def overtaken(port: str, command: Command) -> BoardError:
-    """Return the error for a command that an emergency OFF has come before."""
+    """Return the error for a command that an emergency OFF has overtaken."""
     return BoardError(
-        f"{where(port, command)}: all LEDs were turned off meanwhile; the command is not sent any "
-        "more"
+        f"{where(port, command)}: all LEDs were turned off meanwhile; the command is no longer sent"
     )
 
 
@@ -149,5 +148,5 @@ def _reason(error: int) -> str:
     try:
         text = ErrorCode(error).name.lower().replace("_", " ")
     except ValueError:
-        text = "for a reason this software does not know"
+        text = "not known to this software"
     return f"error {error}: {text}"

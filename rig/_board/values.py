@@ -1,4 +1,4 @@
-"""What is told to the LED board and what it tells, as values."""
+"""Values that the LED board receives and reports."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class BoardIdentity:
-    """Who answered on the port.
+    """Identity of the board that answered on a port.
 
     Parameters
     ----------
     name
-        The firmware's name.
+        Name of the firmware.
     protocol
         Version of the serial protocol.
     firmware
         Version of the firmware.
     leds
-        How many LEDs the board drives; they count from 0.
+        Number of LEDs that the board drives; they are numbered from 0.
     max_hold_ms
         Longest time for which the board keeps an LED on.
     watchdog_ms
-        Silence of the host after which an LED lit by ON goes out.
+        Silence of the host after which an LED turned on by ON is turned off.
     max_steps
-        How many steps a sequence may have.
+        Maximum number of steps of a sequence.
     """
 
     name: str
@@ -38,17 +38,17 @@ class BoardIdentity:
 
 @dataclass(frozen=True)
 class BoardEcho:
-    """What the board said it did.
+    """The board's confirmation of a command.
 
     Parameters
     ----------
     seq
         Sequence number of the command.
     led
-        The LED acted on. Of an OFF: the LED that burned until now, None where all were dark.
+        The LED acted on. For OFF: the LED that was on until now, None if all were off.
     lit_us, active_us
-        Of a flash or a step: for how long the LED burned, and for how long the camera's
-        exposure-active output was up meanwhile; None where not measured.
+        For a flash or a step: how long the LED was on, and how long the camera's exposure-active
+        output was high meanwhile; None if not measured.
     """
 
     seq: int
@@ -59,24 +59,24 @@ class BoardEcho:
 
 @dataclass(frozen=True)
 class BoardStatus:
-    """How the board is.
+    """Status of the board.
 
     Parameters
     ----------
     uptime_ms
-        Time since the board started, modulo 10^9; a small value betrays a reset.
+        Time since the board started, modulo 10^9; a small value indicates a reset.
     led
-        The LED that burns, None where all are dark.
+        The LED that is on, None if all are off.
     faults
-        Damaged lines received since the board started.
+        Number of damaged lines received since the board started.
     trips
-        How often the watchdog acted since the board started.
+        Number of times the watchdog acted since the board started.
     temperature_c
-        The board's temperature in degrees Celsius, None where it does not tell.
+        The board's temperature in degrees Celsius, None if it does not report one.
     state
         IDLE, ON, FLASH, RUN, or HALT for a sequence that ended before its last step by itself.
     done
-        How many steps of the running or last sequence have ended.
+        Number of steps of the running or last sequence that have ended.
     """
 
     uptime_ms: int
@@ -90,7 +90,7 @@ class BoardStatus:
 
 @dataclass(frozen=True)
 class FlashReport:
-    """What a flash did.
+    """The board's report of a flash.
 
     Parameters
     ----------
@@ -99,15 +99,15 @@ class FlashReport:
     led
         The LED, None for a flash in the dark.
     since_us
-        How long the trigger pulse came after the one before it, by the board's clock; None where
-        there was none since the board started, or not for a quarter of an hour.
+        Time from the previous trigger pulse to this one, by the board's clock; None if there was
+        none since the board started, or none for a quarter of an hour.
     lit_us
-        How long it burned, by the board's clock.
+        How long the LED was on, by the board's clock.
     active_us
-        How long the camera's exposure-active output was up meanwhile; None where it never was, or
+        How long the camera's exposure-active output was high meanwhile; None if it never was, or
         is not wired.
     cut_off
-        The exposure-active output was still up when the light went out.
+        Whether the exposure-active output was still high when the light turned off.
     """
 
     seq: int
@@ -127,9 +127,9 @@ class Step:
     led
         The LED, None for a step in the dark.
     settle_us
-        From the light to the trigger pulse, 0 to 1 000 000.
+        Time from turning the LED on to the trigger pulse, 0 to 1 000 000.
     hold_us
-        From the trigger pulse to the end of the light, at least 10.
+        Time from the trigger pulse to turning the LED off, at least 10.
     gap_us
         Darkness before the next step, 0 to 1 000 000.
     """
@@ -142,14 +142,14 @@ class Step:
 
 @dataclass(frozen=True)
 class StepReport:
-    """What a step of the running or last sequence did.
+    """The board's report of a step of the running or last sequence.
 
     Parameters
     ----------
     index
-        Which step, from 0.
+        Index of the step, from 0.
     trigger_us
-        When its trigger pulse began, since the start of the sequence, by the board's clock.
+        Time from the start of the sequence to the step's trigger pulse, by the board's clock.
     led, lit_us, active_us, cut_off
         See `FlashReport`.
     """

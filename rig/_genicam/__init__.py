@@ -1,1 +1,1 @@
-"""A GenICam camera, driven through harvesters."""
+"""A GenICam camera, controlled through harvesters."""

@@ -1,4 +1,4 @@
-"""Starting, stopping and taking frames out of harvesters, without keeping other threads waiting."""
+"""Acquisition of frames through harvesters, without blocking other threads."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from rig._genicam.buffers import (
     with_copies,
 )
 from rig._genicam.collector import Collector
-from rig._genicam.errors import GENICAM_ERRORS, told
+from rig._genicam.errors import GENICAM_ERRORS, camera_errors
 from rig._genicam.pixels import PixelFormat
 from rig._genicam.received import Content, ReceivedFrame
 from rig._genicam.stream_counts import StreamCounts
 
-# harvesters holds the interpreter's lock while it waits: so it is asked often, and never waits.
+# harvesters holds the interpreter's lock while it waits, so it is polled often and never waits.
 _POLL_S = 2e-5
 _UNKNOWN: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
-# How soon the collecting thread notices that it is to end, while another one looks at a frame.
+# How soon the collecting thread notices that it must end, while another thread decodes a frame.
 _PATIENCE_S = 0.05
 
 
 class _Heard(Callback):  # type: ignore[misc] # harvesters has no types
-    """Remembers that harvesters threw a buffer away: it does not say so otherwise."""
+    """Records that harvesters discarded a buffer, which it reports only to a callback."""
 
     def __init__(self) -> None:
         self.incomplete = False
@@ -43,15 +43,15 @@ class _Heard(Callback):  # type: ignore[misc] # harvesters has no types
 class Acquisition:
     """The stream of frames of a camera.
 
-    Frames lie in buffers until they are asked for. Where there are fewer buffers than frames may
-    be under way, a thread copies frames out of them meanwhile, between `collect` and `rest`.
+    Frames stay in buffers until they are requested. If there are fewer buffers than frames that may
+    be pending, a thread copies frames out of the buffers between `collect` and `rest`.
 
     Parameters
     ----------
     acquirer
         harvesters' ``ImageAcquirer``.
     camera
-        What messages call the camera.
+        Name of the camera in messages.
     most_bytes
         Memory that frames may take; None for the `memory_limit`.
 
@@ -70,34 +70,34 @@ class Acquisition:
         self._form: PixelFormat | None = None
         self._size = (0, 0)
         if (streams := len(acquirer.data_streams)) != 1:
-            raise CameraError(f"camera {camera} has {streams} data streams, wanted is one")
+            raise CameraError(f"camera {camera} has {streams} data streams, but one is required")
         acquirer.add_callback(acquirer.Events.INCOMPLETE_BUFFER, self._heard)
         acquirer.timeout_period_on_update_event_data_call = 0
         self._counts = StreamCounts(acquirer.data_streams[0])
         self._room = Buffering(LEAST)
-        # What the producer takes: payload, how many were wanted, how many it took.
+        # Buffers that the producer accepts: payload, requested number, accepted number.
         self._taken = (0, 0, 0)
-        # Guards the stream's queue and what was collected from it. Reentrant: a signal handler may
-        # close the camera while this thread looks at a frame.
+        # Guards the stream's queue and the frames collected from it. Reentrant: a signal handler
+        # may close the camera while this thread decodes a frame.
         self._lock = threading.RLock()
-        # None stands for a frame that arrived in part.
+        # None stands for an incomplete frame.
         self._collected: deque[Content | None] = deque()
         self._collector = Collector(self._collect_one)
 
     @property
     def running(self) -> bool:
-        """Whether frames can come."""
+        """Whether frames can arrive."""
         return self._running
 
     def expect(self, form: PixelFormat, size: tuple[int, int]) -> None:
-        """State the format and (H, W) that frames are to have."""
+        """Set the format and (H, W) that frames must have."""
         self._form = form
         self._size = size
 
     def start(self, frames: int = 1) -> None:
-        """Start with all buffers empty, and with room for so many frames at once."""
-        with told(f"camera {self._camera}, start of acquisition"):
-            self._room = self._made_room(frames)
+        """Start with all buffers empty, and with room for this number of frames at once."""
+        with camera_errors(f"camera {self._camera}, start of acquisition"):
+            self._room = self._room_for(frames)
             least = self._acquirer.min_num_buffers
             self._acquirer.num_buffers = max(least, self._room.buffers)
             self._acquirer.start()
@@ -105,35 +105,35 @@ class Acquisition:
         self._running = True
 
     def stop(self) -> None:
-        """Stop, and throw away whatever has not been taken."""
+        """Stop, and discard the frames that have not been fetched."""
         self.rest()
         self._collected.clear()
         self._running = False
-        with told(f"camera {self._camera}, end of acquisition"):
+        with camera_errors(f"camera {self._camera}, end of acquisition"):
             self._acquirer.stop()
 
     def collect(self) -> None:
-        """Take frames out of their buffers as they come, where buffers are too few to keep them."""
+        """Copy arriving frames out of their buffers if there are too few buffers to keep them."""
         if self._room.copies:
             self._collector.begin()
 
     def rest(self) -> None:
-        """Leave frames in their buffers; what was collected stays."""
+        """Leave further frames in their buffers; keep the collected ones."""
         self._collector.end()
 
     def counts(self) -> dict[str, int]:
-        """Return what the producer counted since the start: see `FrameLostError`."""
+        """Return the producer's counters since the start: see `FrameLostError`."""
         return {**self._counts.read(), "buffers": self._room.buffers}
 
     def poll(self) -> ReceivedFrame | None:
-        """Return the next frame, None where there is none at this moment.
+        """Return the next frame, None if no frame is ready.
 
         Raises
         ------
         FrameLostError
-            If one arrived in part; its buffer waits for another again.
+            If a frame is incomplete; its buffer is queued again.
         CameraError
-            If the camera does not answer, or a frame is not what was expected.
+            If the camera does not answer, or a frame has an unexpected format.
         """
         with self._lock:
             if not self._collected:
@@ -144,7 +144,7 @@ class Acquisition:
         return self._frame(content)
 
     def _from_buffer(self) -> ReceivedFrame | None:
-        with told(f"camera {self._camera}, awaiting a frame"):
+        with camera_errors(f"camera {self._camera}, awaiting a frame"):
             buffer = self._next_buffer()
             if buffer is None:
                 if self._heard.incomplete:
@@ -156,13 +156,13 @@ class Acquisition:
                 buffer.parent.queue_buffer(buffer)
 
     def _collect_one(self) -> bool:
-        """Copy a frame out of its buffer; return whether there was one, and room for it."""
+        """Copy a frame out of its buffer; return whether there was a frame and room for it."""
         if not self._lock.acquire(timeout=_PATIENCE_S):
             return False
         try:
             if len(self._collected) >= self._room.copies:
                 return False
-            with told(f"camera {self._camera}, awaiting a frame"):
+            with camera_errors(f"camera {self._camera}, awaiting a frame"):
                 buffer = self._next_buffer()
                 if buffer is None:
                     if self._heard.incomplete:
@@ -184,10 +184,10 @@ class Acquisition:
         return content.frame(self._form, self._size, self._camera)
 
     def _incomplete(self) -> FrameLostError:
-        return FrameLostError(f"camera {self._camera}: a frame arrived in part", self.counts())
+        return FrameLostError(f"camera {self._camera}: a frame is incomplete", self.counts())
 
-    def _made_room(self, frames: int) -> Buffering:
-        """Return the room that so many frames get, by memory and by what the producer takes."""
+    def _room_for(self, frames: int) -> Buffering:
+        """Return the room for this number of frames, within memory and the producer's limits."""
         payload = self._payload()
         room = buffering(frames, payload, self._most_bytes)
         tried, wanted, taken = self._taken
@@ -199,13 +199,13 @@ class Acquisition:
         return with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
 
     def _payload(self) -> int:
-        """Return the bytes of a buffer, as harvesters will ask for them."""
+        """Return the size of a buffer in bytes, as harvesters will request it."""
         try:
             if self._stream.defines_payload_size():
                 return int(self._stream.payload_size)
             return int(self._acquirer.remote_device.node_map.PayloadSize.value)
         except _UNKNOWN:
-            # Whatever is wrong there, starting will say.
+            # The start of acquisition will report the error.
             return 2 * self._size[0] * self._size[1]
 
     @property

@@ -1,4 +1,4 @@
-"""What a camera does to its pictures by itself, turned off: raw samples have to be comparable."""
+"""Turns off the image processing in the camera, so that raw samples are comparable."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _OFF = (
     "TestImageSelector",
 )
 _DISABLED = ("GammaEnable", "GammaEnabled", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
-# Pixels made up from their neighbours: a choice or a switch, as the maker likes.
-_MADE_UP = (
+# Correction of defective pixels by their neighbours: an enumeration or a boolean, by vendor.
+_DEFECT_CORRECTION = (
     "DefectCorrectStaticEnable",
     "DefectCorrectDynamicEnable",
     "DefectCorrectionEnable",
@@ -34,24 +34,24 @@ _MADE_UP = (
 
 
 def turn_off_automatics(nodes: Nodes) -> tuple[str, ...]:
-    """Turn every automatic that the camera has off, and check that it is.
+    """Turn off every automatic of the camera, and check that it is off.
 
-    Some nodes exist with some pixel formats only: call it again when the format has been chosen.
+    Some nodes exist only with some pixel formats: call this again after the format has been chosen.
 
     Returns
     -------
     tuple of str
-        The nodes that were on, or otherwise than wanted.
+        The nodes that were on or had another value than required.
 
     Raises
     ------
     CameraError
-        If one refuses; the message names its node.
+        If a node refuses; the message names it.
     """
     changed = [name for name in _OFF if nodes.has(name) and nodes.set_choice(name, "Off")]
     if nodes.has("ExposureMode") and nodes.set_choice("ExposureMode", "Timed"):
         changed.append("ExposureMode")
-    switches = (*_DISABLED, *_MADE_UP)
+    switches = (*_DISABLED, *_DEFECT_CORRECTION)
     changed += [name for name in switches if nodes.has(name) and _switch_off(nodes, name)]
     if _straighten_gamma(nodes):
         changed.append("Gamma")
@@ -72,5 +72,5 @@ def _straighten_gamma(nodes: Nodes) -> bool:
         nodes.set_number("Gamma", 1.0)
     switched_off = any(nodes.has(name) for name in _DISABLED[:2])
     if (gamma := nodes.number("Gamma")) != 1.0 and not switched_off:
-        raise CameraError(f"camera {nodes.camera}, Gamma: was set to 1 but stays {gamma:g}")
+        raise CameraError(f"camera {nodes.camera}, Gamma: was set to 1 but is still {gamma:g}")
     return bent

@@ -1,4 +1,4 @@
-"""How many buffers a camera's stream gets, and what becomes of frames when there are too few."""
+"""The number of buffers of a camera's stream, and of copies if there are too few buffers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig._genicam.errors import GENICAM_ERRORS
 
 _REFUSALS: tuple[type[Exception], ...] = (*GENICAM_ERRORS, MemoryError)
 LEAST: Final = 4
-# Of the frames that nobody awaits, such as that of a noise pulse, so many take none of another.
+# Extra buffers for unexpected frames, for instance from noise on the trigger line.
 _SPARE: Final = 2
 _MOST_BYTES: Final = 2**30
 _SHARE_OF_MEMORY: Final = 0.25
@@ -20,15 +20,14 @@ _SHARE_OF_MEMORY: Final = 0.25
 
 @dataclass(frozen=True)
 class Buffering:
-    """Room for the frames that are under way.
+    """Room for pending frames.
 
     Parameters
     ----------
     buffers
-        To be announced to the GenTL producer.
+        Number of buffers to announce to the GenTL producer.
     copies
-        Frames that may be kept beside them, copied out of their buffers; 0 where the buffers are
-        enough.
+        Number of additional frames that may be kept as copies; 0 if the buffers suffice.
     """
 
     buffers: int
@@ -36,7 +35,7 @@ class Buffering:
 
 
 def memory_limit() -> int:
-    """Return the bytes that frames may take where nobody says so: 1 GiB or a quarter of memory."""
+    """Return the default limit for frames in bytes: 1 GiB, or a quarter of memory if less."""
     try:
         installed = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):  # Windows
@@ -45,19 +44,19 @@ def memory_limit() -> int:
 
 
 def buffering(frames: int, payload: int, limit: int) -> Buffering:
-    """Return the room that frames get: a buffer each, or what fits into the memory allowed.
+    """Return the room for frames: one buffer each, or as much as fits into the allowed memory.
 
-    Buffers need no work while frames come in, so each frame gets one. Where memory does not allow
-    that, half of it is for copies: they stand in when the producer takes fewer buffers still.
+    Buffers need no work while frames arrive, so each frame gets one. If memory does not allow
+    that, half of it is for copies, which also compensate for a producer that accepts fewer buffers.
 
     Parameters
     ----------
     frames
-        How many may be under way at once.
+        Number of frames that may be pending at once.
     payload
-        Bytes of one.
+        Size of one frame in bytes.
     limit
-        Bytes that all may take; some frames are kept even where they take more.
+        Limit for all frames in bytes; a minimum number of frames is kept even if they exceed it.
     """
     fit = limit // max(1, payload)
     if frames + _SPARE <= max(fit, LEAST):
@@ -66,23 +65,23 @@ def buffering(frames: int, payload: int, limit: int) -> Buffering:
 
 
 def with_copies(buffers: int, frames: int, fit: int) -> Buffering:
-    """Return the room with this number of buffers, where so many frames fit into memory."""
+    """Return the room with this number of buffers, if ``fit`` frames fit into memory."""
     if buffers >= frames:
         return Buffering(buffers)
     return Buffering(buffers, min(frames, max(LEAST, fit - buffers)))
 
 
 def announceable(stream: Any, payload: int, wanted: int) -> int:
-    """Return how many buffers a producer takes, at most those wanted, by trying it.
+    """Return how many of the wanted buffers a producer accepts, by announcing them.
 
     Parameters
     ----------
     stream
         genicam's ``DataStream``, not acquiring and without buffers.
     payload
-        Bytes of each.
+        Size of each buffer in bytes.
     wanted
-        How many.
+        Number of buffers.
     """
     announced: list[Any] = []
     try:

@@ -1,4 +1,4 @@
-"""A GenICam camera behind any GenTL producer, as a `Camera`."""
+"""A `Camera` for any GenICam camera with a GenTL producer."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from rig._genicam.trigger import TriggerControl
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1
 _TEMPERATURE_EVERY_S = 2.0
-# Devices of GigE Vision 1 count frames with 16 bits: acquisition starts anew before they run out.
+# Devices of GigE Vision 1 count frames with 16 bits: acquisition is restarted before they overflow.
 _MOST_TRIGGERS = 60_000
 
 
 class GenICamCamera:
-    """A camera that harvesters found. Made by `open_genicam`.
+    """A camera that harvesters found. Created by `open_genicam`.
 
     Parameters
     ----------
     device
-        Open camera; closed with this one, and where it cannot be set up.
+        Open camera; closed together with this one, or if it cannot be set up.
     options
         How to set it up.
 
     Raises
     ------
     CameraError
-        If the camera lacks a needed node, an automatic refuses to be turned off, or an option
-        cannot be had. By any method if the camera fails or has been closed.
+        If the camera lacks a needed node, an automatic cannot be turned off, or an option is not
+        available. By any method if the camera fails or has been closed.
     """
 
     def __init__(self, device: OpenDevice, options: CameraOptions) -> None:
@@ -50,12 +50,12 @@ class GenICamCamera:
         self._name = device.found.serial or device.found.model
         self._free = "trigger" not in options.needs
         self._armed: Trigger | None = None
-        # Frames that may be under way at once.
+        # Frames that may be pending at once.
         self._frames = 1
         self._closed = False
-        # The last fetch failed: what is under way is thrown away before the next trigger.
+        # The last fetch failed: pending frames are discarded before the next trigger.
         self._stale = False
-        # Ids: of the next trigger, of the first since acquisition started, of the next to fetch.
+        # Ids of the next trigger, of the first since acquisition started, and of the next to fetch.
         self._next_id = 0
         self._first_id = 0
         self._unfetched_id = 0
@@ -70,7 +70,7 @@ class GenICamCamera:
             changed = turn_off_automatics(self._nodes)
             self._settings = Settings(self._nodes)
             info, form = set_up(self._nodes, self._settings, device.found, options)
-            # Those of colour exist only now that the pixel format is chosen.
+            # The nodes for colour exist only after the pixel format has been chosen.
             changed += turn_off_automatics(self._nodes)
             self.info = replace(info, turned_off=tuple(dict.fromkeys(changed)))
             self._acquisition.expect(form, (self.info.height, self.info.width))
@@ -80,10 +80,10 @@ class GenICamCamera:
             raise
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        """Set exposure and gain, armed or not, and return the exposure read back."""
+        """Set exposure time and gain, armed or not, and return the exposure time as read back."""
         self._check_open()
         if self._acquisition.running and not self._nodes.can_set(EXPOSURE):
-            # Some cameras lock it while they wait for triggers; the next trigger arms again.
+            # Some cameras lock it while they wait for triggers; the next trigger restarts it.
             self._stale = True
             self._acquisition.stop()
         exposure_us = self._settings.set_exposure(exposure_us)
@@ -92,10 +92,10 @@ class GenICamCamera:
         return exposure_us
 
     def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
-        """Make ready for triggers of one kind. Frames of earlier triggers are forgotten.
+        """Prepare for triggers of one kind. Frames of earlier triggers are discarded.
 
-        Each of so many frames gets a buffer of its own, as far as memory and producer allow;
-        where they do not, a thread empties the buffers while frames are under way.
+        Each of ``frames`` frames gets its own buffer as far as memory and producer allow;
+        otherwise a thread empties the buffers while frames are pending.
         """
         self._check_open()
         self._armed = None
@@ -107,23 +107,23 @@ class GenICamCamera:
         self._armed = trigger
 
     def trigger(self) -> int:
-        """Start one exposure by software and return, at once, the id that its frame will carry."""
+        """Start one exposure by software and return at once the id that its frame will have."""
         frame_id = self._announce("software")
         if not self._free:
-            # A command that failed may have been carried out.
+            # A command that failed may still have been carried out.
             self._stale = True
             self._trigger.fire()
             self._stale = False
         return frame_id
 
     def expect(self) -> int:
-        """Announce one pulse on the trigger line and return the id that its frame must carry."""
+        """Announce one pulse on the trigger line and return the id that its frame must have."""
         return self._announce("line")
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        """Wait for the frame of this id; older ones that arrive late are thrown away."""
+        """Wait for the frame with this id; older frames that arrive late are discarded."""
         self._check_open()
         under_way = max(self._first_id, self._unfetched_id) <= frame_id < self._next_id
         if not under_way or not self._acquisition.running:
@@ -148,13 +148,13 @@ class GenICamCamera:
         )
 
     def disarm(self) -> None:
-        """Stop taking triggers."""
+        """Stop accepting triggers."""
         self._check_open()
         self._armed = None
         self._acquisition.stop()
 
     def close(self) -> None:
-        """Give the camera back; closing twice does nothing."""
+        """Release the camera; closing twice does nothing."""
         if not self._closed:
             self._closed = True
             self._acquisition.rest()
@@ -190,7 +190,7 @@ class GenICamCamera:
         self._stale = False
 
     def _refuse_strangers(self) -> None:
-        """Refuse to go on where a frame came that nobody asked for: the next could be one too."""
+        """Raise an error if an unexpected frame arrived: the next one could be unexpected, too."""
         self._stale = True
         while self._acquisition.poll() is not None:
             if not self._free:
@@ -207,7 +207,7 @@ class GenICamCamera:
     def _await(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None
     ) -> ReceivedFrame:
-        began_s = told_s = time.monotonic()
+        began_s = called_s = time.monotonic()
         while True:
             frame = self._acquisition.poll()
             now_s = time.monotonic()
@@ -225,39 +225,39 @@ class GenICamCamera:
                     counts,
                 )
             time.sleep(_POLL_S)
-            if waiting is not None and now_s - told_s >= _WAITING_EVERY_S:
+            if waiting is not None and now_s - called_s >= _WAITING_EVERY_S:
                 waiting()
-                told_s = now_s
+                called_s = now_s
 
     def _is_awaited(self, frame: ReceivedFrame, frame_id: int) -> bool:
-        """Tell whether it is this frame; False for an older one.
+        """Return whether this is the awaited frame; False for an older one.
 
         Raises
         ------
         FrameLostError
-            If it is a newer one, so that the awaited frame is lost, or its block id came before.
+            If it is a newer frame, so that the awaited one is lost, or its block id is repeated.
         """
         if self._free:
             return True
         place = self._count.place(frame.block, self._next_id - self._first_id)
         if place is None:
             raise FrameLostError(
-                f"camera {self._name}: awaiting frame {frame_id}, block {frame.block} came twice "
-                "or after a later one; it is thrown away, shoot again",
+                f"camera {self._name}: while frame {frame_id} was awaited, block {frame.block} "
+                "arrived twice or after a later one; it is discarded, shoot again",
                 self._acquisition.counts(),
             )
         if self._first_id + place > frame_id:
             counts = self._acquisition.counts()
             cause = _cause(counts, "shoot again, and check cable and network if it happens often")
             raise FrameLostError(
-                f"camera {self._name}: frame {frame_id} was lost on its way, frame "
-                f"{self._first_id + place} came in its place; {cause}",
+                f"camera {self._name}: frame {frame_id} was lost in transfer, frame "
+                f"{self._first_id + place} arrived instead; {cause}",
                 counts,
             )
         return self._first_id + place == frame_id
 
     def _temperature_c(self) -> float | None:
-        """Return the temperature, asked for now and then: it takes a command to the camera."""
+        """Return the temperature, read at intervals because each reading is a command."""
         now_s = time.monotonic()
         if now_s - self._temperature[0] >= _TEMPERATURE_EVERY_S:
             self._temperature = now_s, self._settings.temperature_c()
@@ -265,18 +265,18 @@ class GenICamCamera:
 
 
 def _cause(counts: Mapping[str, int], otherwise: str) -> str:
-    """Say why a frame is missing, from what the stream counted."""
+    """Return why a frame is missing, from the counters of the stream."""
     if "underrun" not in counts:
         return (
             f"{otherwise}; this GenTL producer does not count frames that find no free buffer, so "
-            "a busy computer may be the cause too"
+            "a busy computer may also be the cause"
         )
     if (underrun := counts["underrun"]) == 0:
         return otherwise
     frames = "1 frame" if underrun == 1 else f"{underrun} frames"
     return (
         f"{frames} found none of the {counts['buffers']} buffers free, because this computer is "
-        "too busy to take them in time: end other programs, or set frame_rate_hz in the rig file "
+        "too busy to fetch them in time: end other programs, or set frame_rate_hz in the rig file "
         "for a slower camera"
     )
 
@@ -299,17 +299,17 @@ def open_genicam(
     Parameters
     ----------
     cti
-        The producer (.cti file), or several to look through.
+        The producer (.cti file), or several to search.
     serial, model
-        As the camera states them; None where there is only one.
+        As the camera reports them; None if there is only one camera.
     pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, most_bytes, needs
         See `CameraOptions`.
 
     Raises
     ------
     CameraError
-        If the producer cannot be used, no or several cameras are meant, or the camera cannot be
-        set up: see `GenICamCamera`.
+        If the producer cannot be used, no camera or several match, or the camera cannot be set up:
+        see `GenICamCamera`.
     """
     options = CameraOptions(
         pixel_format, trigger_line, frame_rate_hz, black_level, readout_us, most_bytes, needs

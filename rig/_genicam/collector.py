@@ -1,4 +1,4 @@
-"""A thread that takes frames out of a camera's buffers while the program is busy otherwise."""
+"""A thread that copies frames out of a camera's buffers while the program is busy."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _POLL_S = 0.001
 
 
 class Collector:
-    """Does nothing but collect, from `begin` to `end`.
+    """A thread that collects frames from `begin` to `end`.
 
     Parameters
     ----------
     collect
-        Takes one frame and returns True; False where there is none, or no room, at this moment.
+        Takes one frame and returns True; returns False if there is no frame or no room.
     """
 
     def __init__(self, collect: Callable[[], bool]) -> None:
@@ -25,7 +25,7 @@ class Collector:
         self._ended = threading.Event()
 
     def begin(self) -> None:
-        """Start collecting, unless it has been started."""
+        """Start collecting, if not yet started."""
         if self._thread is None:
             self._ended = threading.Event()
             # A producer that never returns must not keep the program alive.
@@ -35,7 +35,7 @@ class Collector:
             self._thread.start()
 
     def end(self) -> None:
-        """Stop collecting, and wait until nothing is under way; ending twice does nothing."""
+        """Stop collecting, and wait until the thread has ended; ending twice does nothing."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -46,7 +46,7 @@ class Collector:
             try:
                 found = self._collect()
             except CameraError:
-                # Whoever asks for the next frame meets the same error.
+                # The next request for a frame raises the same error.
                 return
             if not found:
                 ended.wait(_POLL_S)

@@ -1,14 +1,14 @@
-"""Which trigger a frame belongs to, told from the block ids that the device gives its frames."""
+"""Assignment of frames to triggers by the block ids that the device gives its frames."""
 
 from __future__ import annotations
 
 
 class BlockCount:
-    """Turns block ids into places among the triggers since acquisition was started.
+    """Converts block ids to places among the triggers since acquisition was started.
 
-    Devices count from 0 (USB3 Vision) or from 1 (GigE Vision), and most begin anew at every start,
-    some never. Which, is learned from starts after which a single trigger was made: whatever frame
-    then comes first must be that of the trigger.
+    Devices count from 0 (USB3 Vision) or from 1 (GigE Vision); most restart the count with every
+    acquisition, some never do. The behaviour is learned from acquisitions with a single trigger:
+    the first frame must then belong to that trigger.
     """
 
     def __init__(self) -> None:
@@ -30,12 +30,12 @@ class BlockCount:
         block
             The frame's block id.
         triggers
-            How many there were.
+            Number of triggers since the start.
 
         Returns
         -------
         int or None
-            None where the id is one that came before, or an earlier one.
+            None if the id is not greater than that of an earlier frame.
         """
         if self._last is None:
             self._first = self._origin(block, triggers)
@@ -46,11 +46,11 @@ class BlockCount:
         return block - self._first
 
     def _origin(self, block: int, triggers: int) -> int:
-        """Return the id of the first trigger's frame, given the first id that came."""
+        """Return the id of the first trigger's frame, given the first id that arrived."""
         if triggers == 1 and self._base is None:
             self._base = block
         base = min(block, 1) if self._base is None else self._base
-        # There are no so many triggers: this count did not begin with them.
+        # The id is beyond the number of triggers: the count did not begin with them.
         beyond = block - base >= triggers
         if block != base and block >= self._next and (self._continues or triggers == 1 or beyond):
             self._continues = True

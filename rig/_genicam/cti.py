@@ -1,4 +1,4 @@
-"""Is this file a GenTL producer? Asked before it is loaded, since loading a wrong one can crash."""
+"""Checks a GenTL producer file before it is loaded, since loading a wrong file can crash."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rig._errors import CameraError
 from rig._genicam.errors import in_words
 from rig._guard import MAX_BINARY_BYTES, UnreadableError, read_bounded
 
-# Every producer exports it, so its name stands in the file.
+# Every producer exports this function, so the file contains its name.
 _ENTRY_POINT = b"GCInitLib\0"
 _ELF_MAGIC = b"\x7fELF"
 _PT_LOAD = 1
 
 
 def check_cti(path: Path) -> None:
-    """Check that a file is a GenTL producer and can be loaded; it must not be in use here.
+    """Check that a file is a GenTL producer and can be loaded; this process must not be using it.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def check_cti(path: Path) -> None:
 
 
 def _elf_is_cut_short(content: bytes) -> bool:
-    """Tell whether segments lie beyond the end: the loader maps them, and the process dies."""
+    """Return whether segments extend beyond the end: mapping them would kill the process."""
     wide, order = content[4:5] == b"\x02", ">" if content[5:6] == b"\x02" else "<"
     header, entry = ("16s2HI3QI3H", "2I4Q") if wide else ("16s2HI3II3H", "6I")
     try:

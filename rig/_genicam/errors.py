@@ -1,4 +1,4 @@
-"""The exceptions of GenICam and GenTL as one-line `CameraError`s."""
+"""Conversion of GenICam and GenTL exceptions to one-line `CameraError`s."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from genicam import genapi, gentl
 
 from rig._errors import CameraError, CameraGoneError
 
-# Neither family knows the other.
+# The two families have no common base class.
 GENICAM_ERRORS: tuple[type[Exception], ...] = (genapi.GenericException, gentl.GenericException)
 
 _GONE: tuple[type[Exception], ...] = (
@@ -18,7 +18,7 @@ _GONE: tuple[type[Exception], ...] = (
     gentl.InvalidHandleException,
     gentl.NotInitializedException,
 )
-# Places in foreign source code, error numbers, and what the message has said before.
+# Locations in the libraries' source code, error numbers, and repetitions of the message.
 _NOISE = re.compile(
     r"GenTL exception: |\s*\(file '[^']*', line \d+\)|\s*\(ID: -?\d+\)"
     r"|[ :.]*\w+Exception thrown .*"
@@ -26,26 +26,26 @@ _NOISE = re.compile(
 
 
 def in_words(error: BaseException) -> str:
-    """Return what an exception says, in one line."""
+    """Return the message of an exception as one line."""
     said = " ".join(_NOISE.sub("", str(error)).split()).strip(" :.")
     return said or type(error).__name__
 
 
 @contextlib.contextmanager
-def told(what: str) -> Iterator[None]:
-    """Turn whatever GenICam raises into a `CameraError` that begins with ``what``.
+def camera_errors(what: str) -> Iterator[None]:
+    """Convert any exception of GenICam to a `CameraError` whose message begins with ``what``.
 
     Raises
     ------
     CameraError
-        In place of any exception of GenICam; that one is its cause.
+        Instead of the exception of GenICam, which is its cause.
     """
     try:
         yield
     except _GONE as error:
         raise CameraGoneError(
-            f"{what}: the camera does not answer any more ({in_words(error)}); check its cable and "
-            "power, then open it again"
+            f"{what}: the camera no longer answers ({in_words(error)}); check its cable and power, "
+            "then open it again"
         ) from error
     except GENICAM_ERRORS as error:
         raise CameraError(f"{what}: {in_words(error)}") from error

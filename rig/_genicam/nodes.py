@@ -1,4 +1,4 @@
-"""The nodes of one camera: reading and writing them by any of the names that makers give them."""
+"""Access to the nodes of a camera by any of the names that vendors give them."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from typing import Any
 from genicam import genapi
 
 from rig._errors import CameraError
-from rig._genicam.errors import GENICAM_ERRORS, told
+from rig._genicam.errors import GENICAM_ERRORS, camera_errors
 
 Names = str | Sequence[str]
 
 _READABLE = (genapi.EAccessMode.RO, genapi.EAccessMode.RW)
 _WRITABLE = (genapi.EAccessMode.WO, genapi.EAccessMode.RW)
-# A value read back may differ from the one set by what a float register rounds.
+# A value read back may differ from the one set by the rounding of a float register.
 _ROUNDING = 1e-6
 
 
 class Nodes:
-    """Access to the node map of a camera; every failure names the camera and the node.
+    """Access to the node map of a camera; every error message names the camera and the node.
 
-    Wherever names are taken, the first that this camera has counts.
+    If a method takes several names, the first one that this camera has is used.
 
     Parameters
     ----------
     node_map
         genicam's ``NodeMap``.
     camera
-        What messages call the camera.
+        Name of the camera in messages.
     """
 
     def __init__(self, node_map: Any, camera: str) -> None:
@@ -37,48 +37,48 @@ class Nodes:
         self.camera = camera
 
     def exists(self, names: Names) -> bool:
-        """Tell whether the camera has such a node, even if it is locked now."""
+        """Return whether the camera has this node, even if it is locked now."""
         return self._access(names) not in (None, genapi.EAccessMode.NI)
 
     def has(self, names: Names) -> bool:
-        """Tell whether the camera has such a node, and it can be read now."""
+        """Return whether the camera has this node and it can be read now."""
         return self._access(names) in _READABLE
 
     def can_set(self, names: Names) -> bool:
-        """Tell whether the camera has such a node, and it can be written now."""
+        """Return whether the camera has this node and it can be written now."""
         return self._access(names) in _WRITABLE
 
     def name(self, names: Names) -> str:
-        """Return the name that this camera uses, the first where it has none of them."""
+        """Return the name that this camera uses, or the first if it has none of them."""
         listed = [names] if isinstance(names, str) else list(names)
         return next((name for name in listed if self._map.has_node(name)), listed[0])
 
     def number(self, names: Names) -> float:
         """Read a number."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             return float(node.value)
 
     def text(self, names: Names) -> str:
         """Read a string, or the symbol of an enumeration."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             return str(node.value)
 
     def flag(self, names: Names) -> bool:
         """Read a boolean."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             return bool(node.value)
 
     def limits(self, names: Names) -> tuple[float, float]:
         """Read the range of a number."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             return float(node.min), float(node.max)
 
     def unit(self, names: Names) -> str:
-        """Read the unit of a number as the camera states it, empty where it does not."""
+        """Read the unit of a number as the camera states it, empty if it states none."""
         try:
             return str(self._node(names).unit or "").strip()
         except GENICAM_ERRORS:
@@ -87,7 +87,7 @@ class Nodes:
     def choices(self, names: Names) -> tuple[str, ...]:
         """Return the symbols of an enumeration that can be chosen now."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             return tuple(
                 str(entry.symbolic)
                 for entry in node.entries
@@ -95,13 +95,13 @@ class Nodes:
             )
 
     def set_number(self, names: Names, value: float, unit: str = "") -> float:
-        """Write a number, to the nearest step the camera has, and return it as read back.
+        """Write a number, rounded to the nearest step of the camera, and return it as read back.
 
         Raises
         ------
         CameraError
-            If the value is outside the camera's range, which the message says, or it cannot be
-            written.
+            If the value is outside the camera's range (the message states the range), or if it
+            cannot be written.
         """
         node = self._node(names)
         where = self._where(names)
@@ -111,52 +111,52 @@ class Nodes:
             raise CameraError(
                 f"{where}: {value:g}{unit} is outside its range of {low:g} to {high:g}{unit}"
             )
-        with told(f"{where}, set to {value:g}{unit}"):
+        with camera_errors(f"{where}, set to {value:g}{unit}"):
             node.value = _stepped(node, value, low, high)
         return self.number(names)
 
     def is_choice(self, names: Names) -> bool:
-        """Tell whether a node is an enumeration."""
+        """Return whether a node is an enumeration."""
         return isinstance(self._node(names), genapi.IEnumeration)
 
     def set_choice(self, names: Names, symbol: str) -> bool:
-        """Choose a symbol of an enumeration, check that the camera took it; tell if it was another.
+        """Choose a symbol of an enumeration and read it back; return whether it has changed.
 
         Raises
         ------
         CameraError
-            If it cannot be chosen, the message lists those that can, or the camera stays with
-            another.
+            If the symbol cannot be chosen (the message lists those that can), or if the camera
+            keeps another one.
         """
         where = self._where(names)
-        # Written only where needed: many cameras lock what they will not let change.
+        # Written only if needed: many cameras lock nodes that cannot be changed.
         if self.text(names) == symbol:
             return False
         choices = self.choices(names)
         if symbol not in choices:
-            raise CameraError(f"{where}: no {symbol!r} here, only {', '.join(choices)}")
-        with told(f"{where}, set to {symbol}"):
+            raise CameraError(f"{where}: {symbol!r} is not available, only {', '.join(choices)}")
+        with camera_errors(f"{where}, set to {symbol}"):
             self._node(names).value = symbol
-        if (found := self.text(names)) != symbol:
-            raise CameraError(f"{where}: was set to {symbol} but stays {found}")
+        if (current := self.text(names)) != symbol:
+            raise CameraError(f"{where}: was set to {symbol} but is still {current}")
         return True
 
     def set_flag(self, names: Names, *, on: bool) -> bool:
-        """Write a boolean, check that the camera took it; tell if it was the other."""
+        """Write a boolean and read it back; return whether it has changed."""
         where = self._where(names)
         node = self._node(names)
-        with told(f"{where}, set to {on}"):
+        with camera_errors(f"{where}, set to {on}"):
             if bool(node.value) == on:
                 return False
             node.value = on
             if bool(node.value) != on:
-                raise CameraError(f"{where}: was set to {on} but stays {not on}")
+                raise CameraError(f"{where}: was set to {on} but is still {not on}")
         return True
 
     def execute(self, names: Names) -> None:
         """Execute a command."""
         node = self._node(names)
-        with told(self._where(names)):
+        with camera_errors(self._where(names)):
             node.execute()
 
     def _where(self, names: Names) -> str:
@@ -179,7 +179,7 @@ class Nodes:
 
 
 def _stepped(node: Any, value: float, low: float, high: float) -> float | int:
-    """Return the value that the node can take which is nearest to the one wanted."""
+    """Return the value nearest to ``value`` that the node can take."""
     whole = isinstance(node, genapi.IInteger)
     step = float(node.inc) if whole or node.has_inc() else 0.0
     if step > 0:

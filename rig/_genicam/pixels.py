@@ -1,4 +1,4 @@
-"""From the bytes of a buffer to pixels: raw formats of the Pixel Format Naming Convention."""
+"""Decoding of a buffer's bytes to pixels: raw formats of the Pixel Format Naming Convention."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _NAME = re.compile(
     r"(Mono|Bayer(?P<first>RG|GR|GB|BG))(?P<depth>8|10|12|14|16)(?P<packing>p|Packed|)"
 )
 _CFA = {"RG": "RGGB", "GR": "GRBG", "GB": "GBRG", "BG": "BGGR"}
-# Best first. Formats of 16 bits come last but for 8: few sensors have them, and many cameras then
-# put fewer bits at the high end.
+# Best first. The 16-bit formats are second to last, before 8: few sensors have 16 bits, and many
+# cameras then place fewer bits at the high end.
 _PREFERRED = ("12", "12p", "12Packed", "14", "10", "10p", "10Packed", "16", "8")
 _BLOCK = 1 << 16  # groups of pixels unpacked at a time, so that they stay in the cache
 
@@ -29,14 +29,14 @@ class PixelFormat:
     Parameters
     ----------
     name
-        For instance Mono12p.
+        Name of the format, for instance Mono12p.
     depth
-        Bits of a sample.
+        Bits per sample.
     packing
-        "" where each sample has bytes of its own, "p" for the convention's packing, "Packed" for
-        that of GigE Vision.
+        "" if each sample has its own bytes, "p" for the convention's packing, "Packed" for the
+        packing of GigE Vision.
     cfa
-        "RGGB" and the like, None for monochrome.
+        Colour filter pattern, for instance "RGGB"; None for monochrome.
     """
 
     name: str
@@ -46,7 +46,7 @@ class PixelFormat:
 
     @classmethod
     def of(cls, name: str) -> PixelFormat | None:
-        """Return the format of this name, None where it is none of raw samples."""
+        """Return the format of this name, None if it is not a format of raw samples."""
         match = _NAME.fullmatch(name)
         if match is None:
             return None
@@ -57,7 +57,7 @@ class PixelFormat:
 
     @property
     def group(self) -> tuple[int, int]:
-        """How many pixels share how many bytes."""
+        """Number of pixels in a group, and number of bytes that they share."""
         if not self.packing:
             return 1, 1 if self.depth == 8 else 2
         if self.packing == "Packed":
@@ -66,7 +66,7 @@ class PixelFormat:
         return bits // self.depth, bits // 8
 
     def bytes_of(self, pixels: int) -> int:
-        """Return how many bytes a run of pixels fills."""
+        """Return the number of bytes of a run of pixels."""
         count, size = self.group
         if self.packing == "p":
             return -(-pixels * self.depth // 8)
@@ -74,7 +74,7 @@ class PixelFormat:
 
 
 def best_format(offered: Iterable[str]) -> str | None:
-    """Return the format to take where none is asked for: raw colour before mono, 12 bits first."""
+    """Return the default format: raw colour is preferred to mono, and 12 bits to other depths."""
     known = [found for name in offered if (found := PixelFormat.of(name)) is not None]
     return min(known, key=_rank).name if known else None
 
@@ -97,49 +97,49 @@ def decode(
     Parameters
     ----------
     raw
-        The buffer's content, from the image's first byte on; what follows the image is ignored.
+        The buffer's content from the image's first byte; bytes after the image are ignored.
     form
-        What they are.
+        Format of the pixels.
     size
         (H, W).
     padding
-        Bytes after each row. Without any, packed rows follow each other within a byte, as the
-        convention has it, unless the number of bytes says that each begins with a byte of its own.
+        Bytes after each row. Without padding, a packed row may begin within a byte, as the
+        convention specifies, unless the number of bytes shows that each row begins a new byte.
     big_endian
-        Of samples of two bytes.
+        Byte order of samples of two bytes.
     camera
-        Named in messages.
+        Name of the camera in messages.
 
     Returns
     -------
     numpy.ndarray
-        ``(H, W)`` uint16, samples at the low end.
+        ``(H, W)`` uint16, samples in the low bits.
 
     Raises
     ------
     CameraError
-        If there are too few bytes for such an image; if they are too many and could be rows of
+        If there are too few bytes for this image; if there are too many and the rows could be of
         either kind; or if a sample has more bits than the format.
     """
     height, width = size
     stride = form.bytes_of(width) + padding
     content = np.frombuffer(raw, np.uint8)
-    whole, joined = stride * height, form.bytes_of(width * height)
-    if not padding and (len(content) == joined or (len(content) > joined == whole)):
+    total, joined = stride * height, form.bytes_of(width * height)
+    if not padding and (len(content) == joined or (len(content) > joined == total)):
         content = content[np.newaxis, :joined]
         pixels = _unpack(content, form, width * height, big_endian).reshape(size)
-    elif len(content) == whole or (padding and len(content) > whole):
-        rows = content[:whole].reshape(height, stride)[:, : stride - padding]
+    elif len(content) == total or (padding and len(content) > total):
+        rows = content[:total].reshape(height, stride)[:, : stride - padding]
         pixels = _unpack(rows, form, width, big_endian)
     else:
         raise CameraError(
             f"camera {camera}: a {form.name} frame of {width} x {height} pixels with {padding} "
-            f"bytes of padding per row has {whole} bytes, this one has {len(content)}; "
+            f"bytes of padding per row has {total} bytes, but this one has {len(content)}; "
             "check the camera's PixelFormat, Width and Height"
         )
     if not form.packing and form.depth not in (8, 16) and int(pixels.max()) >> form.depth:
         raise CameraError(
-            f"camera {camera}: a sample of {pixels.max()} in a {form.name} frame does not fit its "
+            f"camera {camera}: a sample of {pixels.max()} in a {form.name} frame does not fit into "
             f"{form.depth} bits; choose another pixel format"
         )
     return pixels
@@ -169,7 +169,7 @@ def _unpack(
 def _sample(block: npt.NDArray[np.uint16], index: int, form: PixelFormat) -> npt.NDArray[np.uint16]:
     """Return the sample at one place of each group of bytes."""
     if form.packing == "Packed":
-        # Both pixels keep their high bits in a byte of their own and share the middle one.
+        # Each pixel has its own byte for the high bits; both share the middle byte.
         low = form.depth - 8
         shared = block[:, 1] >> 4 * index & (1 << low) - 1
         return (block[:, 2 * index] << low | shared).astype(np.uint16, copy=False)

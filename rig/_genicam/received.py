@@ -1,4 +1,4 @@
-"""What a filled buffer holds: as it came, copied out, and as a frame."""
+"""The content of a filled buffer: as received, as a copy, and as a frame."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _IMAGES = (
 
 @dataclass(frozen=True, eq=False)
 class ReceivedFrame:
-    """A whole frame out of a buffer.
+    """A complete frame from a buffer.
 
     Parameters
     ----------
     block
-        The device's own count.
+        Block id: the device's own count.
     timestamp_ns
-        The device's own clock, 0 where it does not tell.
+        Time on the device's own clock, 0 if it does not report one.
     pixels
         ``(H, W)`` uint16.
     """
@@ -41,14 +41,14 @@ class ReceivedFrame:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """What a buffer holds, not looked at yet.
+    """The content of a buffer, not decoded yet.
 
     Parameters
     ----------
     block, timestamp_ns
-        As of a `ReceivedFrame`.
+        See `ReceivedFrame`.
     payload_type
-        GenTL's number for it.
+        GenTL's number of the payload type.
     format
         Name of the pixel format.
     size
@@ -56,9 +56,9 @@ class Content:
     padding
         Bytes after each row.
     big_endian
-        Of samples of two bytes.
+        Byte order of samples of two bytes.
     raw
-        From the image's first byte on.
+        Bytes from the image's first byte on.
     """
 
     block: int
@@ -72,7 +72,7 @@ class Content:
 
     @classmethod
     def of(cls, buffer: Any) -> Content:
-        """Return a view of genicam's ``Buffer``: good until that is queued again."""
+        """Return a view of genicam's ``Buffer``, valid until the buffer is queued again."""
         filled = int(_stated_or(buffer, "size_filled", len(buffer.raw_buffer)))
         start = int(_stated_or(buffer, "image_offset", 0))
         pixel_format = int(buffer.pixel_format)
@@ -88,7 +88,7 @@ class Content:
         )
 
     def copied(self) -> Content:
-        """Return it with memory of its own."""
+        """Return a copy with its own memory."""
         # Not bytes(): copying an array lets other threads run.
         return replace(self, raw=np.frombuffer(self.raw, np.uint8).copy().data)
 
@@ -98,14 +98,14 @@ class Content:
         Parameters
         ----------
         form, size
-            What it must be.
+            Format and (H, W) that the frame must have.
         camera
-            Named in messages.
+            Name of the camera in messages.
 
         Raises
         ------
         CameraError
-            If it is anything else.
+            If the content is not an image of this format and size.
         """
         if self.payload_type not in _IMAGES:
             raise CameraError(
@@ -114,9 +114,9 @@ class Content:
             )
         if form is None or self.format != form.name or self.size != size:
             raise CameraError(
-                f"camera {camera}: a frame of {self.size[1]} x {self.size[0]} pixels in "
-                f"{self.format} came, set is {size[1]} x {size[0]} in "
-                f"{form.name if form else 'nothing'}; open the camera again"
+                f"camera {camera}: a frame has {self.size[1]} x {self.size[0]} pixels in "
+                f"{self.format}, but {size[1]} x {size[0]} in "
+                f"{form.name if form else 'no format'} was set; open the camera again"
             )
         pixels = decode(
             self.raw,
@@ -130,7 +130,7 @@ class Content:
 
 
 def _stated_or(buffer: Any, name: str, default: Any) -> Any:
-    """Return what the producer states of a buffer, the default where it need not and does not."""
+    """Return an optional property of a buffer, the default if the producer does not state it."""
     try:
         return getattr(buffer, name)
     except gentl.GenericException:

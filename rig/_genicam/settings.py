@@ -1,4 +1,4 @@
-"""Exposure, gain, black level, temperature and times, under the names that makers give them."""
+"""Exposure time, gain, black level, temperature and times, under the names that vendors use."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TRIGGER_DELAY = ("TriggerDelay", "TriggerDelayAbs")
 SHUTTER = ("SensorShutterMode", "ShutterMode")
 READOUT = ("SensorReadoutTime", "ReadoutTimeAbs", "ReadoutTime")
 
-# Which of several exposures, gains, ... the nodes above mean, the first that the camera offers.
+# Selectors of the nodes above, each with its symbols by preference.
 _SELECT = (
     ("ExposureTimeSelector", ("Common",)),
     ("GainSelector", ("All", "AnalogAll")),
@@ -32,7 +32,7 @@ _SELECT = (
     ("DeviceTemperatureSelector", ("Sensor", "SensorBoard", "Mainboard")),
 )
 _MICROSECONDS = {"": 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "ms": 1e3, "s": 1e6, "ns": 1e-3}
-# Symbols of the shutter modes, in lower case without underscores, that expose row after row.
+# Symbols of the shutter modes, in lower case without underscores.
 _ROLLING = ("rolling",)
 _GLOBAL = ("global",)
 
@@ -43,7 +43,7 @@ class Settings:
     Parameters
     ----------
     nodes
-        Of the camera.
+        Nodes of the camera.
     """
 
     def __init__(self, nodes: Nodes) -> None:
@@ -60,18 +60,18 @@ class Settings:
 
     @property
     def exposure_us(self) -> float:
-        """Exposure as last read back, NaN where the camera does not tell."""
+        """Exposure time as last read back, NaN if the camera does not report it."""
         if self._exposure_us is None:
             self._exposure_us = self._time_us(EXPOSURE) if self._nodes.has(EXPOSURE) else math.nan
         return self._exposure_us
 
     @property
     def gain_db(self) -> float:
-        """Gain as last read back; 0, the least, where the camera has none in dB."""
+        """Gain as last read back; 0, the least, if the camera has no gain in dB."""
         return self._gain_db
 
     def exposure_range_us(self) -> tuple[float, float]:
-        """Return the range of exposures; (0, 0) where the camera does not tell."""
+        """Return the range of exposure times; (0, 0) if the camera does not report it."""
         if not self._nodes.has(EXPOSURE):
             return 0.0, 0.0
         scale = self._us_per_unit(EXPOSURE)
@@ -79,7 +79,7 @@ class Settings:
         return low * scale, high * scale
 
     def set_exposure(self, exposure_us: float) -> float:
-        """Set the exposure and return it as read back."""
+        """Set the exposure time and return it as read back."""
         scale = self._us_per_unit(EXPOSURE)
         self._exposure_us = None
         unit = self._nodes.unit(EXPOSURE) or "us"
@@ -92,8 +92,8 @@ class Settings:
         Raises
         ------
         CameraError
-            If it is out of range; or not 0, which stands for the least, where the camera has no
-            gain in dB.
+            If it is out of range; or if the camera has no gain in dB and the value is not 0, which
+            stands for the least gain.
         """
         nodes = self._nodes
         if nodes.has(GAIN) and nodes.unit(GAIN).lower() == "db":
@@ -101,8 +101,8 @@ class Settings:
             return self._gain_db
         if gain_db != 0:
             raise CameraError(
-                f"camera {nodes.camera}, {nodes.name(GAIN)}: {gain_db:g} dB is wanted, but this "
-                "camera has no gain in dB; ask for 0, its least gain"
+                f"camera {nodes.camera}, {nodes.name(GAIN)}: a gain of {gain_db:g} dB is not "
+                "possible, because this camera has no gain in dB; use 0, its least gain"
             )
         if nodes.can_set(GAIN):
             nodes.set_number(GAIN, nodes.limits(GAIN)[0])
@@ -113,7 +113,7 @@ class Settings:
         return self._nodes.set_number(BLACK_LEVEL, value)
 
     def set_frame_rate(self, rate_hz: float | None) -> None:
-        """Limit the rate of frames, or let the camera go as fast as it can."""
+        """Limit the frame rate, or remove the limit if it is None."""
         nodes = self._nodes
         if nodes.can_set(FRAME_RATE_ENABLE):
             nodes.set_flag(FRAME_RATE_ENABLE, on=rate_hz is not None)
@@ -121,7 +121,7 @@ class Settings:
             nodes.set_number(FRAME_RATE, rate_hz, "Hz")
 
     def frame_period_us(self) -> float:
-        """Return the least time between triggers at the present exposure, 0 where not told."""
+        """Return the least time between triggers at this exposure time, 0 if not reported."""
         nodes = self._nodes
         if nodes.has(RESULTING_RATE):
             rate_hz = nodes.number(RESULTING_RATE)
@@ -134,15 +134,15 @@ class Settings:
         return 1e6 / rate_hz if rate_hz > 0 else 0.0
 
     def trigger_delay_us(self) -> float:
-        """Return the time from trigger to exposure, 0 where the camera has no such node."""
+        """Return the time from trigger to exposure, 0 if the camera has no node for it."""
         return self._time_us(TRIGGER_DELAY) if self._nodes.has(TRIGGER_DELAY) else 0.0
 
     def temperature_c(self) -> float | None:
-        """Read the temperature, None where the camera does not tell."""
+        """Read the temperature, None if the camera does not report it."""
         return self._nodes.number(TEMPERATURE) if self._nodes.has(TEMPERATURE) else None
 
     def check_answers(self) -> None:
-        """Ask the camera for something that changes, so that nobody answers in its place.
+        """Read a value that changes, so that the answer is from the camera and not from a cache.
 
         Raises
         ------
@@ -152,12 +152,12 @@ class Settings:
         self._nodes.number(TEMPERATURE if self._nodes.exists(TEMPERATURE) else "Width")
 
     def shutter(self) -> Literal["global", "rolling"]:
-        """Return the kind of shutter; global where the camera has no such node.
+        """Return the kind of shutter; global if the camera has no node for it.
 
         Raises
         ------
         CameraError
-            If its rows begin together and end one after the other: no light fits that.
+            If rows begin together and end one after the other: no light gives them equal exposures.
         """
         nodes = self._nodes
         if not nodes.has(SHUTTER):
@@ -170,19 +170,19 @@ class Settings:
             return "global"
         raise CameraError(
             f"camera {nodes.camera}, {nodes.name(SHUTTER)}: in the mode {mode} rows are exposed "
-            "for different times; set it to Global or Rolling with the maker's program"
+            "for different times; set it to Global or Rolling with the vendor's program"
         )
 
     def readout_us(self) -> float:
         """Return how long the readout of a rolling shutter takes.
 
-        Without a node for it, it is taken to last as long as the least frame period, which it
-        cannot exceed.
+        If the camera has no node for it, this is the least frame period, which the readout cannot
+        exceed.
 
         Raises
         ------
         CameraError
-            If the camera tells neither.
+            If the camera reports neither.
         """
         nodes = self._nodes
         if nodes.has(READOUT):
@@ -190,8 +190,8 @@ class Settings:
         period_us = self.frame_period_us()
         if period_us == 0:
             raise CameraError(
-                f"camera {nodes.camera} has a rolling shutter and does not tell its readout time "
-                f"({nodes.name(READOUT)}): state readout_us in the rig file"
+                f"camera {nodes.camera} has a rolling shutter and does not report its readout time "
+                f"({nodes.name(READOUT)}): set readout_us in the rig file"
             )
         return period_us
 
@@ -200,10 +200,10 @@ class Settings:
 
     def _us_per_unit(self, names: tuple[str, ...]) -> float:
         unit = self._nodes.unit(names)
-        # A raw integer counts ticks of a length that only its maker knows, unless it has a unit.
+        # A raw integer without a unit counts ticks of a length that only the vendor knows.
         if unit not in _MICROSECONDS or (not unit and self._nodes.name(names).endswith("Raw")):
             raise CameraError(
                 f"camera {self._nodes.camera}, {self._nodes.name(names)}: its unit "
-                f"{unit or '(none)'} is not one of time"
+                f"{unit or '(none)'} is not a unit of time"
             )
         return _MICROSECONDS[unit]

@@ -1,4 +1,4 @@
-"""How a camera is set up when it is opened."""
+"""Setup of a camera when it is opened."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ _NEEDED: tuple[tuple[str, ...], ...] = (
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """How a camera is to be set up when it is opened.
+    """Settings of a camera, applied when it is opened.
 
     Parameters
     ----------
     pixel_format
         Name of a raw format, for instance Mono12p; None for the best that the camera offers.
     trigger_line
-        The camera's trigger source that the LED board is wired to.
+        The camera's trigger source that is wired to the LED board.
     frame_rate_hz
-        Limit of the frame rate; None lets the camera go as fast as it can.
+        Limit of the frame rate; None for no limit.
     black_level
-        In the camera's own unit; None leaves it.
+        Black level in the camera's own unit; None leaves it unchanged.
     readout_us
-        Of a rolling shutter; None asks the camera.
+        Readout time of a rolling shutter; None queries the camera.
     most_bytes
-        Memory that frames under way may take; None for 1 GiB, or a quarter of the computer's memory
-        where that is less.
+        Memory that pending frames may take; None for 1 GiB, or a quarter of the computer's memory
+        if that is less.
     needs
-        What the camera must be able to do: "exposure", "trigger". One that need not be triggered
-        runs freely, and `GenICamCamera.trigger` then stands for its next frame: good for a look,
-        not for a recording.
+        Required abilities of the camera: "exposure", "trigger". Without "trigger" the camera runs
+        freely, and `GenICamCamera.trigger` returns the id of its next frame: sufficient for a
+        preview, not for a recording.
     """
 
     pixel_format: str | None = None
@@ -57,12 +57,12 @@ class CameraOptions:
 
 
 def check_needs(nodes: Nodes, found: FoundCamera, needs: Collection[str]) -> None:
-    """Check that a camera has all the nodes that what is wanted of it takes.
+    """Check that a camera has all nodes for the required abilities.
 
     Raises
     ------
     CameraError
-        If it lacks any; the message names them all.
+        If it lacks any; the message names all of them.
     """
     needed = list(_NEEDED)
     if "exposure" in needs:
@@ -72,19 +72,19 @@ def check_needs(nodes: Nodes, found: FoundCamera, needs: Collection[str]) -> Non
     lacking = [names[0] for names in needed if not nodes.exists(names)]
     if lacking:
         raise CameraError(
-            f"camera {found} cannot be used here, it lacks nodes: {', '.join(lacking)}"
+            f"camera {found} cannot be used, because it lacks nodes: {', '.join(lacking)}"
         )
 
 
 def set_up(
     nodes: Nodes, settings: Settings, found: FoundCamera, options: CameraOptions
 ) -> tuple[CameraInfo, PixelFormat]:
-    """Set what the options say, and return what the camera is then and how its pixels come.
+    """Apply the options, and return the properties of the camera and its pixel format.
 
     Raises
     ------
     CameraError
-        If an option cannot be had.
+        If an option is not available.
     """
     form = _choose_format(nodes, options.pixel_format)
     if options.black_level is not None:
@@ -121,7 +121,7 @@ def _choose_format(nodes: Nodes, wanted: str | None) -> PixelFormat:
     form = PixelFormat.of(name) if name is not None else None
     if form is None:
         raise CameraError(
-            f"camera {nodes.camera}, PixelFormat: wanted is a format of raw samples, such as "
+            f"camera {nodes.camera}, PixelFormat: must be a format of raw samples, for instance "
             f"Mono12 or BayerRG12p, not {name}; the camera offers {', '.join(offered)}"
         )
     nodes.set_choice("PixelFormat", form.name)

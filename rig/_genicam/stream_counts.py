@@ -1,4 +1,4 @@
-"""What the stream of a camera counts: frames begun, delivered, and those that found no buffer."""
+"""Counters of a camera's stream: frames started, delivered, and those that found no buffer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, Final
 from rig._genicam.errors import GENICAM_ERRORS
 
 _ABSENT: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
-# As a query of the stream itself, and under the name that GenTL's standard features have for it.
+# Name of each counter as a query of the stream, and as a node of GenTL's standard features.
 _COUNTS: Final = {
     "started": ("num_started", "StreamStartedFrameCount"),
     "delivered": ("num_delivered", "StreamDeliveredFrameCount"),
@@ -29,11 +29,11 @@ class StreamCounts:
         self._before: dict[str, int] = {}
 
     def begin(self) -> None:
-        """Count from here on: some producers start anew with each acquisition, some never."""
+        """Start counting here: some producers reset their counters with each start, some never."""
         self._before = self._read()
 
     def read(self) -> dict[str, int]:
-        """Return the counters that the producer has, by name."""
+        """Return the available counters by name."""
         return {
             name: max(0, count - self._before.get(name, 0)) for name, count in self._read().items()
         }

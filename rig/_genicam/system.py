@@ -1,8 +1,8 @@
-"""Life of the harvesters: one per GenTL producer and process, shared by all its open cameras.
+"""Management of Harvesters: one per GenTL producer and process, shared by its open cameras.
 
-A second Harvester on the same producer sees no devices, and updating the list of devices ends every
-camera that is open. So there is one per producer, updated once, and reset when its last camera has
-been given back.
+A second Harvester for the same producer sees no devices, and an update of the device list closes
+every open camera. There is therefore one Harvester per producer, updated once, and reset after its
+last camera has been closed.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from rig._genicam.cti import check_cti
 from rig._genicam.errors import GENICAM_ERRORS, in_words
 
 _TAKEN: tuple[type[Exception], ...] = (gentl.AccessDeniedException, gentl.ResourceInUseException)
-# harvesters takes for granted that the camera's XML was understood, and trips where it was not.
+# harvesters assumes that it has parsed the camera's XML, and fails with these errors if not.
 _CREATION_ERRORS: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AssertionError, AttributeError)
 _log = logging.getLogger("rig.genicam")
-# Unless the application wants to hear of it: what matters comes as an exception.
+# Silent by default: relevant errors are raised as exceptions.
 _log.addHandler(logging.NullHandler())
 
 
 @dataclass(frozen=True)
 class FoundCamera:
-    """A camera that a GenTL producer offers; what it does not tell is empty."""
+    """A camera that a GenTL producer offers; texts that it does not report are empty."""
 
     cti: Path
     vendor: str
@@ -47,7 +47,7 @@ class FoundCamera:
 
 @dataclass
 class _System:
-    """The Harvester of one producer, and how many cameras of it are open."""
+    """The Harvester of one producer, and the number of its users."""
 
     harvester: Any
     users: int = 0
@@ -60,14 +60,14 @@ _lock = threading.RLock()
 
 
 class OpenDevice:
-    """An open camera of a producer: harvesters' image acquirer and its way back.
+    """An open camera of a producer: harvesters' image acquirer, which `close` releases.
 
     Attributes
     ----------
     acquirer
         harvesters' ``ImageAcquirer``.
     found
-        What the producer says of it.
+        The producer's description of the camera.
     """
 
     def __init__(self, acquirer: Any, found: FoundCamera) -> None:
@@ -76,12 +76,12 @@ class OpenDevice:
         self._given_back = False
 
     def close(self) -> None:
-        """Give the camera back; closing twice does nothing.
+        """Release the camera; closing twice does nothing.
 
         Raises
         ------
         CameraError
-            If the producer fails at it. Everything has been let go of then.
+            If the producer fails while closing. Everything has been released then.
         """
         if self._given_back:
             return
@@ -95,7 +95,7 @@ class OpenDevice:
                 ) from error
             finally:
                 system = _systems[self.found.cti]
-                # The harvester would keep it for as long as it lives.
+                # The Harvester would otherwise keep it for its own lifetime.
                 with contextlib.suppress(ValueError):
                     system.harvester.image_acquirers.remove(self.acquirer)
                 _release(self.found.cti)
@@ -111,13 +111,13 @@ def open_device(
     ctis
         GenTL producers (.cti files).
     serial, model
-        As the camera states them; None for any.
+        As the camera reports them; None for any.
 
     Raises
     ------
     CameraError
-        If a producer cannot be used; if no camera, or more than one, is meant: the message lists
-        those found; or if the camera does not open.
+        If a producer cannot be used; if no camera, or more than one, matches (the message lists
+        those found); or if the camera does not open.
     """
     paths = _resolved(ctis)
     with _lock, contextlib.ExitStack() as used:
@@ -133,7 +133,7 @@ def open_device(
 
 
 def find_cameras(ctis: Sequence[str | Path]) -> tuple[FoundCamera, ...]:
-    """Return the cameras that these GenTL producers offer, opening none.
+    """Return the cameras that these GenTL producers offer, without opening any.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def _use(path: Path) -> _System:
             harvester.update()
             found = [_found(path, info.property_dict) for info in harvester.device_info_list]
         except GENICAM_ERRORS as error:
-            # The same failure again, as a rule.
+            # Usually the same failure again.
             with contextlib.suppress(*GENICAM_ERRORS):
                 harvester.reset()
             raise CameraError(f"{path}: this GenTL producer fails ({in_words(error)})") from error
@@ -202,7 +202,8 @@ def _pick(
     where = ", ".join(map(str, paths))
     if not cameras:
         raise CameraError(
-            f"{where}: no camera found; check its cable and power, and that no other program has it"
+            f"{where}: no camera found; check its cable and power, and that no other program has "
+            "it open"
         )
     meant = [
         (index, camera)
@@ -213,7 +214,9 @@ def _pick(
         return meant[0]
     listed = ", ".join(str(camera) for _, camera in cameras)
     if meant:
-        raise CameraError(f"{where}: {len(meant)} cameras, say which by serial number: {listed}")
+        raise CameraError(
+            f"{where}: {len(meant)} cameras found, choose one by serial number: {listed}"
+        )
     wanted = " ".join(part for part in (model, serial) if part is not None)
     raise CameraError(f"{where}: no camera {wanted}; found: {listed}")
 
@@ -235,19 +238,19 @@ def _create(harvester: Any, index: int, found: FoundCamera) -> Any:
     except _CREATION_ERRORS as error:
         raise CameraError(f"camera {found}: cannot be opened ({in_words(error)})") from error
     if not acquirer.is_valid():
-        # Ctrl-C came before its handler was back: harvesters then destroys the camera.
+        # Ctrl-C arrived before its handler was restored: harvesters then destroys the camera.
         raise KeyboardInterrupt
     return acquirer
 
 
 @contextlib.contextmanager
 def _handler_of_ctrl_c_kept() -> Iterator[None]:
-    """Put the handler of SIGINT back: on the main thread harvesters sets its own, for good."""
+    """Restore the handler of SIGINT, which harvesters replaces permanently on the main thread."""
     handler = signal.getsignal(signal.SIGINT)
     try:
         yield
     finally:
-        # None stands for a handler that Python did not set and cannot put back.
+        # None stands for a handler that Python did not set and cannot restore.
         if threading.current_thread() is threading.main_thread() and handler is not None:
             signal.signal(signal.SIGINT, handler)
 
@@ -255,11 +258,11 @@ def _handler_of_ctrl_c_kept() -> Iterator[None]:
 def _destroy(acquirer: Any) -> None:
     # genicam's chunk adapter is kept alive by its own finalizer, and with it a whole node map.
     release = getattr(getattr(acquirer, "_chunk_adapter", None), "_finalizer", None)
-    # Of an unplugged camera, this fails and the rest does not.
+    # For an unplugged camera this fails, but the rest does not.
     with contextlib.suppress(*GENICAM_ERRORS):
         acquirer.stop()
     try:
-        # Its ``destroy`` alone would leave a finalizer behind that keeps it alive, too.
+        # Its ``destroy`` alone would leave a finalizer that also keeps it alive.
         with acquirer:
             pass
     finally:

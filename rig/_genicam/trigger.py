@@ -1,4 +1,4 @@
-"""What starts an exposure: a command, a line, or nothing but the camera itself."""
+"""Trigger settings of a camera: a software command, a line, or free running."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _FRAME = ("FrameStart", "ExposureStart")
 
 
 class TriggerControl:
-    """The trigger nodes of a camera. Use while it is not acquiring.
+    """The trigger nodes of a camera, for use while it is not acquiring.
 
     Parameters
     ----------
     nodes
-        Of the camera.
+        Nodes of the camera.
     line
-        Symbol of the trigger source that the LED board is wired to.
+        Symbol of the trigger source that is wired to the LED board.
     """
 
     def __init__(self, nodes: Nodes, line: str) -> None:
@@ -28,12 +28,12 @@ class TriggerControl:
         self._line = line
 
     def choose(self, trigger: Trigger) -> None:
-        """Let exactly one frame follow each trigger of this kind.
+        """Set the camera to take exactly one frame for each trigger of this kind.
 
         Raises
         ------
         CameraError
-            If the camera cannot; where it lacks the line, the message lists what it has.
+            If the camera cannot do this; if it lacks the line, the message lists its lines.
         """
         self.free()
         nodes = self._nodes
@@ -44,7 +44,7 @@ class TriggerControl:
         nodes.set_choice("TriggerMode", "On")
 
     def free(self) -> None:
-        """Wait for no trigger of any kind."""
+        """Turn off all triggers, so that the camera runs freely."""
         nodes = self._nodes
         if nodes.has("AcquisitionMode"):
             nodes.set_choice("AcquisitionMode", "Continuous")
@@ -59,7 +59,7 @@ class TriggerControl:
             nodes.set_choice("TriggerMode", "Off")
 
     def fire(self) -> None:
-        """Trigger by command."""
+        """Trigger one frame by software."""
         self._nodes.execute(COMMAND)
 
     def _select_frames(self) -> None:
@@ -70,8 +70,8 @@ class TriggerControl:
         symbol = next((symbol for symbol in _FRAME if symbol in offered), None)
         if symbol is None:
             raise CameraError(
-                f"camera {nodes.camera}, TriggerSelector: none of {', '.join(_FRAME)} here, only "
-                f"{', '.join(offered)}"
+                f"camera {nodes.camera}, TriggerSelector: none of {', '.join(_FRAME)} is "
+                f"available, only {', '.join(offered)}"
             )
         nodes.set_choice("TriggerSelector", symbol)
 

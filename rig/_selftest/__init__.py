@@ -1,1 +1,1 @@
-"""Which LEDs burn, and which are where the rig file says, by what the camera sees."""
+"""The self-test: checks with the camera that each LED works and is where the rig file states."""

@@ -1,4 +1,4 @@
-"""One thing that the self-test has to say."""
+"""A finding of the self-test."""
 
 from __future__ import annotations
 
@@ -6,25 +6,25 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal[
-    "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "not told apart",
+    "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "ambiguous",
     "trigger", "exposure active",
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is not as it should be, or cannot be judged.
+    """A fault of the rig, or a remark on something that cannot be judged.
 
     Parameters
     ----------
     kind
-        Short name.
+        Short name of the finding.
     leds
-        The LEDs that it concerns.
+        The LEDs concerned.
     text
-        What is seen and what to try, for people.
+        Message for the operator: the observation and what to try.
     fault
-        False where nothing is wrong with the rig: a remark.
+        False for a remark, if nothing is wrong with the rig.
     """
 
     kind: Kind

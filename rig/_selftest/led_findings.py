@@ -1,4 +1,4 @@
-"""What is wrong with the LEDs of a rig, judged from one coarse image of each."""
+"""Finds faults of the LEDs of a rig in one coarse image of each LED."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig._selftest.finding import Finding
-from rig._selftest.led_places import burn_together, judge_places
+from rig._selftest.led_places import both_on, judge_places
 from rig._selftest.near_light import Array, Images, fit, misfits
 
 # Relative to the median LED.
@@ -22,12 +22,12 @@ _NOISES = 5.0
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What was seen.
+    """The data of the self-test.
 
     Parameters
     ----------
     leds
-        ``K`` LED numbers that were tried.
+        ``K`` numbers of the tested LEDs.
     light
         ``(2, K, B)`` coarse images of each LED in two passes, grey values above the dark frame's,
         NaN where saturated.
@@ -36,7 +36,7 @@ class Evidence:
     places
         ``(B, 2)`` x to the right and y up in widths of the upright image, from its centre.
     positions_mm
-        ``(K, 3)`` of these LEDs, None where not known.
+        ``(K, 3)`` positions of these LEDs, None if not known.
     """
 
     leds: tuple[int, ...]
@@ -47,27 +47,27 @@ class Evidence:
 
 
 def findings(evidence: Evidence) -> list[Finding]:
-    """Judge the LEDs; an empty list says that all is as it should be and could be told."""
+    """Judge the LEDs; the list is empty if all LEDs are correct and could be distinguished."""
     judge = _Judge(evidence)
     found = [*judge.brightness(), *judge.steadiness()]
     if evidence.positions_mm is None:
         found += judge.equals()
         found.append(
             Finding(
-                "not told apart",
+                "ambiguous",
                 (),
-                "whether LEDs are swapped cannot be told without their positions: give "
-                "led_positions_mm in the rig file",
+                "swapped LEDs cannot be found without their positions: give led_positions_mm in "
+                "the rig file",
                 fault=False,
             )
         )
     elif judge.alive.sum() < _FEWEST:
         found.append(
             Finding(
-                "not told apart",
+                "ambiguous",
                 (),
-                f"whether LEDs are swapped can be told of {_FEWEST} that give light, not of "
-                f"{judge.alive.sum()}",
+                f"swapped LEDs can be found only if at least {_FEWEST} LEDs give light, but "
+                f"{judge.alive.sum()} did",
                 fault=False,
             )
         )
@@ -80,7 +80,7 @@ class _Judge:
     def __init__(self, evidence: Evidence) -> None:
         self._seen = evidence
         self._mean = _mean(evidence.light, axis=0)
-        # A place that the first LED saturates is compared by the others.
+        # Saturated places are NaN and do not count in the means.
         self._strength = _mean(self._mean, axis=1)
         difference = evidence.light[0] - evidence.light[1]
         spread = 1.4826 * np.nanmedian(np.abs(difference)) / np.sqrt(2)
@@ -99,8 +99,8 @@ class _Judge:
 
     def brightness(self) -> list[Finding]:
         found = []
-        burning = self._burning() if self._glows else None
-        if self._glows and burning is None:
+        stuck = self._stuck() if self._glows else None
+        if self._glows and stuck is None:
             share = self._glow / self._typical
             found.append(
                 Finding(
@@ -111,13 +111,13 @@ class _Judge:
                     fault=False,
                 )
             )
-        if burning is not None:
+        if stuck is not None:
             found.append(
                 Finding(
                     "always on",
-                    (burning,),
-                    f"LED {burning} burns when all are off, and its command changes nothing: look "
-                    "for a short to ground on its wire, or a broken driver output",
+                    (stuck,),
+                    f"LED {stuck} is on when all should be off, and its command changes nothing: "
+                    "look for a short to ground on its wire, or a broken driver output",
                 )
             )
         found += [
@@ -128,7 +128,7 @@ class _Judge:
                 "in dead_leds of the rig file",
             )
             for led in self._names(~self.alive)
-            if led != burning
+            if led != stuck
         ]
         dim = self.alive & (self._strength < _DIM * self._typical)
         for led in self._names(dim):
@@ -137,8 +137,8 @@ class _Judge:
                 Finding(
                     "dim",
                     (led,),
-                    f"LED {led} gives {share:.0%} of what the others give: clean it, check its "
-                    "resistor and whether something stands in its way",
+                    f"LED {led} gives {share:.0%} of the light of the others: clean it, check its "
+                    "resistor, and check that nothing blocks its light",
                 )
             )
         return found
@@ -159,26 +159,26 @@ class _Judge:
         ]
 
     def equals(self) -> list[Finding]:
-        """Find LEDs whose images do not differ, as those of LEDs in two places do."""
+        """Find LEDs with equal images; LEDs in different places give different ones."""
         pairs, leds = self._pairs(), self._seen.leds
         alike = {row for pair in pairs for row in pair}
-        # Faults are few: where many LEDs look alike, it is the view that does not tell them.
+        # Faults are rare: if many LEDs look alike, the view cannot distinguish them.
         if len(alike) > max(_FEWEST, len(leds) / 3):
             text = (
                 f"{len(alike)} LEDs look alike in this view: put something larger or less flat "
                 "under the camera"
             )
-            return [Finding("not told apart", self._named(alike), text, fault=False)]
-        return [burn_together(leds[one], leds[other], sure=True) for one, other in pairs]
+            return [Finding("ambiguous", self._named(alike), text, fault=False)]
+        return [both_on(leds[one], leds[other], sure=True) for one, other in pairs]
 
     def places(self, positions: Array) -> list[Finding]:
-        """Find LEDs whose light comes from elsewhere, or from two places."""
+        """Find LEDs whose light is from another place, or from two places."""
         rows = np.flatnonzero(self.alive)
-        made = fit(Images(self._mean[rows], self._seen.places), positions, rows)
-        return judge_places(self._seen.leds, made, self._pairs())
+        fitted = fit(Images(self._mean[rows], self._seen.places), positions, rows)
+        return judge_places(self._seen.leds, fitted, self._pairs())
 
     def _pairs(self) -> list[tuple[int, int]]:
-        """Return pairs of rows whose images are equal within what two passes differ by."""
+        """Return pairs of rows whose images are equal within the difference of the two passes."""
         rows = np.flatnonzero(self.alive)
         shape = self._mean[rows] / self._strength[rows, None]
         each = self._seen.light[:, rows] / _mean(self._seen.light[:, rows], axis=2)[..., None]
@@ -191,8 +191,8 @@ class _Judge:
             if np.nanmedian(np.abs(shape[i] - shape[j])) < limit
         ]
 
-    def _burning(self) -> int | None:
-        """Return the LED that burns always: one that its command does not change."""
+    def _stuck(self) -> int | None:
+        """Return the LED that is always on: its command does not change it."""
         still = np.flatnonzero(~self.alive)
         if len(still) == 0:
             return None
@@ -201,14 +201,14 @@ class _Judge:
             return self._seen.leds[int(still[0])] if len(still) == 1 else None
         rows = np.flatnonzero(self.alive)
         images = Images(self._mean[rows], self._seen.places)
-        made = fit(images, positions, rows)
-        misfit, _ = misfits((self._seen.dark / images.mean)[None], made.predicted)
+        fitted = fit(images, positions, rows)
+        misfit, _ = misfits((self._seen.dark / images.mean)[None], fitted.predicted)
         best = int(misfit[0].argmin())
         return self._seen.leds[best] if best in still else None
 
 
 def _mean(values: Array, axis: int) -> Array:
-    """Return the mean of what is known, 0 where nothing is."""
+    """Return the mean of the known values, 0 without known values."""
     known = np.isfinite(values)
     total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
     return total

@@ -1,4 +1,4 @@
-"""LEDs whose light comes from elsewhere, or from two places, judged by a fit to all images."""
+"""Finds LEDs whose light is from another place, or from two places, by a fit to all images."""
 
 from __future__ import annotations
 
@@ -11,58 +11,58 @@ from scipy.optimize import linear_sum_assignment
 from rig._selftest.finding import Finding
 from rig._selftest.near_light import Array, Fit, mixtures
 
-# How much more light than one LED two give at least, against the prediction.
+# Least ratio of light to the prediction for one LED, from which on two LEDs are assumed.
 _DOUBLE = 1.45
-# The same of a second LED that is dimmer, and its least share; the images must be all the clearer.
+# The same for a dimmer second LED, its least share, and by how much better its fit must be.
 _MORE, _LEAST_SHARE, _CLEARER = 1.15, 0.15, 1.7
-# How much better an explanation must be to be believed,
+# Least ratio of two misfits for the smaller one to be preferred,
 _BETTER = 1.5
-# and by so much of the image at least: two that fit so well are both right.
+# and least difference, as a share of the image: below it both explanations are equally good.
 _BETTER_BY = 0.005
 
 
 def judge_places(
-    leds: tuple[int, ...], made: Fit, equal: Iterable[tuple[int, int]]
+    leds: tuple[int, ...], fitted: Fit, equal: Iterable[tuple[int, int]]
 ) -> list[Finding]:
-    """Find doubles, LEDs that are elsewhere, and those of which neither can be told.
+    """Find double LEDs, LEDs in another place, and LEDs that cannot be judged.
 
     Parameters
     ----------
     leds
         Number of the LED of each position.
-    made
+    fitted
         The fit.
     equal
-        Pairs of positions whose LEDs' images do not differ.
+        Pairs of positions whose LEDs have equal images.
     """
-    doubles = _doubles(leds, made, equal)
-    single = np.array([row not in doubles for row in made.rows])
+    doubles = _doubles(leds, fitted, equal)
+    single = np.array([row not in doubles for row in fitted.rows])
     found = [finding for finding in doubles.values() if finding is not None]
-    return found + _elsewhere(leds, made.rows[single], made.misfit[single])
+    return found + _elsewhere(leds, fitted.rows[single], fitted.misfit[single])
 
 
-def burn_together(led: int, other: int, *, sure: bool) -> Finding:
-    """Say that two LEDs burn together."""
-    what = "burn together" if sure else "seem to burn together"
+def both_on(led: int, other: int, *, sure: bool) -> Finding:
+    """Return the finding that two LEDs are on at the same time."""
+    what = "are" if sure else "seem to be"
     return Finding(
         "double",
         (led, other),
-        f"LEDs {led} and {other} {what}: under LED {led} the camera sees the light of both; look "
-        "for a short between their wires",
+        f"LEDs {led} and {other} {what} on at the same time: under LED {led} the camera sees the "
+        "light of both; look for a short between their wires",
     )
 
 
 def _doubles(
-    leds: tuple[int, ...], made: Fit, equal: Iterable[tuple[int, int]]
+    leds: tuple[int, ...], fitted: Fit, equal: Iterable[tuple[int, int]]
 ) -> dict[int, Finding | None]:
-    """Return a finding for each row that shows two LEDs; None where its pair has it already."""
-    nearest = made.misfit.argmin(axis=1)
-    usual = float(np.median(np.take_along_axis(made.scale, nearest[:, None], axis=1)))
+    """Return a finding for each row that shows two LEDs; None if its partner already has one."""
+    nearest = fitted.misfit.argmin(axis=1)
+    usual = float(np.median(np.take_along_axis(fitted.scale, nearest[:, None], axis=1)))
     partners = {a: b for one, two in equal for a, b in ((one, two), (two, one))}
     found: dict[int, Finding | None] = {}
-    for index, row in enumerate(made.rows.tolist()):
-        single = made.misfit[index].min()
-        rests, mixed = mixtures(made.ratios[index], made.predicted, row)
+    for index, row in enumerate(fitted.rows.tolist()):
+        single = fitted.misfit[index].min()
+        rests, mixed = mixtures(fitted.ratios[index], fitted.predicted, row)
         other = int(rests.argmin())
         rest, light = rests[other], mixed[other].sum() / usual
         share = mixed[other].min() / max(mixed[other].sum(), 1e-9)
@@ -75,12 +75,12 @@ def _doubles(
             found[row] = None
         else:
             named = leds[other if partner is None else partner]
-            found[row] = burn_together(leds[row], named, sure=partner is not None)
+            found[row] = both_on(leds[row], named, sure=partner is not None)
     return found
 
 
 def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array) -> list[Finding]:
-    """Match images and positions one to one, and tell which are not each other's own."""
+    """Match images to positions one to one, and report those that do not belong together."""
     if len(rows) == 0:
         return []
     index = np.arange(len(rows))
@@ -93,15 +93,15 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
         Finding(
             "elsewhere",
             (leds[row], leds[place]),
-            f"LED {leds[row]} shines from where LED {leds[place]} should be: plugs or wires are "
-            "swapped, or led_positions_mm in the rig file is in another order",
+            f"the light of LED {leds[row]} is from the place of LED {leds[place]}: plugs or wires "
+            "are swapped, or led_positions_mm in the rig file has another order",
         )
         for row, place in zip(rows[moved].tolist(), matched[moved].tolist(), strict=True)
     ]
     if moved.sum() > len(rows) / 2:
         text = (
-            f"{moved.sum()} of {len(rows)} LEDs shine from elsewhere: check mounting and "
-            "led_positions_mm in the rig file before any plug"
+            f"the light of {moved.sum()} of {len(rows)} LEDs is from another place: check mounting "
+            "and led_positions_mm in the rig file before any plug"
         )
         found = [Finding("elsewhere", _named(leds, rows[moved]), text)]
     best = others.min(axis=1)
@@ -109,10 +109,10 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
     if vague.any():
         unsure = _named(leds, rows[vague])
         text = (
-            f"under LEDs {', '.join(map(str, unsure))} the view looks as it would under another, "
-            "so a swap would not be seen: put something larger or less flat under the camera"
+            f"under LEDs {', '.join(map(str, unsure))} the view looks the same as under another, "
+            "so a swap would not be noticed: put something larger or less flat under the camera"
         )
-        found.append(Finding("not told apart", unsure, text, fault=False))
+        found.append(Finding("ambiguous", unsure, text, fault=False))
     return found
 
 
@@ -121,5 +121,5 @@ def _named(leds: tuple[int, ...], rows: npt.NDArray[np.intp]) -> tuple[int, ...]
 
 
 def _better(one: Array, other: Array) -> npt.NDArray[np.bool_]:
-    """Tell where a misfit is so much smaller than another that it is believed."""
+    """Return where a misfit is clearly smaller than another."""
     return (other > _BETTER * one) & (other > one + _BETTER_BY)

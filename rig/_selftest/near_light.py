@@ -1,10 +1,10 @@
-"""How bright a matte scene is under each LED of a dome, fitted to what the camera sees.
+"""Fit of the brightness of a matte scene under each LED of a dome to the camera's images.
 
-Every place of the scene has an unknown normal and albedo, m, and shows m . s under an LED whose
-light arrives as the vector s, which the LED's position gives up to the unknown width of the field
-of view. Three unknowns a place stand against as many images as there are LEDs, so the images tell
-whether they fit to the positions. Shadows and highlights are outliers, and so is an LED that is not
-where it should be: both get little weight.
+Every place of the scene has an unknown product of normal and albedo, m. Its brightness under an LED
+is m . s, where s is the vector of the arriving light; the LED's position determines s except for
+the unknown width of the field of view. There are three unknowns per place but as many images as
+LEDs, so the images show whether they match the positions. Shadows, highlights and LEDs in another
+place than stated are outliers and get little weight.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_WIDTHS = 14  # tried for the field of view
+_WIDTHS = 14  # number of widths tried for the field of view
 _ROUNDS = 8
 _TINY = 1e-6
 
@@ -28,7 +28,7 @@ class Images:
     Parameters
     ----------
     light
-        ``(N, B)`` grey values without the dark frame's, NaN where not known.
+        ``(N, B)`` grey values minus those of the dark frame, NaN where not known.
     places
         ``(B, 2)`` x to the right and y up in widths of the image, from its centre.
     """
@@ -38,13 +38,13 @@ class Images:
 
     @property
     def ratios(self) -> Array:
-        """The images over their mean, so that the albedo cancels; NaN where not known."""
+        """The images divided by their mean, so that the albedo cancels; NaN where not known."""
         ratios: Array = self.light / self.mean
         return ratios
 
     @property
     def mean(self) -> Array:
-        """``(B,)`` mean over the LEDs of what is known; NaN where that is nothing or dark."""
+        """``(B,)`` mean of the known values over the LEDs; NaN without known values or if 0."""
         known = np.isfinite(self.light)
         mean = np.where(known, self.light, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         return np.where(mean > 0, mean, np.nan)
@@ -52,21 +52,21 @@ class Images:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A scene as the images show it.
+    """A scene fitted to the images.
 
     Parameters
     ----------
     rows
-        ``(N,)`` which of the positions the images belong to.
+        ``(N,)`` indices of the positions to which the images belong.
     ratios
         ``(N, B)`` the images, as `Images.ratios`.
     predicted
-        ``(M, B)`` what they would be under an LED at each position.
+        ``(M, B)`` predicted ratios under an LED at each position.
     misfit
-        ``(N, M)`` median difference between an image and what each position would give, scaled,
+        ``(N, M)`` median difference between an image and the scaled prediction for each position,
         relative to the image.
     scale
-        ``(N, M)`` the factors: how many times as bright as predicted.
+        ``(N, M)`` scale factors: measured brightness relative to the prediction.
     """
 
     rows: npt.NDArray[np.intp]
@@ -77,16 +77,16 @@ class Fit:
 
 
 def fit(images: Images, positions: Array, rows: npt.NDArray[np.intp]) -> Fit:
-    """Fit scene and field of view to images of LEDs at stated positions, at least four.
+    """Fit scene and field of view to images of at least four LEDs at known positions.
 
     Parameters
     ----------
     images
-        ``N`` of them.
+        ``N`` images.
     positions
-        ``(M, 3)`` of these and other LEDs.
+        ``(M, 3)`` positions of these and other LEDs.
     rows
-        ``(N,)`` whose images they are.
+        ``(N,)`` index of the position of each image.
     """
     ratios, own = images.ratios, positions[rows]
     farthest = float(np.linalg.norm(positions, axis=1).max())
@@ -94,13 +94,13 @@ def fit(images: Images, positions: Array, rows: npt.NDArray[np.intp]) -> Fit:
         _scene(ratios, own, np.pad(images.places * width, [(0, 0), (0, 1)]))
         for width in np.geomspace(0.03 * farthest, 2 * farthest, _WIDTHS)
     )
-    scene = min(scenes, key=lambda made: _own_misfit(ratios, made.under(own)))
+    scene = min(scenes, key=lambda fitted: _own_misfit(ratios, fitted.under(own)))
     predicted = scene.under(positions)
     return Fit(rows, ratios, predicted, *misfits(ratios, predicted))
 
 
 def misfits(ratios: Array, predicted: Array) -> tuple[Array, Array]:
-    """Compare ``(K, B)`` images with ``(N, B)`` predictions: misfit and scale as in `Fit`."""
+    """Return misfit and scale, as in `Fit`, of ``(K, B)`` images and ``(N, B)`` predictions."""
     known = np.isfinite(ratios)
     misfit = np.zeros((len(ratios), len(predicted)))
     scale = np.zeros_like(misfit)
@@ -118,14 +118,14 @@ def misfits(ratios: Array, predicted: Array) -> tuple[Array, Array]:
 
 
 def mixtures(ratio: Array, predicted: Array, own: int) -> tuple[Array, Array]:
-    """Explain one image as the light of one LED and, in turn, each of the others.
+    """Explain one image as the light of LED ``own`` together with each of the others in turn.
 
     Returns
     -------
     misfit
-        ``(N,)`` as in `Fit`; infinite with itself.
+        ``(N,)`` as in `Fit`; infinite for ``own`` itself.
     shares
-        ``(N, 2)`` how much of LED ``own`` and of the other, none below 0.
+        ``(N, 2)`` shares of LED ``own`` and of the other LED, at least 0.
     """
     valid = np.isfinite(ratio)
     seen, others = ratio[valid], predicted[:, valid]
@@ -136,7 +136,7 @@ def mixtures(ratio: Array, predicted: Array, own: int) -> tuple[Array, Array]:
         normal = weighted @ basis.transpose(0, 2, 1) + _TINY * np.eye(2)
         right = weighted @ seen
         shares = np.linalg.solve(normal, right[..., None])[..., 0]
-        # Where one of the two would have to take light away, the other is alone.
+        # If the share of one LED would be negative, use the other LED alone.
         alone = np.maximum(right, 0) / np.diagonal(normal, axis1=1, axis2=2)
         shares = np.where(shares[:, ::-1] < 0, alone, shares) * (shares >= 0)
         rest = seen - (shares[:, None] @ basis)[:, 0]
@@ -148,21 +148,21 @@ def mixtures(ratio: Array, predicted: Array, own: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """What is under the camera.
+    """The surface under the camera.
 
     Parameters
     ----------
     surface
-        ``(B, 3)`` normal times albedo of every place, over the images' mean.
+        ``(B, 3)`` normal times albedo of every place, divided by the images' mean.
     points
-        ``(B, 3)`` the places, in the unit of the positions.
+        ``(B, 3)`` positions of the places, in the unit of the LED positions.
     """
 
     surface: Array
     points: Array
 
     def under(self, positions: Array) -> Array:
-        """Return ``(N, B)`` what `Images.ratios` would be under LEDs at these positions."""
+        """Return ``(N, B)`` predicted `Images.ratios` under LEDs at these positions."""
         return _shaded(self.surface, _arriving(positions, self.points))
 
 
@@ -182,7 +182,7 @@ def _shaded(surface: Array, arriving: Array) -> Array:
 
 
 def _arriving(positions: Array, points: Array) -> Array:
-    """Return ``(N, B, 3)`` light vectors on the plane z = 0, of LEDs that aim at the origin."""
+    """Return ``(N, B, 3)`` light vectors on the plane z = 0 of LEDs that point to the origin."""
     toward = positions[:, None] - points
     distance = np.linalg.norm(toward, axis=2, keepdims=True)
     aim = positions / np.linalg.norm(positions, axis=1, keepdims=True)
@@ -193,12 +193,12 @@ def _arriving(positions: Array, points: Array) -> Array:
 
 
 def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
-    """Find normal times albedo of every place, by reweighted least squares."""
+    """Fit normal times albedo of every place by reweighted least squares."""
     arriving = _arriving(positions, points)
     count = len(ratios)
     known = np.isfinite(ratios)
     seen = np.where(known, ratios, 0.0)
-    # Nothing known of a place, nothing said about it.
+    # Places without known values get the weight 0.
     weights, brightness, trust = known.astype(float), np.ones(count), np.ones(count)
     surface: Array = np.zeros((ratios.shape[1], 3))
     ridge = 1e-9 * count * np.eye(3)
@@ -211,7 +211,7 @@ def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
         rest = np.where(known, np.abs(seen / brightness[:, None] - predicted), np.nan)
         spread = 1.4826 * np.nanmedian(rest) + _TINY
         weights = np.where(known, 1 / np.maximum(1, rest / (1.5 * spread)), 0.0)
-        # An LED that is elsewhere is wrong as a whole.
+        # An LED in another place is wrong in all places of its image.
         each = np.nanmedian(rest, axis=1)
         trust = 1 / np.maximum(1, (each / (2 * np.median(each) + _TINY)) ** 4)
         power = np.maximum((weights * predicted**2).sum(axis=1), _TINY)
@@ -221,7 +221,7 @@ def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
 
 
 def _weights(rest: Array) -> Array:
-    """Return Huber's weights of each row of residuals."""
+    """Return the Huber weights of each row of residuals."""
     size = np.abs(rest)
     spread = np.median(size, axis=1, keepdims=True) + _TINY
     weights: Array = 1 / np.maximum(1, size / (2 * spread))

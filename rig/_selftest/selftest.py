@@ -1,4 +1,4 @@
-"""The rig looks at itself: which LEDs are dead, swapped, doubled or stuck, which wires missing."""
+"""Self-test of a rig: finds dead, swapped, double or stuck LEDs and missing wires."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ Array = npt.NDArray[np.float64]
 _COARSE = 20  # places along the longer side
 _FIRST_US = 20_000.0
 _LONGEST_US = 500_000.0
-# Share of the range that the brightest LED is to fill, and what passes for that.
+# Target level of the brightest LED as a share of the range, and the accepted limits.
 _FILL, _LEAST_FILL, _MOST_FILL = 0.6, 0.15, 0.95
 _BRIGHT_PERCENTILE = 99.0
 _PASSES = 8
-# The second dark frame is exposed for so much of the first one's time.
+# Exposure time of the second dark frame relative to the first.
 _SHORT = 0.25
-# A place of which so much is saturated tells nothing.
+# A place with a larger share of saturated pixels does not count.
 _CLIPPED = 0.05
 
 
 @dataclass(frozen=True)
 class SelfTest:
-    """What the self-test found.
+    """Result of the self-test.
 
     Parameters
     ----------
     findings
-        What is wrong, and remarks on what cannot be judged.
+        Faults, and remarks on what cannot be judged.
     leds
-        Those that were tried.
+        The tested LEDs.
     exposure_us
-        The exposure that suited the scene.
+        The exposure time that suited the scene.
     wires
-        What board and camera notice of each other.
+        Which signals arrive between board and camera.
     """
 
     findings: tuple[Finding, ...]
@@ -53,16 +53,15 @@ class SelfTest:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing is wrong; remarks do not count."""
+        """Whether there is no fault; remarks do not count."""
         return not any(finding.fault for finding in self.findings)
 
 
 def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
-    """Shoot every LED that is not listed as dead, twice, and judge what the camera sees.
+    """Shoot every LED that is not listed as dead twice, and judge the images.
 
-    Something matte should lie under the camera that fills most of its view: a card, or any object
-    that is not mostly black or mirror. Swaps are told only where the rig file has
-    ``led_positions_mm``.
+    Something matte should fill most of the camera's view: a card, or any object that is not mostly
+    black or mirror-like. Swaps are found only if the rig file has ``led_positions_mm``.
 
     Parameters
     ----------
@@ -80,13 +79,15 @@ def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
     config = rig.config
     leds = tuple(led for led in range(config.leds) if led not in config.dead_leds)
     if not leds:
-        raise RigError(f"rig {config.name}: every LED is listed in dead_leds, none is left to try")
+        raise RigError(
+            f"rig {config.name}: every LED is listed in dead_leds, so no LED is left to test"
+        )
     camera = _Camera(rig, len(leds), on_progress)
     exposure_us, first = camera.metered(leds)
     second = camera.all(leds, exposure_us)
     low_us = max(rig.camera.info.exposure_min_us, exposure_us * _SHORT)
     dark, short = camera.coarse(None, exposure_us), camera.coarse(None, low_us)
-    # What grows with the exposure is light; black level and offsets do not.
+    # Only light grows with the exposure time; black level and offsets do not.
     glow = (dark - short) * exposure_us / max(exposure_us - low_us, 1e-9)
     positions = np.array(config.led_positions_mm)[list(leds)] if config.led_positions_mm else None
     evidence = Evidence(
@@ -102,7 +103,7 @@ def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
 
 
 def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
-    """Judge the wires by what the rig file expects of them."""
+    """Compare the wires with the rig file."""
     found = []
     if not wires.trigger:
         found.append(
@@ -121,7 +122,7 @@ def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
                 "exposure active",
                 (),
                 "the camera's exposure-active output is wired to the board: set exposure_active = "
-                "true in the rig file, and it is checked with every flash",
+                "true in the rig file to check it with every flash",
                 fault=False,
             )
         )
@@ -138,7 +139,7 @@ def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
 
 
 class _Camera:
-    """Takes frames and keeps of each only coarse means."""
+    """Takes frames and reduces each to coarse means."""
 
     def __init__(self, rig: Rig, leds: int, on_progress: Progress) -> None:
         self._rig = rig
@@ -151,7 +152,7 @@ class _Camera:
         self._shape = (1, 1)
 
     def metered(self, leds: tuple[int, ...]) -> tuple[float, Array]:
-        """Return an exposure that suits the brightest LED, and a pass of all LEDs with it."""
+        """Return an exposure time that suits the brightest LED, and images of all LEDs with it."""
         info = self._rig.camera.info
         low_us, high_us = info.exposure_min_us, min(info.exposure_max_us, _LONGEST_US)
         exposure_us = min(max(_FIRST_US, low_us), high_us)
@@ -177,7 +178,7 @@ class _Camera:
 
     def coarse(self, led: int | None, exposure_us: float) -> Array:
         """Return ``(B,)`` means over the places of a grid, NaN where saturated."""
-        # By software, so that a missing wire does not hide what the LEDs do.
+        # A software trigger, so that a missing wire does not prevent the test of the LEDs.
         pixels = self._rig.shoot(led, exposure_us, trigger="software").frame.pixels
         self._count += 1
         self._on_progress("self-test", self._count, max(self._count, self._total))
@@ -197,7 +198,7 @@ class _Camera:
         return np.where(clipped > _CLIPPED, np.nan, means).ravel()
 
     def places(self) -> Array:
-        """Return ``(B, 2)`` where the grid's places are, in widths of the image."""
+        """Return ``(B, 2)`` positions of the grid's places, in widths of the image."""
         rows, columns = self._shape
         y, x = np.mgrid[0:rows, 0:columns].astype(float)
         across = (x - (columns - 1) / 2) / self._width

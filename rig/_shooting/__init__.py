@@ -1,1 +1,1 @@
-"""One LED, one exposure, one frame, and the proof that they belong together."""
+"""Shots: one LED, one exposure, one frame, and the proof that they belong together."""

@@ -1,9 +1,9 @@
-"""LED-off on a path of its own: a signal puts the lights out before anything else happens.
+"""Separate path for turning the LEDs off: a signal does this before anything else.
 
-``finally`` and ``with`` need the program to get there, and a program that is told to end may be
-waiting for a camera or for a disk. So while a rig is open on the main thread, the signals that end
-programs first write OFF straight to its port, and only then do what they did before. What no
-program survives (SIGKILL, a call that never returns) is left to the board's own watchdog.
+``finally`` and ``with`` take effect only when the program reaches them, and a program that should
+end may be waiting for a camera or a disk. While a rig is open on the main thread, the signals that
+end programs therefore first write OFF directly to its port, and only then do what they did before.
+The board's own watchdog covers the remaining cases (SIGKILL, a call that never returns).
 """
 
 from __future__ import annotations
@@ -21,52 +21,54 @@ _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _ENDING = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
 
 _watched: dict[object, Callable[[], None]] = {}
-# What a signal did before we came.
+# Handlers of the signals before `watch` replaced them.
 _before: dict[int, Any] = {}
 
 
 def watch(darken: Callable[[], None]) -> Callable[[], None]:
     """Let signals that end the program call ``darken`` first.
 
-    SIGINT goes on to whoever had it, so Ctrl-C is a KeyboardInterrupt as ever. SIGTERM and SIGHUP
-    end the program through SystemExit, with code 128 + number, unless it had handlers for them.
-    The lights go out at once; the exceptions wait until they can do no harm (`rig._ending`).
-    Signals that are ignored stay so. On other threads than the main one no handler is installed.
+    SIGINT is passed to its previous handler, so Ctrl-C still raises KeyboardInterrupt. SIGTERM and
+    SIGHUP end the program through SystemExit, with code 128 + number, unless the program had
+    handlers for them. The LEDs are turned off immediately; the exceptions wait until they can do no
+    harm (`rig._ending`). Ignored signals remain ignored. Handlers are installed only on the main
+    thread.
 
     Parameters
     ----------
     darken
-        Puts out the lights of one rig: fast, without waiting and without raising.
+        Turns off the LEDs of one rig: fast, without waiting and without raising.
 
     Returns
     -------
     Callable
-        Ends the watch; the last one puts the handlers back. Calling it twice does nothing.
+        Function that ends the watch; the last one restores the handlers. Calling it twice does
+        nothing.
     """
     key = object()
     _watched[key] = darken
     if _on_main_thread():
         for number in _ENDING:
             current = signal.getsignal(number)
-            # None is a handler that is not Python's and could not be put back.
-            if current not in (None, signal.SIG_IGN, _put_out_and_pass_on):
+            # None is a handler that is not Python's and could not be restored.
+            if current not in (None, signal.SIG_IGN, _darken_and_pass_on):
                 _before[number] = current
-                signal.signal(number, _put_out_and_pass_on)
+                signal.signal(number, _darken_and_pass_on)
 
     def release() -> None:
         _watched.pop(key, None)
         if _watched or not _on_main_thread():
             return
         for number, before in list(_before.items()):
-            # Whoever has taken the signal since may still pass it on to us.
-            if signal.getsignal(number) is _put_out_and_pass_on:
+            # A handler installed since then may still pass the signal on to this one.
+            if signal.getsignal(number) is _darken_and_pass_on:
                 signal.signal(number, before)
                 del _before[number]
 
     return release
 
 
-def _put_out_and_pass_on(number: int, frame: FrameType | None) -> None:
+def _darken_and_pass_on(number: int, frame: FrameType | None) -> None:
     for darken in tuple(_watched.values()):
         darken()
     before = _before.get(number, signal.SIG_DFL)

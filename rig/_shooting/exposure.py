@@ -1,4 +1,4 @@
-"""How long the light must burn for one exposure, and how soon the next one may begin."""
+"""Times of an exposure: how long the LED must be on, and how soon the next one may begin."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from rig._camera import CameraInfo
 from rig._config import RigConfig
 from rig._errors import RigError
 
-# How far the board's clock may be from the camera's: ceramic resonators are good to 0.5 %.
+# Relative difference of the board's and the camera's clock: ceramic resonators are good to 0.5 %.
 CLOCK_SHARE = 0.01
-# How exactly either states the time of an event.
+# Uncertainty of the time of an event on either clock.
 CLOCK_JITTER_US = 300.0
 # A run this long stays within half a period on both clocks.
 LONGEST_RUN = 48
-# So much longer than the others, and at least 5 ms, is the first gap: a run that lost its first
-# trigger looks different then.
+# The first gap is longer than the others by this share, and by at least 5 ms, so that a run that
+# lost its first trigger looks different.
 _FIRST_GAP_SHARE = 0.05
 _FIRST_GAP_US = 5000
 _LONGEST_GAP_US = 1_000_000
-# Spent between two flashes on everything but the camera's own time.
+# Time between two flashes in addition to the camera's own time.
 _BETWEEN_US = 20_000
-# Between triggers, of a camera that does not say how fast it is.
+# Time between triggers for a camera that does not report its speed.
 _UNKNOWN_PERIOD_US = 100_000.0
 
 
@@ -35,13 +35,13 @@ class Exposure:
     Parameters
     ----------
     settle_us
-        From the light's begin to the trigger.
+        Time from turning the LED on to the trigger.
     needed_us
-        From the trigger to the end of the last row's exposure: for so long the light must burn.
+        Time from the trigger to the end of the last row's exposure, while the LED must be on.
     period_us
         Least time from trigger to trigger, as far as it is known.
     run_us
-        Time from trigger to trigger of a sequence, which does not wait for frames.
+        Time from trigger to trigger in a sequence, which does not wait for frames.
     """
 
     settle_us: int
@@ -51,7 +51,7 @@ class Exposure:
 
     @classmethod
     def of(cls, info: CameraInfo, config: RigConfig, exposure_us: float) -> Exposure:
-        """Work the times out for a camera, a rig and an exposure time."""
+        """Return the times for a camera, a rig and an exposure time."""
         needed_us = info.trigger_delay_us + exposure_us + info.readout_us
         stated_us = max(info.frame_period_us, config.frame_period_ms * 1000)
         period_us = max(stated_us, needed_us)
@@ -62,36 +62,36 @@ class Exposure:
 
     @property
     def margin_us(self) -> float:
-        """How far from its trigger an exposure may lie without its time giving it away.
+        """Largest time between a trigger and its exposure that the timestamps cannot detect.
 
-        So much longer burns the light of a flash, before and after, and what is further off is
-        refused: see `FlashChain` and `Spacing`.
+        The LED of a flash is on for this much longer before and after the exposure, and frames with
+        a larger difference are refused: see `FlashChain` and `Spacing`.
         """
         return CLOCK_JITTER_US + CLOCK_SHARE * (2 * self.period_us + _BETWEEN_US)
 
     @property
     def ahead_us(self) -> int:
-        """From the light of a flash to its trigger: settling, and the margin."""
+        """Time from turning the LED of a flash on to its trigger: settling time or the margin."""
         return min(max(self.settle_us, math.ceil(self.margin_us)), _LONGEST_GAP_US)
 
     @property
     def hold_us(self) -> int:
-        """How long to hold the light of a flash after its trigger."""
+        """Time for which the LED of a flash stays on after its trigger."""
         return math.ceil(self.needed_us * (1 + CLOCK_SHARE) + self.margin_us)
 
     def check(self, board: BoardIdentity) -> None:
-        """Refuse a flash that is longer than the board gives light.
+        """Refuse a flash that is longer than the board can keep an LED on.
 
         Raises
         ------
         RigError
-            If it is.
+            If it is too long.
         """
         needed_ms = (self.ahead_us + self.hold_us) / 1000
         if needed_ms > board.max_hold_ms:
             raise RigError(
                 f"an exposure that needs light for {needed_ms:.0f} ms is longer than the "
-                f"{board.max_hold_ms} ms that this LED board gives: expose shorter"
+                f"{board.max_hold_ms} ms that this LED board allows: expose shorter"
             )
 
     def steps(self, leds: tuple[int | None, ...]) -> Iterator[Step]:
@@ -107,7 +107,7 @@ class Exposure:
         longer_us = max(_FIRST_GAP_US, math.ceil(_FIRST_GAP_SHARE * (lit_us + gap_us)))
         if gap_us + longer_us > _LONGEST_GAP_US:
             raise RigError(
-                f"the camera takes a frame every {self.run_us / 1e6:.2f} s only, which is too "
+                f"the camera takes only one frame every {self.run_us / 1e6:.2f} s, which is too "
                 "slow for a sequence: take single shots"
             )
         last = len(leds) - 1

@@ -10,15 +10,16 @@ from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
 from rig._shooting.frame_time import time_ns
 from rig._shooting.shot import led_name
 
-# How much the rate of one clock by the other wanders while a rig is open.
+# Drift of the ratio of the two clocks' rates while a rig is open.
 _DRIFT_SHARE = 1e-4
 
 
 class FlashChain:
-    """Compares each flash with the one before it, on the camera's clock and on the board's.
+    """Compares each flash with the previous one, on the camera's clock and on the board's.
 
-    Noise on the trigger line makes a frame too, and a camera that is busy with it misses the real
-    trigger: one trigger, one frame, and the light was not there. Its time gives it away.
+    Noise on the trigger line also produces a frame, and a camera that is busy with it misses the
+    real trigger: there is one frame for one trigger, but it was exposed without the light. Its time
+    reveals this.
 
     Parameters
     ----------
@@ -30,20 +31,20 @@ class FlashChain:
         self._camera = camera
         self._last_ns: int | None = None
         self._last_s = 0.0
-        # From the first link to the last, on either clock: how fast one goes by the other.
+        # Time from the first link to the last on either clock: the ratio of their rates.
         self._frames_us = self._pulses_us = 0.0
 
     def reaches(self, exposure: Exposure) -> bool:
-        """Return whether a flash now would come soon enough after the last one to be told apart.
+        """Return whether a flash now would be soon enough after the last one to be verified.
 
-        The longer ago, the less the two clocks agree about it; the light's margin has to cover what
-        they leave open.
+        The longer ago the last flash was, the less the two clocks agree; the margin of the light
+        has to cover this uncertainty.
         """
         since_us = (time.monotonic() - self._last_s) * 1e6 + exposure.period_us
         return self._last_ns is not None and self._open_us(since_us) <= exposure.margin_us
 
     def begin(self, frame: CameraFrame) -> None:
-        """Start with a frame that is not proven itself and must not be used.
+        """Start with a frame that is not proven itself and must not be used otherwise.
 
         Raises
         ------
@@ -54,29 +55,29 @@ class FlashChain:
         self._link(frame)
 
     def cut(self) -> None:
-        """Forget the last frame: others, or triggers, may have come that nobody knows of."""
+        """Forget the last frame: unknown frames or triggers may have followed it."""
         self._last_ns = None
 
     def check(
         self, frame: CameraFrame, led: int | None, since_us: int | None, exposure: Exposure
     ) -> None:
-        """Take the next frame.
+        """Check the next frame.
 
         Parameters
         ----------
         frame
-            As the camera delivered it.
+            Frame as the camera delivered it.
         led
-            Whose flash it is, for the message.
+            LED of the flash, for the message.
         since_us
-            How long its trigger came after the one before, by the board's clock.
+            Time from the previous trigger to this one, by the board's clock.
         exposure
-            What the light was made for.
+            Times of the exposure.
 
         Raises
         ------
         FrameLostError
-            If the frame was not exposed as long after the one before.
+            If the time since the previous frame is not that between their triggers.
         CameraError
             If the camera reports no time, or the board has restarted.
         """
@@ -85,16 +86,16 @@ class FlashChain:
         where = f"camera {self._camera}: frame {frame.frame_id}, the flash of {led_name(led)},"
         if last_ns is None or since_us is None:
             raise CameraError(
-                f"{where} cannot be compared with the one before it, because the board has "
-                "restarted; the frame is thrown away, shoot again"
+                f"{where} cannot be compared with the previous one, because the board has "
+                "restarted; the frame is discarded, shoot again"
             )
         apart_us = (time_ns(frame, self._camera) - last_ns) / 1000
         off_us = abs(apart_us - self._rate * since_us)
         if off_us > min(self._open_us(since_us), exposure.margin_us):
             raise FrameLostError(
-                f"{where} was exposed {apart_us:.0f} us after the one before it, their triggers "
+                f"{where} was exposed {apart_us:.0f} us after the previous one, but their triggers "
                 f"were {since_us} us apart: something else triggered the camera, and the frame is "
-                "thrown away; check the trigger wire for noise, and shoot again"
+                "discarded; check the trigger wire for noise, and shoot again"
             )
         self._frames_us += apart_us
         self._pulses_us += since_us
@@ -106,17 +107,17 @@ class FlashChain:
 
     @property
     def _rate(self) -> float:
-        """Camera time by board time; 1 until it is better known than by what clocks are good to."""
+        """Ratio of camera time to board time; 1 until it is known better than the clocks' specs."""
         known = self._unsure < CLOCK_SHARE
         return self._frames_us / self._pulses_us if known else 1.0
 
     @property
     def _unsure(self) -> float:
-        """How far off the rate may be."""
+        """Uncertainty of the rate."""
         if not self._pulses_us:
             return CLOCK_SHARE
         return min(CLOCK_SHARE, 2 * CLOCK_JITTER_US / self._pulses_us + _DRIFT_SHARE)
 
     def _open_us(self, since_us: float) -> float:
-        """Return how exactly a frame's time is known, so long after the last one's."""
+        """Return the uncertainty of a frame's time, this long after the last frame."""
         return CLOCK_JITTER_US + self._unsure * since_us

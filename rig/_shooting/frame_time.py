@@ -1,4 +1,4 @@
-"""When a frame was exposed, by the camera's clock."""
+"""The time of a frame on the camera's clock."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from rig._errors import CameraError
 
 
 def time_ns(frame: CameraFrame, camera: str) -> int:
-    """Return the time of a frame, which has to prove whose frame it is.
+    """Return the time of a frame, which proves to which trigger it belongs.
 
     Parameters
     ----------
     frame
-        As the camera delivered it.
+        Frame as the camera delivered it.
     camera
         The camera's name, for the message.
 
@@ -23,8 +23,8 @@ def time_ns(frame: CameraFrame, camera: str) -> int:
     """
     if frame.timestamp_ns == 0:
         raise CameraError(
-            f"camera {camera}: frame {frame.frame_id} came without a time, and nothing else proves "
-            "which trigger of the board it belongs to; the camera tells no time: use trigger = "
-            '"software" in the rig file, and no sequences'
+            f"camera {camera}: frame {frame.frame_id} arrived without a time, and nothing else "
+            "proves to which trigger of the board it belongs; the camera reports no time: use "
+            'trigger = "software" in the rig file, and no sequences'
         )
     return frame.timestamp_ns

@@ -1,4 +1,4 @@
-"""Sequences: the board runs a list of LEDs by itself, every frame is proven while it does."""
+"""Sequences: the board steps through a list of LEDs by itself, and every frame is proven."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _POLL_S = 0.001
 
 
 def runs(leds: tuple[int | None, ...], most: int) -> Iterator[tuple[int | None, ...]]:
-    """Yield the LEDs in parts of nearly equal length, as few as have at most so many.
+    """Yield the LEDs in the fewest parts of nearly equal length with at most ``most`` LEDs each.
 
-    No part is a single LED where that can be helped: the spacing of frames proves nothing there.
+    A part has a single LED only if unavoidable: the spacing of frames proves nothing for one frame.
     """
     parts = -(-len(leds) // max(1, min(most, LONGEST_RUN)))
     ends = [len(leds) * part // max(1, parts) for part in range(parts + 1)]
@@ -37,14 +37,15 @@ def run(bench: Bench, leds: tuple[int | None, ...], exposure: Exposure) -> Itera
     Raises
     ------
     RigError
-        If a frame does not come or is not proven to be that of its LED. What was yielded is.
+        If a frame does not arrive or is not proven to be that of its LED. The shots yielded before
+        are proven.
     """
     board, camera = bench.board, bench.camera
     exposure.check(board.identity)
     steps = tuple(exposure.steps(leds))
     board.load(steps)
     SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.ahead_us / 1e6)
-    # One after the other: no frame may be taken for an earlier one.
+    # In order: no frame may be mistaken for an earlier one.
     ids = [camera.expect() for _ in steps]
     paced = bench.config.exposure_active and camera.info.shutter == "global"
     started = board.run(len(steps), "exposure" if paced else "time")
@@ -81,8 +82,8 @@ def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
     while (report := bench.board.did(index)) is None:
         if time.monotonic() >= ends_s:
             raise BoardError(
-                f"LED board on {bench.board.port} has not done step {index} of its sequence "
-                f"though the frame is there{_standing(bench)}; take the sequence again"
+                f"LED board on {bench.board.port} has not done step {index} of its sequence, "
+                f"although its frame has arrived{_progress(bench)}; take the sequence again"
             )
         time.sleep(_POLL_S)
     return report
@@ -91,13 +92,13 @@ def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
 def _check_id(bench: Bench, led: int | None, expected: int, frame: CameraFrame) -> None:
     if frame.frame_id != expected:
         raise FrameLostError(
-            f"camera {bench.camera.info.serial} delivered frame {frame.frame_id} at the turn of "
-            f"{led_name(led)}, awaited was frame {expected}: take the sequence again"
+            f"camera {bench.camera.info.serial} delivered frame {frame.frame_id} for the step of "
+            f"{led_name(led)} instead of frame {expected}: take the sequence again"
         )
 
 
 def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> CameraError:
-    where = f"it is step {index} of a sequence, the turn of {led_name(led)}{_standing(bench)}"
+    where = f"it is step {index} of a sequence, with {led_name(led)}{_progress(bench)}"
     check = (
         "check the wire from the board's trigger output to the camera's line, and trigger_line and "
         "frame_period_ms in the rig file"
@@ -107,14 +108,14 @@ def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> Came
     return error.because(where if error.host_is_slow else f"{where}: {check}")
 
 
-def _standing(bench: Bench) -> str:
-    """Say how far the board is, if it says so itself."""
+def _progress(bench: Bench) -> str:
+    """Return how far the board has come, if it answers."""
     try:
         status = bench.board.status()
     except RigError as error:
         return f", and the board does not answer ({error})"
     stopped = {
-        "HALT": "the board stopped by itself, for want of an exposure or of a sign of life,",
-        "RUN": "the board runs on",
+        "HALT": "the board stopped by itself, because an exposure or a sign of life was missing,",
+        "RUN": "the board continues",
     }.get(status.state, f"the board is {status.state}")
     return f"; {stopped} after {status.done} steps"

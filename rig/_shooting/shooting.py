@@ -1,4 +1,4 @@
-"""Single shots: light, trigger, frame, and the board's word for what burned."""
+"""Single shots: light, trigger, frame, and the board's report of the LED that was on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rig._shooting.shot import Shot, led_name
 
 @dataclass
 class Bench:
-    """What a shot is taken with.
+    """Board, camera and state for taking shots.
 
     Parameters
     ----------
@@ -28,14 +28,14 @@ class Bench:
     camera
         Armed camera.
     config
-        What is known of the rig.
+        Configuration of the rig.
     ready_s
-        When the camera takes its next trigger, on the monotonic clock.
+        When the camera accepts its next trigger, on the monotonic clock.
 
     Attributes
     ----------
     chain
-        What the next flash is compared with.
+        Comparison of each flash with the previous one.
     """
 
     board: Board
@@ -47,45 +47,45 @@ class Bench:
         self.chain = FlashChain(self.camera.info.serial)
 
     def triggered(self, exposure: Exposure, latest_s: float) -> None:
-        """Note that the camera was triggered at this time or before."""
+        """Record that the camera was triggered at ``latest_s`` or earlier."""
         self.ready_s = latest_s + exposure.period_us / 1e6
 
 
 def hold_ms(bench: Bench, exposure: Exposure) -> int:
-    """Return for how long an ON must declare its light at most; its OFF usually comes much earlier.
+    """Return the hold that an ON must declare; its OFF is usually sent much earlier.
 
-    The hold covers settling and exposure, a frame that is as late as it may be, and ON and OFF
-    repeated as often as they may be. A host that dies is noticed sooner, by the board's watchdog.
+    The hold covers settling and exposure, the latest allowed frame, and the largest number of
+    repetitions of ON and OFF. If the host dies, the board's watchdog acts sooner.
 
     Raises
     ------
     RigError
-        If the board does not give light for settling, exposure and repetitions.
+        If the board cannot keep an LED on for settling, exposure and repetitions.
     """
     # The board's clock may be too fast.
-    burns_us = exposure.settle_us + exposure.needed_us * (1 + CLOCK_SHARE) + CLOCK_JITTER_US
-    needed_ms = burns_us / 1000 + ON_OFF_TIMEOUT_S * 1000
+    lit_us = exposure.settle_us + exposure.needed_us * (1 + CLOCK_SHARE) + CLOCK_JITTER_US
+    needed_ms = lit_us / 1000 + ON_OFF_TIMEOUT_S * 1000
     longest_ms = bench.board.identity.max_hold_ms
     if needed_ms > longest_ms:
         raise RigError(
-            f"an exposure of {exposure.needed_us:g} us needs light for {needed_ms:.0f} ms, the "
-            f"LED board on {bench.board.port} gives {longest_ms}: expose shorter"
+            f"an exposure of {exposure.needed_us:g} us needs light for {needed_ms:.0f} ms, but the "
+            f"LED board on {bench.board.port} allows {longest_ms} ms: expose shorter"
         )
-    # A board that cannot wait for the latest frame allowed may still do for those in time.
+    # A board that cannot wait for the latest allowed frame may still suffice for punctual frames.
     return min(math.ceil(needed_ms + bench.config.frame_timeout_s * 1000), longest_ms)
 
 
 def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
-    """Light an LED, trigger the camera by a command, and turn the LED off when its frame is there.
+    """Turn an LED on, trigger the camera by software, and turn the LED off after the frame arrived.
 
     Raises
     ------
     RigError
-        If board or camera fail, or the LED did not burn until the frame was there.
+        If board or camera fail, or the LED was not on until the frame arrived.
     """
     board, camera = bench.board, bench.camera
     ends_s, begins_s = math.inf, time.monotonic()
-    # The wait for the camera is spent before the light burns, but for its settling.
+    # Wait for the camera before turning the LED on, except for the settling time.
     SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.settle_us / 1e6)
     if led is None:
         board.off()
@@ -94,31 +94,29 @@ def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
         begins_s = time.monotonic()
         ends_s = begins_s + length_ms / 1000
         board.on(led, length_ms)
-    alive = SignOfLife(
-        lambda: _check_burning(board, led, board.status().led, ends_s, alive), begins_s
-    )
+    alive = SignOfLife(lambda: _check_lit(board, led, board.status().led, ends_s, alive), begins_s)
     alive.sleep_until(max(bench.ready_s, time.monotonic() + exposure.settle_us / 1e6))
     frame_id = camera.trigger()
     bench.triggered(exposure, time.monotonic())
     timeout_s = exposure.needed_us / 1e6 + bench.config.frame_timeout_s
     frame = _awaited(camera, led, frame_id, camera.fetch(frame_id, timeout_s, alive))
-    # The port is ours alone and one ON means one spell of light: an LED that burns now has burned
-    # since its ON.
+    # No other program uses the port, and an ON is carried out once: an LED that is on now has been
+    # on since its ON.
     echo = board.off()
-    _check_burning(board, led, echo.led, ends_s, alive)
+    _check_lit(board, led, echo.led, ends_s, alive)
     return Shot(frame, led, echo)
 
 
 def by_board(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
-    """Let the board light an LED, trigger the camera by a pulse, and turn the LED off by itself.
+    """Let the board turn an LED on, trigger the camera by a pulse, and turn the LED off by itself.
 
-    The first flash for a while follows a dark one, which gives the frame to compare it with.
+    After a pause, a dark flash is made first, which gives the first frame to compare with.
 
     Raises
     ------
     RigError
-        If board or camera fail, the LED did not burn during the whole exposure, or the frame is
-        not of the board's trigger.
+        If board or camera fail, the LED was not on during the complete exposure, or the frame is
+        not that of the board's trigger.
     """
     exposure.check(bench.board.identity)
     if not bench.chain.reaches(exposure):
@@ -138,8 +136,8 @@ def _flash(
     report = board.flash(led, exposure.ahead_us, exposure.hold_us)
     bench.triggered(exposure, time.monotonic() - exposure.needed_us / 1e6)
     check_light(bench, led, exposure, report, light)
-    pulsed = f"the LED board on {board.port} did pulse its trigger line under {light}"
-    check = "check the wire from there to the camera's line, and trigger_line in the rig file"
+    pulsed = f"the LED board on {board.port} pulsed its trigger line for {light}"
+    check = "check the wire from the board to the camera's line, and trigger_line in the rig file"
     try:
         frame = camera.fetch(frame_id, bench.config.frame_timeout_s)
     except FrameLostError as error:
@@ -158,18 +156,18 @@ def check_light(
     report: FlashReport | StepReport,
     light: str = "",
 ) -> None:
-    """Refuse a frame whose light the board does not confirm from the trigger to the end.
+    """Refuse a frame if the board does not confirm its light from the trigger to the end.
 
     Raises
     ------
     BoardError
-        If another LED burned, or not for long enough, or the camera exposed beyond it.
+        If another LED was on, the LED was not on for long enough, or the camera exposed for longer.
     """
     where = f"LED board on {bench.board.port}, flash of {light or led_name(led)}"
     if report.led != led:
         raise BoardError(
-            f"{where}: the board lit {led_name(report.led)}; the frame is thrown away, check the "
-            "board's firmware"
+            f"{where}: the board turned on {led_name(report.led)} instead; the frame is discarded, "
+            "check the board's firmware"
         )
     if bench.config.exposure_active and report.active_us is None:
         raise BoardError(
@@ -179,36 +177,36 @@ def check_light(
     if led is None:
         return
     lit_us = report.lit_us - exposure.ahead_us
-    # An exposure that was seen to end before the light did is covered, whatever the clocks say.
+    # An exposure that was seen to end before the light is covered, independently of the clocks.
     seen = bench.config.exposure_active and bench.camera.info.shutter == "global"
     if report.cut_off or (lit_us < exposure.needed_us and not seen):
         raise BoardError(
-            f"{where}: after the trigger the light burned for {max(0, lit_us)} us of the "
-            f"{exposure.needed_us:g} us that the exposure takes; the frame is thrown away, shoot "
+            f"{where}: after the trigger the LED was on for {max(0, lit_us)} us of the "
+            f"{exposure.needed_us:g} us that the exposure takes; the frame is discarded, shoot "
             "again"
         )
 
 
-def _check_burning(
-    board: Board, led: int | None, burned: int | None, ends_s: float, alive: SignOfLife
+def _check_lit(
+    board: Board, led: int | None, lit: int | None, ends_s: float, alive: SignOfLife
 ) -> None:
-    if burned == led:
+    if lit == led:
         return
     where = f"LED board on {board.port}"
-    if burned is None and (silence_s := alive.silence_s) >= board.identity.watchdog_ms / 1000:
+    if lit is None and (silence_s := alive.silence_s) >= board.identity.watchdog_ms / 1000:
         raise FrameLostError(
-            f"{where}: {led_name(led)} went out before its frame was there, because this computer "
-            f"was too busy to speak to the board for up to {silence_s:.1f} s; the frame is thrown "
-            "away, end other programs and shoot again"
+            f"{where}: {led_name(led)} was turned off before its frame arrived, because this "
+            f"computer was too busy to send the board a sign of life for up to {silence_s:.1f} s; "
+            "the frame is discarded, end other programs and shoot again"
         )
-    if burned is None and time.monotonic() >= ends_s:
+    if lit is None and time.monotonic() >= ends_s:
         raise BoardError(
             f"{where}: the hold of {led_name(led)} ended while its frame was awaited, so the frame "
-            "is thrown away; find out why it came so late, or expose shorter, and shoot again"
+            "is discarded; find out why it was so late, or expose shorter, and shoot again"
         )
     raise BoardError(
-        f"{where}: {led_name(led)} was wanted, but during the exposure {led_name(burned)} burned; "
-        "the frame is thrown away, check the board's supply and shoot again"
+        f"{where}: {led_name(led)} was requested, but {led_name(lit)} was on during the exposure; "
+        "the frame is discarded, check the board's supply and shoot again"
     )
 
 
@@ -216,6 +214,6 @@ def _awaited(camera: Camera, led: int | None, frame_id: int, frame: CameraFrame)
     if frame.frame_id != frame_id:
         raise FrameLostError(
             f"camera {camera.info.serial} delivered frame {frame.frame_id} for the shot with "
-            f"{led_name(led)}, awaited was frame {frame_id}: shoot again"
+            f"{led_name(led)} instead of frame {frame_id}: shoot again"
         )
     return frame

@@ -1,4 +1,4 @@
-"""One frame and the light it was taken under."""
+"""A frame and the LED under which it was taken."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from rig._camera import CameraFrame
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """A frame and the light it was taken under.
+    """A frame and the LED under which it was taken.
 
     Parameters
     ----------
     frame
-        What the camera saw.
+        Frame from the camera.
     led
-        The LED that burned during the whole exposure, None where all were dark.
+        The LED that was on during the complete exposure, None if all were off.
     echo
-        The board's word for it: its answer to the OFF that ended the shot, or its report of the
+        The board's confirmation: its reply to the OFF that ended the shot, or its report of the
         flash or of the sequence's step.
     """
 
@@ -29,5 +29,5 @@ class Shot:
 
 
 def led_name(led: int | None) -> str:
-    """Return an LED as messages name it."""
+    """Return the name of an LED for messages."""
     return "no LED" if led is None else f"LED {led}"

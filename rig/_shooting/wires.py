@@ -1,4 +1,4 @@
-"""Whether board and camera are wired to each other, tried with one flash."""
+"""Test with one flash whether board and camera are wired to each other."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rig._shooting.shooting import Bench
 
 @dataclass(frozen=True)
 class Wires:
-    """What arrives where.
+    """Which signals arrive between board and camera.
 
     Parameters
     ----------
     trigger
-        The board's trigger pulse makes the camera expose.
+        Whether the board's trigger pulse makes the camera expose.
     exposure_active
-        The camera's exposure-active output reaches the board.
+        Whether the camera's exposure-active output reaches the board.
     """
 
     trigger: bool
@@ -27,12 +27,12 @@ class Wires:
 
 
 def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
-    """Flash once with the camera armed on its line, and see what each notices of the other.
+    """Flash once with the camera armed on its line, and return which signals arrived.
 
     Raises
     ------
     RigError
-        If the board fails, or the camera in another way than that no frame comes.
+        If the board fails, or if the camera fails for another reason than a missing frame.
     """
     exposure.check(bench.board.identity)
     time.sleep(max(0.0, bench.ready_s - time.monotonic()))

@@ -289,7 +289,7 @@ def test_a_camera_that_delivers_another_size(
 
 def test_rig_errors_are_told_as_they_are(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = lambda number: setattr(bench, "burning", None)
-    with pytest.raises(RigError, match="LED 3 was wanted"):
+    with pytest.raises(RigError, match="LED 3 was requested"):
         record(rig, PLAN, tmp_path / "s", **TOLD)
     assert [frame.led for frame in Session.open(tmp_path / "s").frames] == [None] * 4
 

@@ -1,4 +1,4 @@
-"""Cameras to be compared, each over a bench on which the test lights LEDs and pulses the line."""
+"""Benches for comparing cameras, on which tests turn LEDs on and pulse the trigger line."""
 
 import time
 
@@ -16,22 +16,22 @@ SIZE = (6, 10)
 LEDS = 12
 BLACK = 20
 EXPOSURE_US = 1000.0
-# One electron per grey value and no noise: a frame tells its LED.
+# One electron per grey value and no noise: the grey value of a frame identifies its LED.
 NOISE = NoiseModel(1.0, 0.0, float(BLACK), 12)
 
 
 def plane(led):
-    """What an LED yields in a microsecond, so that `grey` is exact."""
+    """Return the electrons per microsecond under an LED, so that `grey` is exact."""
     return np.full(SIZE, 0.0 if led is None else (led + 1) / 10, np.float32)
 
 
 def grey(led, exposure_us=EXPOSURE_US):
-    """What every pixel reads after an exposure under an LED."""
+    """Return the value of every pixel after an exposure under an LED."""
     return BLACK + (led + 1) * exposure_us / 10
 
 
 class Bench:
-    """A light, a trigger line, and the way to one camera that sees them."""
+    """A light, a trigger line, and a camera that sees them."""
 
     def __init__(self, folder):
         self.path = folder / "bench.state"
@@ -39,7 +39,7 @@ class Bench:
         self._opened = []
 
     def light(self, led):
-        """Let one LED burn from now on."""
+        """Turn one LED on from now on."""
         now = time.monotonic_ns()
         self.writer.put_out(now)
         self.writer.light(led, now, now + 60 * 10**9)
@@ -48,7 +48,7 @@ class Bench:
         self.writer.put_out(time.monotonic_ns())
 
     def pulse(self, after_s=0.0):
-        """Pulse the trigger line; return when, in nanoseconds of the monotonic clock."""
+        """Pulse the trigger line and return the time, in nanoseconds of the monotonic clock."""
         time_ns = time.monotonic_ns() + round(after_s * 1e9)
         self.writer.pulse(time_ns)
         return time_ns
@@ -65,14 +65,14 @@ class Bench:
 
 
 class InsideBench(Bench):
-    """The camera within the process."""
+    """The camera inside the process."""
 
     def __init__(self, folder):
         super().__init__(folder)
         self._faults = {}
 
     def fault(self, frame, kind, late_s=0.0):
-        """Let something happen to a frame; late ones come when they are asked for again."""
+        """Let a fault occur with a frame; late frames arrive when they are fetched again."""
         self._faults[frame] = kind
         for camera in self._opened:
             camera.faults[frame] = kind

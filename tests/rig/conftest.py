@@ -1,4 +1,4 @@
-"""A virtual board for the tests of the rig, and the light it makes."""
+"""A virtual board for the tests of the rig, and the light of its LEDs."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -16,12 +16,12 @@ SIZE = (4, 6)
 
 
 def code_plane(led: int | None) -> np.ndarray:
-    """A plane that says its LED: (LED + 1) electrons per microsecond; nothing without an LED."""
+    """Return a plane that encodes its LED: (LED + 1) electrons per microsecond, 0 if dark."""
     return np.full(SIZE, 0 if led is None else led + 1, np.float32)
 
 
 def led_seen(frame: CameraFrame) -> int | None:
-    """What the pixels say: `code_plane` gives 100 DN per LED and 1000 us, 0 without light."""
+    """Decode the LED from the pixels: `code_plane` gives 100 DN per LED and 1000 us, 0 if dark."""
     assert frame.pixels.dtype == np.uint16
     assert len(np.unique(frame.pixels)) == 1
     code, rest = divmod(int(frame.pixels[0, 0]), 100)
@@ -59,8 +59,8 @@ class Bench:
         self.virtual.close()
 
 
-def burning(bench: Bench) -> int | None:
-    """The LED that burns now."""
+def led_on(bench: Bench) -> int | None:
+    """Return the LED that is on now."""
     return bench.state.led(time.monotonic_ns())
 
 

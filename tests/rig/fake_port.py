@@ -1,4 +1,4 @@
-"""Ptys with something else than a board behind them."""
+"""Ptys with other devices than a board behind them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rig import LineError, Reply, decode_command, encode_reply
 
 @contextlib.contextmanager
 def device(answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterator[str]:
-    """A pty whose far end sends ``answer(line)`` for every line it gets, and chatters meanwhile."""
+    """Open a pty whose other end sends ``answer(line)`` for every line, and always ``chatter``."""
     master, slave = os.openpty()
     tty.setraw(slave)
     over = threading.Event()
@@ -41,7 +41,7 @@ def device(answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterato
     finally:
         over.set()
         os.write(slave, b"stop\n")
-        # What nobody read would block the one that chatters.
+        # Unread data would block the thread that sends the chatter.
         os.set_blocking(slave, False)
         while any(thread.is_alive() for thread in threads):
             with contextlib.suppress(BlockingIOError):
@@ -52,7 +52,7 @@ def device(answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterato
 
 
 def saying(*words: str, **others: tuple[str, ...]) -> Callable[[bytes], bytes]:
-    """Answer ID with these words, other verbs with theirs; of those not named only STATUS."""
+    """Return a device that answers ID, STATUS, and the verbs in ``others`` with these words."""
 
     def answer(line: bytes) -> bytes:
         try:

@@ -1,4 +1,4 @@
-"""A GenICam device made of memory: real GenApi nodes of any names, for tests of their users."""
+"""A GenICam device in memory: real GenApi nodes with any names, for tests."""
 
 import struct
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ xmlns="http://www.genicam.org/GenApi/Version_1_1">
 
 @dataclass(frozen=True)
 class Node:
-    """One node and what its register holds at first."""
+    """One node and the initial value of its register."""
 
     xml: str
     value: int | float
@@ -25,7 +25,7 @@ class Node:
 
 
 def amount(name, value, low, high, *, unit="", access="RW", kind="Float", step=None):
-    """A number; ``kind`` is Float or Integer."""
+    """Return a number node; ``kind`` is Float or Integer."""
     unit = f"<Unit>{unit}</Unit>" if unit else ""
     step = f"<Inc>{step}</Inc>" if step else ""
     xml = (
@@ -36,7 +36,7 @@ def amount(name, value, low, high, *, unit="", access="RW", kind="Float", step=N
 
 
 def choice(name, *symbols, access="RW"):
-    """An enumeration that stands at its first symbol."""
+    """Return an enumeration node, initially with its first symbol."""
     entries = "".join(
         f'<EnumEntry Name="{symbol}"><Value>{index}</Value></EnumEntry>'
         for index, symbol in enumerate(symbols)
@@ -46,7 +46,7 @@ def choice(name, *symbols, access="RW"):
 
 
 def switch(name, *, on, access="RW"):
-    """A boolean."""
+    """Return a boolean node."""
     xml = (
         f'<Boolean Name="{name}"><pValue>{name}Reg</pValue><OnValue>1</OnValue>'
         f"<OffValue>0</OffValue></Boolean>"
@@ -55,7 +55,7 @@ def switch(name, *, on, access="RW"):
 
 
 def command(name):
-    """A command, of which the port counts the executions."""
+    """Return a command node; the port records its executions."""
     xml = (
         f'<Command Name="{name}"><pValue>{name}Reg</pValue><CommandValue>1</CommandValue></Command>'
     )
@@ -92,7 +92,7 @@ class _Port(genapi.AbstractPort):
 
 @dataclass
 class Memory:
-    """The device: its node map, its registers, what was written, and what refuses to change."""
+    """The device: node map, registers, names of written nodes, and nodes that do not change."""
 
     nodes: tuple[Node, ...]
     stuck: frozenset[str] = frozenset()

@@ -1,4 +1,4 @@
-"""The board client on a virtual board that is made to fail."""
+"""The board client with a virtual board that has faults."""
 
 import signal
 import termios
@@ -10,7 +10,7 @@ import serial
 
 from rig import Board, BoardError, Step
 from simulator._board.faults import BoardFault
-from tests.rig.conftest import burning
+from tests.rig.conftest import led_on
 
 
 @pytest.fixture
@@ -22,25 +22,26 @@ def board(bench):
 
 
 def test_identity(board):
-    told = board.identity
-    assert (told.name, told.protocol, told.firmware) == ("sgp-virtual-board", 2, "2.0.0")
-    assert (told.leds, told.max_hold_ms, told.watchdog_ms, told.max_steps) == (36, 60_000, 900, 48)
+    found = board.identity
+    assert (found.name, found.protocol, found.firmware) == ("sgp-virtual-board", 2, "2.0.0")
+    assert (found.leds, found.max_hold_ms) == (36, 60_000)
+    assert (found.watchdog_ms, found.max_steps) == (900, 48)
 
 
-def test_on_lights_the_led_and_off_says_that_it_burned(bench, board):
+def test_on_turns_the_led_on_and_off_names_it(bench, board):
     assert board.on(7, 5000).led == 7
-    assert burning(bench) == 7
+    assert led_on(bench) == 7
     assert board.status().led == 7
     assert board.off().led == 7
-    assert burning(bench) is None
+    assert led_on(bench) is None
     assert board.off().led is None
     assert board.status().led is None
 
 
-def test_exactly_one_led_burns(bench, board):
+def test_exactly_one_led_is_on(bench, board):
     board.on(3, 5000)
     board.on(35, 5000)
-    assert burning(bench) == 35
+    assert led_on(bench) == 35
     assert [p.led for p in bench.state.periods()][-2:] == [3, 35]
     assert board.off().led == 35
 
@@ -48,7 +49,7 @@ def test_exactly_one_led_burns(bench, board):
 def test_the_board_itself_ends_the_hold(bench, board):
     board.on(5, 30)
     time.sleep(0.05)
-    assert burning(bench) is None
+    assert led_on(bench) is None
     last = bench.state.periods()[-1]
     assert last.end_ns - last.start_ns == 30_000_000
     assert board.off().led is None
@@ -62,24 +63,26 @@ def test_the_board_itself_ends_the_hold(bench, board):
         pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=4), id="lost byte"),
         pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=-1), id="lost line end"),
         pytest.param(BoardFault(kind="double-byte-command", verb="ON", value=2), id="double byte"),
-        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command comes twice"),
-        pytest.param(BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply unended"),
+        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command arrives twice"),
+        pytest.param(
+            BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply without end"
+        ),
         pytest.param(BoardFault(kind="double-byte-reply", verb="ON", value=7), id="reply garbled"),
-        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply comes twice"),
+        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply arrives twice"),
         pytest.param(BoardFault(kind="drop-reply", verb="ON"), id="lost reply"),
         pytest.param(BoardFault(kind="corrupt-reply", verb="ON"), id="corrupt reply"),
         pytest.param(BoardFault(kind="delay-reply", verb="ON", value=300), id="late reply"),
-        pytest.param(BoardFault(kind="banner", verb="ON"), id="noise spoils the reply"),
+        pytest.param(BoardFault(kind="banner", verb="ON"), id="noise damages the reply"),
         pytest.param(BoardFault(kind="reset", verb="ON"), id="reset instead of ON"),
     ],
 )
-def test_one_failed_exchange_is_mended_by_a_repetition(bench, board, fault):
+def test_one_failed_exchange_is_repaired_by_a_repetition(bench, board, fault):
     bench.virtual.set_faults(fault)
     before = len([p for p in bench.state.periods() if p.led == 9])
     assert board.on(9, 5000).led == 9
-    assert burning(bench) == 9
+    assert led_on(bench) == 9
     assert board.off().led == 9
-    # A repetition must not light the LED a second time.
+    # A repetition must not turn the LED on a second time.
     assert len([p for p in bench.state.periods() if p.led == 9]) == before + 1
 
 
@@ -108,8 +111,8 @@ def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board,
     assert len(bench.state.triggers()) - pulses <= (verb in ("FLASH", "RUN"))
 
 
-def test_a_late_reply_is_never_taken_for_the_next_commands(bench, board):
-    # The answer "LED 1 burned" comes 300 ms late, while the client waits for the next OFF's.
+def test_a_late_reply_is_not_mistaken_for_that_of_the_next_command(bench, board):
+    # The reply that names LED 1 is 300 ms late, while the client waits for that of the next OFF.
     bench.virtual.set_faults(
         BoardFault(kind="delay-reply", verb="OFF", value=300),
         BoardFault(kind="drop-reply", verb="OFF", skip=2),
@@ -120,21 +123,21 @@ def test_a_late_reply_is_never_taken_for_the_next_commands(bench, board):
     assert board.off().led == 2
 
 
-def test_a_lost_reply_to_off_still_tells_what_burned(bench, board):
+def test_a_repeated_off_still_names_the_led_after_a_lost_reply(bench, board):
     board.on(11, 5000)
     bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="OFF"))
     assert board.off().led == 11
 
 
-def test_off_tries_hard(bench, board):
+def test_off_is_repeated_until_it_is_answered(bench, board):
     board.on(11, 9000)
     bench.virtual.set_faults(BoardFault(kind="drop-command", verb="OFF", times=6))
-    # The silence is longer than the watchdog's: the LED is out before the OFF arrives.
+    # The silence is longer than the watchdog time: the LED is off before the OFF arrives.
     assert board.off().led is None
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
-def test_a_flash_reports_what_it_did(bench, board):
+def test_a_flash_returns_its_report(bench, board):
     report = board.flash(7, 2000, 6000)
     assert (report.led, report.lit_us, report.active_us, report.cut_off) == (7, 8000, None, False)
     dark = board.flash(None, 0, 1000)
@@ -146,18 +149,18 @@ def test_a_flash_reports_what_it_did(bench, board):
 
 def test_a_flash_reports_the_exposure(own_bench):
     board = Board(own_bench.virtual.port)
-    for end_us, told in ((5000, (5000, False)), (90_000, (60_000, True))):
+    for end_us, expected in ((5000, (5000, False)), (90_000, (60_000, True))):
         board.begin_flash(7, 2000, 60_000)
         board.ping()
         trigger_ns = own_bench.state.triggers()[-1].time_ns
         own_bench.state.expose(trigger_ns, trigger_ns + end_us * 1000)
         report = board.end_flash()
-        assert (report.active_us, report.cut_off) == told
+        assert (report.active_us, report.cut_off) == expected
         time.sleep(0.1)
     board.close()
 
 
-def test_others_may_be_asked_while_a_flash_burns(bench, board):
+def test_queries_are_answered_during_a_flash(bench, board):
     board.begin_flash(7, 0, 200_000)
     for _ in range(3):
         status = board.status()
@@ -167,7 +170,7 @@ def test_others_may_be_asked_while_a_flash_burns(bench, board):
     assert (report.led, report.lit_us) == (7, 200_000)
 
 
-def test_the_reply_to_a_flash_may_have_come_long_ago(bench, board):
+def test_a_reply_to_a_flash_that_arrived_earlier_is_found(bench, board):
     board.begin_flash(7, 0, 1000)
     time.sleep(0.3)
     assert board.end_flash().lit_us == 1000
@@ -180,11 +183,11 @@ def test_the_reply_to_a_flash_may_have_come_long_ago(bench, board):
 def test_a_flash_that_was_ended_has_no_report(bench, board):
     board.begin_flash(7, 0, 5_000_000)
     assert board.off().led == 7
-    with pytest.raises(BoardError, match="nothing was begun"):
+    with pytest.raises(BoardError, match="no command is pending"):
         board.end_flash()
 
 
-def test_a_refused_flash_is_told_by_the_next_ping(bench, board):
+def test_the_next_ping_reports_a_refused_flash(bench, board):
     board.begin_flash(36, 0, 1000)
     time.sleep(0.05)
     with pytest.raises(BoardError, match=r"FLASH LED 36 .*the board refused, error 3"):
@@ -194,7 +197,7 @@ def test_a_refused_flash_is_told_by_the_next_ping(bench, board):
         board.end_flash()
 
 
-def test_a_sequence_tells_what_every_step_did(bench, board):
+def test_a_sequence_reports_every_step(bench, board):
     board.load([Step(3, 1000, 4000, 5000), Step(None, 0, 1000, 5000), Step(5, 0, 3000, 0)])
     board.run(3)
     reports = []
@@ -208,14 +211,14 @@ def test_a_sequence_tells_what_every_step_did(bench, board):
     assert board.status().state == "IDLE"
 
 
-def test_a_dimmed_led_is_stated_as_such(bench, board):
+def test_level_dims_an_led(bench, board):
     board.level(7, 1000)
     board.on(7, 5000)
     assert bench.state.periods()[-1].level == 1000
     board.level(7, 4095)
 
 
-def test_a_restart_is_told_by_the_next_ping(bench, board):
+def test_the_next_ping_reports_a_restart(bench, board):
     time.sleep(0.05)
     board.ping()
     bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
@@ -225,7 +228,7 @@ def test_a_restart_is_told_by_the_next_ping(bench, board):
     board.ping()
 
 
-def test_a_flash_that_a_restart_may_have_doubled_is_refused(bench, board):
+def test_a_flash_that_may_have_been_repeated_by_a_restart_is_refused(bench, board):
     bench.virtual.set_faults(BoardFault(kind="reset-after", verb="FLASH"))
     pulses = len(bench.state.triggers())
     time.sleep(0.1)
@@ -234,28 +237,28 @@ def test_a_flash_that_a_restart_may_have_doubled_is_refused(bench, board):
     assert len(bench.state.triggers()) > pulses
 
 
-def test_what_is_too_much_for_the_sequence_is_refused(bench, board):
+def test_a_sequence_with_too_many_steps_is_refused(bench, board):
     with pytest.raises(BoardError, match=r"STEP 48 LED 1 .* error 7: no such step"):
         board.load([Step(1, 0, 100, 0)] * 49)
     with pytest.raises(BoardError, match="RUN 49 T: the board refused, error 7"):
         board.run(49)
 
 
-def test_darkness_in_an_emergency_waits_for_nothing(bench, board):
+def test_darken_does_not_wait(bench, board):
     board.on(7, 5000)
     board.darken()
-    # The board needs no more than a moment; nothing was read.
+    # The board needs only a moment; nothing was read.
     ends = time.monotonic() + 5
-    while burning(bench) is not None:
+    while led_on(bench) is not None:
         assert time.monotonic() < ends
         time.sleep(0.002)
-    # The light was cut: the OFF of the main path must not say that it burned until then.
+    # The light was cut off: the next OFF must not name the LED as on until then.
     assert board.off().led is None
     assert board.on(8, 5000).led == 8
     assert board.off().led == 8
 
 
-def test_a_command_that_darkness_overtakes_is_not_sent_again(bench, board):
+def test_a_command_overtaken_by_darken_is_not_sent_again(bench, board):
     bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=2))
     timer = threading.Timer(0.1, board.darken)
     timer.start()
@@ -263,21 +266,21 @@ def test_a_command_that_darkness_overtakes_is_not_sent_again(bench, board):
         board.on(7, 5000)
     one_line(error, board.port, "ON LED 7")
     timer.join()
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
-def test_a_flash_that_darkness_overtakes_is_not_sent_again(bench, board):
+def test_a_flash_overtaken_by_darken_is_not_sent_again(bench, board):
     board.begin_flash(7, 0, 200_000)
     board.darken()
     with pytest.raises(BoardError, match="turned off meanwhile"):
         board.end_flash()
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
 @pytest.mark.parametrize(
-    "sent", [0, 7, -1, None], ids=["before", "amid", "before its end", "after"]
+    "sent", [0, 7, -1, None], ids=["before", "in the middle", "before its end", "after"]
 )
-def test_darkness_wins_wherever_it_overtakes_the_writing_of_a_command(
+def test_darken_during_the_writing_of_a_command_leaves_all_leds_off(
     bench, board, monkeypatch, sent
 ):
     port = board._line._serial
@@ -295,7 +298,7 @@ def test_darkness_wins_wherever_it_overtakes_the_writing_of_a_command(
     assert board.status().led is None
 
 
-def test_a_signal_that_ends_the_program_finds_the_board_dark(bench, board):
+def test_darken_in_a_signal_handler_turns_the_led_off(bench, board):
     bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=9))
 
     def handler(number, frame):
@@ -312,7 +315,7 @@ def test_a_signal_that_ends_the_program_finds_the_board_dark(bench, board):
     assert board.status().led is None
 
 
-def test_darkness_raises_nothing_where_there_is_no_board_any_more(own_bench):
+def test_darken_raises_nothing_without_a_board(own_bench):
     board = Board(own_bench.virtual.port)
     own_bench.virtual.unplug()
     board.darken()
@@ -327,7 +330,7 @@ def one_line(error, *parts):
         assert part in text
 
 
-def test_another_led_lit_is_an_error(bench, board):
+def test_a_reply_that_names_another_led_is_an_error(bench, board):
     bench.virtual.set_faults(BoardFault(kind="wrong-led", verb="ON", value=8))
     with pytest.raises(BoardError) as error:
         board.on(7, 5000)
@@ -355,29 +358,29 @@ def test_refusals_name_port_led_and_reason(bench, board, led, hold_ms, reason):
     with pytest.raises(BoardError) as error:
         board.on(led, hold_ms)
     one_line(error, board.port, f"ON LED {led}", reason)
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
-def test_a_reset_in_mid_shot_shows_in_off_and_uptime(bench, board):
+def test_a_reset_during_a_shot_shows_in_off_and_uptime(bench, board):
     board.on(4, 5000)
     bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
     assert board.status().uptime_ms < 1000
-    assert burning(bench) is None
+    assert led_on(bench) is None
     assert board.off().led is None
 
 
-def test_damaged_commands_are_counted_and_not_obeyed(bench, board):
+def test_damaged_commands_are_counted_and_not_carried_out(bench, board):
     before = board.status().faults
     board._line._serial.write(b">0001 ON 7 5000*0000\n")
     assert board.status().faults == before + 1
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
-def test_a_command_cut_short_does_not_spoil_the_off_that_follows(bench, board):
+def test_a_command_cut_short_does_not_damage_the_next_off(bench, board):
     board.on(7, 5000)
     board._line._serial.write(b">0001 ON 8 50")
     assert board.off().led == 7
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
 def test_the_handshake_survives_a_board_that_is_still_starting(bench):
@@ -404,7 +407,7 @@ def test_unplugged(own_bench):
             act(board)
         one_line(error, board.port, verb, "unplugged")
     time.sleep(0.2)
-    assert burning(own_bench) is None
+    assert led_on(own_bench) is None
     board.close()
 
 
@@ -415,7 +418,7 @@ def test_unplugged_and_plugged_in_again_on_the_same_path(own_bench):
     own_bench.virtual.set_faults(BoardFault(kind="hang-up", verb="STATUS", value=200))
     with pytest.raises(BoardError, match="unplugged"):
         board.status()
-    assert burning(own_bench) is None
+    assert led_on(own_bench) is None
     board.close()
     ends = time.monotonic() + 10
     while True:
@@ -439,7 +442,7 @@ def test_unplugged_and_plugged_in_again_on_the_same_path(own_bench):
         pytest.param("write", serial.SerialTimeoutException("Write timeout"), id="full"),
     ],
 )
-def test_however_the_line_is_lost_the_error_is_the_boards(bench, board, monkeypatch, name, error):
+def test_every_failure_of_the_port_is_a_board_error(bench, board, monkeypatch, name, error):
     def fail(*_):
         raise error
 
@@ -451,22 +454,22 @@ def test_however_the_line_is_lost_the_error_is_the_boards(bench, board, monkeypa
         one_line(caught, board.port, verb, "gone" if "gone" in str(error) else "Write timeout")
     monkeypatch.undo()
     board.off()
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
 @pytest.mark.parametrize("error", [termios.error(5, "gone"), serial.SerialException("gone")])
-def test_a_line_lost_while_it_is_opened_is_given_back(bench, monkeypatch, error):
+def test_a_port_that_fails_during_the_handshake_is_closed(bench, monkeypatch, error):
     def fail(self):
         raise error
 
     monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
-    with pytest.raises(BoardError, match=r"ID: the line is lost .*gone"):
+    with pytest.raises(BoardError, match=r"ID: the connection is lost .*gone"):
         Board(bench.virtual.port)
     monkeypatch.undo()
     Board(bench.virtual.port).close()
 
 
-def test_a_port_that_cannot_be_closed_does_not_hide_why_it_was_refused(bench, monkeypatch):
+def test_a_failure_while_closing_does_not_hide_the_first_error(bench, monkeypatch):
     really_close = serial.Serial.close
 
     def close(self):

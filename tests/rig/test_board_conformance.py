@@ -1,4 +1,4 @@
-"""Every board, virtual, host-built or simulated AVR, keeps the protocol."""
+"""Every board (virtual, host-built, or simulated AVR) conforms to the protocol."""
 
 from __future__ import annotations
 

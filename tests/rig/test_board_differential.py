@@ -1,4 +1,4 @@
-"""The virtual board does what the firmware does, item by item of a random series."""
+"""The virtual board and the firmware agree on every item of a random series."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tests.rig.differential.difference import Tolerance
 from tests.rig.differential.items import Items
 from tests.rig.firmware import builds
 
-# The core looks at its watchdog once in a millisecond, and hears a line when it has replied to the
-# ones before it.
+# The core checks its watchdog once per millisecond, and reads a line after it has replied to the
+# previous ones.
 HOST = Tolerance(late_us=2500, pause_us=600, low_us=100)
 # It sends 40 characters in 4 ms, and reads its ring of 128 bytes between two of them.
 AVR = Tolerance(late_us=10_000, pause_us=3000, low_us=3000, reply_us=10_000)
@@ -36,7 +36,7 @@ def agree(command: list[str], tolerance: Tolerance, *, items: int, **options: in
     number, item, differs = (found.differing or [(0, None, [])])[0]
     assert not found.differing, f"{len(found.differing)} differ; {number}: {item}: {differs}"
     assert found.items == items
-    # Enough was answered, and little was left unjudged.
+    # Enough items were answered, and only few could not be judged.
     assert found.replies > items
     assert found.raced < 0.03 * items
     assert found.dark
@@ -69,13 +69,13 @@ FAULTS: dict[str, tuple[str, str, str]] = {
         "text[length - 1] == '\\r')\n        length--;\n"
         "    if (length > 0 && text[length - 1] == '\\r')\n        length--;",
     ),
-    "nine digits are too many": ("core/commands.cpp", "word.length <= 9", "word.length <= 8"),
+    "nine digits are refused": ("core/commands.cpp", "word.length <= 9", "word.length <= 8"),
     "the watchdog is slow": (
         "core/light.cpp",
         "heard_at < WATCHDOG_MS * 1000 ||",
         "heard_at < WATCHDOG_MS * 1010 ||",
     ),
-    "OFF forgets what a sequence did": (
+    "OFF clears the records of a sequence": (
         "core/light.cpp",
         "    put_out();\n    now_in = IDLE;\n    flash_over = false;",
         "    put_out();\n    now_in = IDLE;\n    flash_over = false;\n    ended = 0;",
@@ -92,8 +92,8 @@ def test_a_fault_in_the_firmware_is_a_difference(
     assert compare(command, items=1000, seed=20, tolerance=HOST).differing
 
 
-def test_items_are_of_every_kind() -> None:
-    """What is random must not have lost a kind that the comparison is about."""
+def test_items_cover_every_kind() -> None:
+    """The random items must include every kind that the comparison should cover."""
     items = [item for item, _ in zip(Items(1, longest=600, bursts=True), range(5000), strict=False)]
     stream = b"".join(item.data for item in items)
     kinds: dict[str, Callable[[], bool]] = {

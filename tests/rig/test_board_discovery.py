@@ -1,4 +1,4 @@
-"""Finding the board among ports that are silent, busy, gone, or something else."""
+"""Finding the board among ports that are silent, busy, gone, or other devices."""
 
 import contextlib
 import os
@@ -18,7 +18,7 @@ TIMEOUT_S = 0.75
 
 @contextlib.contextmanager
 def neighbours():
-    """Ports of every kind without a board, by what their complaint must say."""
+    """Open ports of every kind without a board; yield the expected complaint of each."""
     with contextlib.ExitStack() as stack:
         silent = stack.enter_context(device(lambda line: b""))
         chatters = stack.enter_context(device(lambda line: b"", chatter=b"$GPGGA\r\n"))
@@ -29,7 +29,7 @@ def neighbours():
         stack.callback(owner.close)
         yield {
             silent: "no answer within 0.75 s",
-            chatters: "it does send b'$GPGGA'",
+            chatters: "it sent b'$GPGGA'",
             echoes: "no answer",
             older: "speaks protocol 1",
             busy: "no other program uses it",
@@ -53,11 +53,11 @@ def test_the_board_is_found_among_others(bench):
         # All at the same time, not one after the other.
         assert took < 4 * TIMEOUT_S
         assert find_board([*others, bench.virtual.port], timeout_s=TIMEOUT_S) == bench.virtual.port
-    # The board was given back.
+    # The port of the board was closed.
     Board(bench.virtual.port).close()
 
 
-def test_what_else_is_asked_hears_an_empty_line_and_a_question_only():
+def test_other_devices_receive_only_an_empty_line_and_id():
     heard = []
 
     def answer(line):
@@ -70,7 +70,7 @@ def test_what_else_is_asked_hears_an_empty_line_and_a_question_only():
     assert heard[0][5:8] == b" ID"
 
 
-def test_no_board_says_what_was_found_instead():
+def test_without_a_board_the_message_lists_every_port():
     with neighbours() as others:
         with pytest.raises(BoardError, match="no LED board found") as error:
             find_board(others, timeout_s=TIMEOUT_S)
@@ -88,13 +88,13 @@ def test_no_ports_at_all(monkeypatch):
         find_board()
 
 
-def test_the_ports_of_this_computer_are_asked(monkeypatch, bench):
+def test_the_ports_of_this_computer_are_queried(monkeypatch, bench):
     present = [SimpleNamespace(device=bench.virtual.port)]
     monkeypatch.setattr(ports.list_ports, "comports", lambda: present)
     assert find_board() == bench.virtual.port
 
 
-def test_several_boards_are_told_and_one_is_chosen_by_name(bench):
+def test_several_boards_are_listed_and_one_is_chosen_by_name(bench):
     dome = saying(*IDENTITY)
     with device(dome) as first, device(dome) as second:
         everything = [first, bench.virtual.port, second]
@@ -114,7 +114,7 @@ def test_a_port_named_twice_is_one_port(bench):
     assert len(find_boards([bench.virtual.port] * 3)) == 1
 
 
-def test_a_port_whose_driver_never_returns_holds_nobody_up(monkeypatch, bench):
+def test_a_port_whose_driver_never_returns_does_not_delay_others(monkeypatch, bench):
     over = threading.Event()
     opened = ports.Board
 
@@ -132,7 +132,7 @@ def test_a_port_whose_driver_never_returns_holds_nobody_up(monkeypatch, bench):
     assert found[1].identity is not None
 
 
-def test_a_port_that_vanishes_while_it_is_asked():
+def test_a_port_that_disappears_while_it_is_queried():
     master, slave = os.openpty()
     tty.setraw(slave)
     port = os.ttyname(slave)

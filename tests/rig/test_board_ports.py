@@ -1,4 +1,4 @@
-"""Ports behind which no usable board is, and answers that no sound board gives."""
+"""Ports without a usable board, and wrong answers."""
 
 import contextlib
 import os
@@ -19,32 +19,32 @@ TIMEOUT_S = 0.25
     ("answer", "said"),
     [
         pytest.param(lambda line: b"", "no answer within 0.25 s", id="silent"),
-        pytest.param(lambda line: line + b"\n", "it does send", id="echo of our own words"),
+        pytest.param(lambda line: line + b"\n", "it sent", id="echo"),
         pytest.param(lambda line: b"$GPGGA,1*00\r\n", "$GPGGA", id="another device"),
-        pytest.param(lambda line: bytes(range(256)) * 4, "it does send", id="noise"),
+        pytest.param(lambda line: bytes(range(256)) * 4, "it sent", id="noise"),
         pytest.param(saying("dome", "1", "3.0", "36", "10000"), "speaks protocol 1", id="older"),
         pytest.param(saying("dome", "3", "3.0", "36"), "speaks protocol 3", id="newer"),
         pytest.param(saying("dome"), "speaks protocol ?", id="no version"),
-        pytest.param(saying("dome", "2", "1.0"), "makes no sense", id="no LED count"),
-        pytest.param(saying(*IDENTITY[:6]), "makes no sense", id="no step count"),
-        pytest.param(saying(*IDENTITY[:3], "x", *IDENTITY[4:]), "no sense", id="LED count x"),
-        pytest.param(saying(*IDENTITY[:3], "-1", *IDENTITY[4:]), "no sense", id="LED count -1"),
-        pytest.param(saying(*IDENTITY, STATUS=("5", "-", "0")), "no sense", id="STATUS of 1"),
+        pytest.param(saying("dome", "2", "1.0"), "reply is invalid", id="no LED count"),
+        pytest.param(saying(*IDENTITY[:6]), "reply is invalid", id="no step count"),
+        pytest.param(saying(*IDENTITY[:3], "x", *IDENTITY[4:]), "is invalid", id="LED count x"),
+        pytest.param(saying(*IDENTITY[:3], "-1", *IDENTITY[4:]), "is invalid", id="LED count -1"),
+        pytest.param(saying(*IDENTITY, STATUS=("5", "-", "0")), "is invalid", id="STATUS of 1"),
     ],
 )
-def test_what_is_not_our_board(answer, said):
+def test_other_devices_are_refused(answer, said):
     with device(answer) as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=TIMEOUT_S)
         assert port in str(error.value)
         assert said in str(error.value)
         assert "\n" not in str(error.value)
-        # The port was given back: it opens again, and fails for the same reason.
-        with pytest.raises(BoardError, match=r"protocol|no answer|no sense"):
+        # The port was closed: it opens again, and fails for the same reason.
+        with pytest.raises(BoardError, match=r"protocol|no answer|is invalid"):
             Board(port, handshake_timeout_s=TIMEOUT_S)
 
 
-def test_a_board_of_another_make_is_taken_as_it_says():
+def test_the_identity_of_another_firmware_is_accepted():
     with device(saying(*IDENTITY)) as port:
         board = Board(port)
         assert (board.identity.name, board.identity.firmware) == ("dome", "3.5")
@@ -57,14 +57,14 @@ def test_a_board_of_another_make_is_taken_as_it_says():
     ("verb", "outcome", "act", "said"),
     [
         pytest.param(
-            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 where", id="other LED"
+            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 instead", id="other LED"
         ),
-        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 where", id="other hold"),
-        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 where", id="no hold"),
-        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON where", id="ON of nothing"),
-        pytest.param("OFF", (), lambda b: b.off(), "no sense", id="OFF of nothing"),
-        pytest.param("OFF", ("x",), lambda b: b.off(), "no sense", id="OFF of x"),
-        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 where", id="level"),
+        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 instead", id="other hold"),
+        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 instead", id="no hold"),
+        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON instead", id="ON of nothing"),
+        pytest.param("OFF", (), lambda b: b.off(), "is invalid", id="OFF of nothing"),
+        pytest.param("OFF", ("x",), lambda b: b.off(), "is invalid", id="OFF of x"),
+        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 instead", id="level"),
         pytest.param(
             "FLASH",
             ("8", "-", "9", "-"),
@@ -73,26 +73,32 @@ def test_a_board_of_another_make_is_taken_as_it_says():
             id="other flash",
         ),
         pytest.param(
-            "FLASH", ("7", "-", "9"), lambda b: b.flash(7, 0, 9), "no sense", id="flash cut"
+            "FLASH", ("7", "-", "9"), lambda b: b.flash(7, 0, 9), "is invalid", id="flash cut"
         ),
         pytest.param(
-            "FLASH", ("7", "-", "9", "+"), lambda b: b.flash(7, 0, 9), "no sense", id="flash active"
+            "FLASH",
+            ("7", "-", "9", "+"),
+            lambda b: b.flash(7, 0, 9),
+            "is invalid",
+            id="flash active",
         ),
         pytest.param(
             "STEP",
             ("0", "7", "1", "20", "3"),
             lambda b: b.load([Step(7, 1, 10, 3)]),
-            "did STEP 0 LED 7 1 20 3 where STEP 0 LED 7 1 10 3 was asked",
+            "did STEP 0 LED 7 1 20 3 instead of STEP 0 LED 7 1 10 3",
             id="other step",
         ),
-        pytest.param("RUN", ("2",), lambda b: b.run(1), "RUN 2 where RUN 1 T", id="other count"),
+        pytest.param(
+            "RUN", ("2",), lambda b: b.run(1), "RUN 2 instead of RUN 1 T", id="other count"
+        ),
         pytest.param(
             "DID", ("1", "7", "0", "9", "-"), lambda b: b.did(0), "DID 1 LED 7", id="other did"
         ),
-        pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "no sense", id="did cut"),
+        pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "is invalid", id="did cut"),
     ],
 )
-def test_answers_that_no_sound_board_gives(verb, outcome, act, said):
+def test_wrong_answers_are_refused(verb, outcome, act, said):
     with device(saying(*IDENTITY, **{verb: outcome})) as port:
         board = Board(port)
         with pytest.raises(BoardError) as error:
@@ -111,14 +117,14 @@ def test_a_board_without_a_thermometer():
         board.close()
 
 
-def test_a_device_that_chatters_does_not_hold_the_host_up():
+def test_a_device_that_sends_noise_does_not_delay_the_host():
     with device(lambda line: b"", chatter=b"73.2,18.1\r\n") as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=0.5)
-        assert "no answer within 0.5 s; it does send b'73.2,18.1'" in str(error.value)
+        assert "no answer within 0.5 s, but it sent b'73.2,18.1'" in str(error.value)
 
 
-def test_a_board_is_heard_through_chatter():
+def test_a_board_is_found_in_spite_of_noise():
     with device(saying(*IDENTITY), chatter=b"\xff\x00<0000 OK \n") as port:
         board = Board(port)
         assert board.identity.leds == 24
@@ -126,24 +132,24 @@ def test_a_board_is_heard_through_chatter():
 
 
 def fill(fd: int) -> None:
-    """Write until the far end would have to read first."""
-    taken = 1
-    while taken:
-        taken = 0
+    """Write until the other end would have to read first."""
+    written = 1
+    while written:
+        written = 0
         with contextlib.suppress(BlockingIOError):
             while True:
-                taken += os.write(fd, b"x" * 1000)
-        # What was taken moves on to the far end, which makes room again.
+                written += os.write(fd, b"x" * 1000)
+        # The written bytes move to the other end, which makes room again.
         time.sleep(0.1)
 
 
-def test_a_peer_that_does_not_read_is_told():
+def test_a_device_that_does_not_read_is_reported():
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(slave, False)
     fill(slave)
     try:
-        with pytest.raises(BoardError, match="nothing takes what is sent") as error:
+        with pytest.raises(BoardError, match="no device accepts the data sent") as error:
             Board(os.ttyname(slave))
         assert "\n" not in str(error.value)
     finally:
@@ -151,14 +157,14 @@ def test_a_peer_that_does_not_read_is_told():
         os.close(master)
 
 
-def test_darkness_goes_out_past_what_nobody_reads():
+def test_darken_discards_unsent_data():
     lines = []
     reads = threading.Event()
 
     def answer(line):
         lines.append(line)
         if b" ON " in line:
-            # It is busy with something else, and so does not read.
+            # It is busy, so it does not read.
             assert reads.wait(20)
         return saying(*IDENTITY)(line)
 
@@ -176,7 +182,7 @@ def test_darkness_goes_out_past_what_nobody_reads():
 
 
 @pytest.mark.parametrize("kind", ["absent", "file", "folder", "nul"])
-def test_what_is_not_a_port(kind, tmp_path: Path):
+def test_a_path_that_is_not_a_port_is_refused(kind, tmp_path: Path):
     (tmp_path / "file").write_text("text")
     port = {"folder": str(tmp_path), "nul": "a\0b"}.get(kind, str(tmp_path / kind))
     with pytest.raises(BoardError, match="cannot be opened") as error:

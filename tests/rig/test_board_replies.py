@@ -1,4 +1,4 @@
-"""What replies of the board say: words, numbers and LEDs, and the messages about them."""
+"""Replies of the board: words, numbers and LEDs, and the messages about them."""
 
 import pytest
 import serial
@@ -13,7 +13,7 @@ def outcome(*words, error=None, command=ON, again=False):
     return Outcome("p", command, Reply(7, command.verb, words, error), again=again)
 
 
-def test_an_outcome_holds_its_reply():
+def test_an_outcome_has_the_values_of_its_reply():
     found = outcome("3", "2500", again=True)
     assert (found.seq, found.error, found.words, found.again) == (7, None, ("3", "2500"), True)
     assert not outcome("3").again
@@ -26,10 +26,10 @@ def test_an_outcome_holds_its_reply():
     [
         (1, "error 1: unknown command"),
         (5, "error 5: busy"),
-        (99, "error 99: for a reason this software does not know"),
+        (99, "error 99: not known to this software"),
     ],
 )
-def test_a_refusal_is_told(error, says):
+def test_a_refusal_is_an_error(error, says):
     with pytest.raises(BoardError, match=f"on p, ON LED 3 2500: the board refused, {says}"):
         outcome("3", "2500", error=error).done()
 
@@ -44,15 +44,15 @@ def test_a_refusal_is_told(error, says):
         (("3",), 2, False),
     ],
 )
-def test_what_the_board_repeats_must_be_what_was_asked(words, count, right):
+def test_the_board_must_repeat_the_arguments(words, count, right):
     if right:
         outcome(*words).repeats(count)
         return
-    with pytest.raises(BoardError, match="where ON LED 3 2500 was asked"):
+    with pytest.raises(BoardError, match="instead of ON LED 3 2500"):
         outcome(*words).repeats(count)
 
 
-def test_words_are_read_as_what_they_have_to_be():
+def test_words_are_converted():
     found = outcome("0", "35", "-", "999999999", "12+", "12")
     assert [found.number(index) for index in (0, 1, 3)] == [0, 35, 999_999_999]
     assert [found.led(index) for index in (0, 1, 2)] == [0, 35, None]
@@ -65,16 +65,16 @@ def test_words_are_read_as_what_they_have_to_be():
 
 
 @pytest.mark.parametrize("word", ["", "x", "-1", "1.5", "1000000000", "+3", "2+"])
-def test_what_is_not_a_number_makes_no_sense(word):
-    with pytest.raises(BoardError, match="makes no sense"):
+def test_a_word_that_is_not_a_number_is_invalid(word):
+    with pytest.raises(BoardError, match="reply is invalid"):
         outcome(word).number(0)
-    with pytest.raises(BoardError, match="makes no sense"):
+    with pytest.raises(BoardError, match="reply is invalid"):
         outcome(word).led(0)
 
 
 @pytest.mark.parametrize("read", ["word", "number", "led", "exposure"])
-def test_a_word_that_is_missing_makes_no_sense(read):
-    with pytest.raises(BoardError, match=r"makes no sense \(1 2\); check the firmware"):
+def test_a_missing_word_is_invalid(read):
+    with pytest.raises(BoardError, match=r"reply is invalid \(1 2\); check the firmware"):
         getattr(outcome("1", "2"), read)(2)
 
 
@@ -91,19 +91,19 @@ def test_a_word_that_is_missing_makes_no_sense(read):
         ("STATUS", ("3",), "STATUS 3"),
     ],
 )
-def test_commands_are_spoken_with_their_led(verb, args, said):
+def test_messages_name_the_led_of_a_command(verb, args, said):
     assert spoken(verb, args) == said
     assert where("p", Command(1, verb, args)) == f"LED board on p, {said}"
 
 
-def test_failures_of_the_line_say_what_to_look_at():
+def test_messages_of_port_failures_give_advice():
     head = "LED board on p, ON LED 3 2500: "
     full = str(lost("p", ON, serial.SerialTimeoutException("full")))
-    assert full.startswith(f"{head}nothing takes what is sent (full)")
+    assert full.startswith(f"{head}no device accepts the data sent (full)")
     gone = str(lost("p", ON, OSError("gone")))
-    assert gone == f"{head}the line is lost (gone); was the board unplugged?"
+    assert gone == f"{head}the connection is lost (gone); check whether the board was unplugged"
     quiet = str(silent("p", ON, 0.75, b""))
     assert quiet.startswith(f"{head}no answer within 0.75 s; check power")
     talking = str(silent("p", ON, 2.0, b"x" * 50))
-    assert f"no answer within 2 s; it does send {b'x' * 40!r}; check" in talking
+    assert f"no answer within 2 s, but it sent {b'x' * 40!r}; check" in talking
     assert str(overtaken("p", ON)).startswith(f"{head}all LEDs were turned off meanwhile")

@@ -1,4 +1,4 @@
-"""What every camera has to do, whatever is behind it."""
+"""Requirements for every camera, with each implementation."""
 
 import time
 from itertools import pairwise
@@ -26,13 +26,13 @@ def camera(bench):
 
 
 def seen(frame):
-    """The one grey value of a frame."""
+    """Return the grey value of a uniform frame."""
     assert (frame.pixels == frame.pixels[0, 0]).all()
     return frame.pixels[0, 0]
 
 
 def shoot(bench, camera, led):
-    """A shot under an LED; the frame must be its own."""
+    """Take a shot under an LED and check that the frame shows this LED."""
     bench.light(led)
     frame_id = camera.trigger()
     frame = camera.fetch(frame_id, 5.0)
@@ -42,14 +42,14 @@ def shoot(bench, camera, led):
     return frame
 
 
-def test_a_frame_is_what_was_lit(bench, camera):
+def test_a_frame_shows_its_led(bench, camera):
     camera.arm()
     frames = [shoot(bench, camera, led) for led in (3, 0, 7)]
     assert all(frame.pixels.shape == SIZE and frame.pixels.dtype == "uint16" for frame in frames)
     assert [seen(frame) for frame in frames] == [grey(led) for led in (3, 0, 7)]
 
 
-def test_ids_count_from_0_and_never_begin_anew(bench, camera):
+def test_ids_count_from_0_and_never_restart(bench, camera):
     ids = []
     for trigger in ("software", "software", "line"):
         camera.arm(trigger)
@@ -68,7 +68,7 @@ def test_the_cameras_clock_runs_forward(bench, camera):
     assert all(later - earlier >= EXPOSURE_US * 1000 for earlier, later in pairwise(times))
 
 
-def test_what_was_read_back_is_what_the_frame_says(bench, camera):
+def test_a_frame_has_the_settings_that_were_read_back(bench, camera):
     camera.arm()
     read_back = camera.configure(exposure_us=2000.4, gain_db=6.0)
     assert read_back == pytest.approx(2000.4, abs=1)
@@ -110,7 +110,7 @@ def test_a_trigger_of_the_other_kind_is_refused(camera):
         camera.trigger()
 
 
-def test_frames_that_nobody_announced_cannot_be_fetched(bench, camera):
+def test_frames_that_were_not_announced_cannot_be_fetched(bench, camera):
     camera.arm()
     with pytest.raises(CameraError, match="no frame 0 is under way"):
         camera.fetch(0, 0.1)
@@ -119,7 +119,7 @@ def test_frames_that_nobody_announced_cannot_be_fetched(bench, camera):
         camera.fetch(frame_id, 0.1)
 
 
-def test_arming_forgets_what_is_under_way(bench, camera):
+def test_arming_discards_pending_frames(bench, camera):
     camera.arm()
     bench.light(2)
     forgotten = camera.trigger()
@@ -131,7 +131,7 @@ def test_arming_forgets_what_is_under_way(bench, camera):
     shoot(bench, camera, 5)
 
 
-def test_of_two_frames_the_older_is_thrown_away(bench, camera):
+def test_fetching_the_newer_frame_discards_the_older(bench, camera):
     camera.arm()
     bench.light(2)
     older = camera.trigger()
@@ -153,7 +153,7 @@ def test_a_frame_does_not_change_once_it_is_there(bench, camera):
     assert (first.pixels == before).all()
 
 
-def test_a_lost_frame_is_told_with_the_time_waited(bench, camera):
+def test_the_message_of_a_lost_frame_states_the_time_waited(bench, camera):
     bench.fault(1, "lost")
     camera.arm()
     shoot(bench, camera, 0)
@@ -165,7 +165,7 @@ def test_a_lost_frame_is_told_with_the_time_waited(bench, camera):
     shoot(bench, camera, 9)
 
 
-def test_a_late_frame_is_not_taken_for_that_of_the_next_trigger(bench, camera):
+def test_a_late_frame_is_not_mistaken_for_the_next_one(bench, camera):
     bench.fault(1, "late", late_s=0.3)
     camera.arm()
     shoot(bench, camera, 0)
@@ -178,7 +178,7 @@ def test_a_late_frame_is_not_taken_for_that_of_the_next_trigger(bench, camera):
     shoot(bench, camera, 5)
 
 
-def test_a_late_frame_can_be_asked_for_again(bench, camera):
+def test_a_late_frame_can_be_fetched_again(bench, camera):
     bench.fault(0, "late", late_s=0.3)
     camera.arm()
     bench.light(4)
@@ -195,12 +195,12 @@ def test_waiting_is_called_at_least_every_200_ms(bench, camera):
     camera.arm()
     camera.fetch(camera.trigger(), 5.0, lambda: calls.append(time.monotonic()))
     calls.append(time.monotonic())
-    # 0.2 s are promised; the rest is for a machine that does other things as well.
+    # 0.2 s are specified; the rest is for a computer with other load.
     assert max(later - earlier for earlier, later in pairwise(calls)) < 0.3
     assert len(calls) >= 5
 
 
-def test_what_waiting_raises_ends_the_wait(bench, camera):
+def test_an_exception_from_waiting_ends_the_wait(bench, camera):
     def fail():
         raise RuntimeError("the board is gone")
 
@@ -215,7 +215,7 @@ def test_what_waiting_raises_ends_the_wait(bench, camera):
     shoot(bench, camera, 5)
 
 
-def test_every_pulse_on_the_line_is_a_frame(bench, camera):
+def test_every_pulse_on_the_line_gives_a_frame(bench, camera):
     camera.arm("line")
     ids = [camera.expect() for _ in range(3)]
     pulses = []
@@ -230,7 +230,7 @@ def test_every_pulse_on_the_line_is_a_frame(bench, camera):
         assert other.timestamp_ns - one.timestamp_ns == pytest.approx(next_pulse - pulse, abs=2e5)
 
 
-def test_pulses_before_arming_are_no_frames(bench, camera):
+def test_pulses_before_arming_give_no_frames(bench, camera):
     camera.arm("line")
     camera.disarm()
     bench.light(1)
@@ -243,7 +243,7 @@ def test_pulses_before_arming_are_no_frames(bench, camera):
     assert seen(camera.fetch(frame_id, 5.0)) == grey(6)
 
 
-def test_a_pulse_that_is_withdrawn_is_no_frame(bench, camera):
+def test_a_withdrawn_pulse_gives_no_frame(bench, camera):
     camera.arm("line")
     frame_id = camera.expect()
     bench.light(1)
@@ -259,7 +259,7 @@ def test_a_line_without_pulses_is_named(bench, camera):
         CameraError, match=r"c7, armed on Line0, frame 0 did not come within 0\.1 s"
     ):
         camera.fetch(camera.expect(), 0.1)
-    # What comes now belongs to nobody.
+    # This frame belongs to no trigger.
     bench.light(1)
     bench.pulse()
     time.sleep(0.1)
@@ -269,7 +269,7 @@ def test_a_line_without_pulses_is_named(bench, camera):
     assert seen(camera.fetch(frame_id, 5.0)) == grey(8)
 
 
-def test_an_unplugged_camera_fails_at_everything_but_closing(bench, camera):
+def test_an_unplugged_camera_only_closes(bench, camera):
     bench.fault(1, "unplug")
     camera.arm()
     shoot(bench, camera, 0)
@@ -287,7 +287,7 @@ def test_an_unplugged_camera_fails_at_everything_but_closing(bench, camera):
     camera.close()
 
 
-def test_a_closed_camera_refuses_everything_but_closing(camera):
+def test_a_closed_camera_only_closes_again(camera):
     camera.arm()
     camera.close()
     camera.close()

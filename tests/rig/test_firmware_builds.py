@@ -11,12 +11,12 @@ from tests.rig.firmware import builds
 
 COMMANDS = 10_000
 SKETCH_CHECKS = (
-    "nothing burns and the trigger is low from the start",
-    "an LED is the one that was asked for",
-    "LEVEL dims an LED from its next lighting on",
-    "a flash is lit, settles, triggers and goes dark as declared",
-    "a sequence runs in time and tells what every step did",
-    "silence puts out what ON has lit",
+    "no LED is on and the trigger is low from the start",
+    "the requested LED turns on",
+    "LEVEL dims an LED from the next time it is turned on",
+    "a flash turns on, settles, triggers and turns off as declared",
+    "a sequence keeps its times and reports every step",
+    "silence turns off an LED that ON turned on",
 )
 
 
@@ -27,9 +27,9 @@ def test_the_core_needs_no_library(tmp_path: Path) -> None:
 
 def test_the_images_leave_room_for_the_stack(tmp_path: Path) -> None:
     builds.need_avr()
-    told = builds.run("make", "-s", "-C", builds.FIRMWARE, f"OUT={tmp_path}", "sizes").splitlines()
-    assert len(told) == 2
-    assert all(int(text.split(", ")[2].split()[0]) >= 250 for text in told)
+    sizes = builds.run("make", "-s", "-C", builds.FIRMWARE, f"OUT={tmp_path}", "sizes").splitlines()
+    assert len(sizes) == 2
+    assert all(int(text.split(", ")[2].split()[0]) >= 250 for text in sizes)
 
 
 def test_the_sketch_is_a_board_on_an_uno(tmp_path: Path) -> None:
@@ -49,26 +49,26 @@ def test_nothing_is_written_into_the_sources(tmp_path: Path) -> None:
 
 def test_a_build_without_a_folder_goes_into_the_cache_of_this_user(tmp_path: Path) -> None:
     builds.need("make")
-    told = builds.run("make", "-n", "-C", builds.FIRMWARE, f"XDG_CACHE_HOME={tmp_path}", "host")
-    assert f"{tmp_path}/sgp/firmware-" in told
-    told = builds.run("make", "-n", "-C", builds.FIRMWARE, "XDG_CACHE_HOME=", "host")
-    assert f"{Path.home()}/.cache/sgp/firmware-" in told
-    assert "/tmp/" not in told.replace(str(builds.FIRMWARE), "")
+    steps = builds.run("make", "-n", "-C", builds.FIRMWARE, f"XDG_CACHE_HOME={tmp_path}", "host")
+    assert f"{tmp_path}/sgp/firmware-" in steps
+    steps = builds.run("make", "-n", "-C", builds.FIRMWARE, "XDG_CACHE_HOME=", "host")
+    assert f"{Path.home()}/.cache/sgp/firmware-" in steps
+    assert "/tmp/" not in steps.replace(str(builds.FIRMWARE), "")
 
 
-def test_none_of_many_mixed_commands_is_lost(tmp_path: Path) -> None:
+def test_no_command_of_a_random_series_is_lost(tmp_path: Path) -> None:
     draw = random.Random(7)
     with BoardUnderTest(builds.host(tmp_path), late_us=100_000) as board:
-        burning, damaged = "-", 0
+        lit, damaged = "-", 0
         board.reset()
         for _ in range(COMMANDS):
             kind, led, number = draw.randrange(8), draw.randrange(36), draw.randrange(1, 4096)
             if kind == 0:
                 assert board.ok(f"ON {led} 60000") == f"{led} 60000"
-                burning = str(led)
+                lit = str(led)
             elif kind == 1:
-                assert board.ok("OFF") == burning
-                burning = "-"
+                assert board.ok("OFF") == lit
+                lit = "-"
             elif kind == 2:
                 assert board.ok(f"LEVEL {led} {number}") == f"{led} {number}"
             elif kind == 3:
@@ -76,7 +76,7 @@ def test_none_of_many_mixed_commands_is_lost(tmp_path: Path) -> None:
                 assert board.ok(f"STEP {step}") == step
             elif kind == 4:
                 status = board.status()
-                assert (status.led, status.faults, status.trips) == (burning, damaged, 0)
+                assert (status.led, status.faults, status.trips) == (lit, damaged, 0)
             elif kind == 5:
                 assert board.ask(f"ON {36 + led} 1") == f"E3 ON {36 + led} 1"
             elif kind == 6:
@@ -86,4 +86,4 @@ def test_none_of_many_mixed_commands_is_lost(tmp_path: Path) -> None:
                 damaged += 1
             else:
                 assert board.ok(f"FLASH {led} 0 10").startswith(f"{led} ")
-                burning = "-"
+                lit = "-"

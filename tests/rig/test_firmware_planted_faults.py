@@ -1,4 +1,4 @@
-"""The conformance checks notice faults that are planted in the firmware, one at a time."""
+"""The conformance checks detect faults that are planted in the firmware, one at a time."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from tests.rig.firmware import builds
 
 LIGHT, LINE, AVR = "core/light.cpp", "core/line.cpp", "avr/board.cpp"
 COMMANDS, VERBS = "core/commands.cpp", "core/verbs.cpp"
-BOOT = "nothing burns and the trigger is low from the start"
-WHICH = "an LED is the one that was asked for"
-FLASH = "a flash is lit, settles, triggers and goes dark as declared"
-REFUSALS = "refusals carry the right number, repeat the command and change nothing"
-DAMAGE = "damaged lines are counted, not answered and not obeyed"
+BOOT = "no LED is on and the trigger is low from the start"
+WHICH = "the requested LED turns on"
+FLASH = "a flash turns on, settles, triggers and turns off as declared"
+REFUSALS = "refusals have the right number, repeat the command and change nothing"
+DAMAGE = "damaged lines are counted, not answered and not carried out"
 PACED = "the camera's exposure paces a sequence"
-SILENCE = "silence puts out what ON has lit"
-SEQUENCE = "a sequence runs in time and tells what every step did"
+SILENCE = "silence turns off an LED that ON turned on"
+SEQUENCE = "a sequence keeps its times and reports every step"
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of the sources, and the check that has to notice it."""
+    """A change of the sources, and the check that must detect it."""
 
     file: str
     old: str
@@ -44,37 +44,37 @@ FAULTS = {
     "watchdog not counted": Fault(
         LIGHT, "end_light();\n        trip_count++;", "end_light();", SILENCE
     ),
-    "watchdog cuts a flash": Fault(
+    "the watchdog ends a flash": Fault(
         LIGHT,
         "if (now_in == ON) {",
         "if (now_in != RUN && lit()) {",
         "silence does not cut a declared flash",
     ),
-    "watchdog spares sequences": Fault(
+    "the watchdog ignores sequences": Fault(
         LIGHT,
         "else if (stopping)",
         "else if (stopping && count == 0)",
-        "a silent host's sequence finishes the step that burns and lights no other",
+        "a sequence of a silent host finishes the current step and turns on no other LED",
     ),
     "noise is a sign of life": Fault(
         "core/firmware.cpp",
         "        if (line::take(",
         "        light::heard();\n        if (line::take(",
-        "damaged lines are no sign of life",
+        "damaged lines are not a sign of life",
     ),
-    "an ended flash is forgotten": Fault(
+    "an ended flash is not reported": Fault(
         COMMANDS,
         "if (!asks && light::flash_ended())",
         "if (verb == nullptr && light::flash_ended())",
-        "a flash that ends while the next command arrives is told, and as what it was",
+        "a flash that ends while the next command arrives is reported correctly",
     ),
-    "no CRC test": Fault(LINE, " && told == sum", "", DAMAGE),
+    "no CRC test": Fault(LINE, " && stated == sum", "", DAMAGE),
     "damage not counted": Fault(LINE, "        damaged++;", "        damaged += 0;", DAMAGE),
-    "overlong lines are read": Fault(
+    "overlong lines are accepted": Fault(
         LINE,
         "length <= LONGEST;",
         "length <= LONGEST + 1;",
-        "lines that are too long are ignored and spoil nothing",
+        "lines that are too long are ignored and have no effect on others",
     ),
     "repetition acts twice": Fault(
         COMMANDS,
@@ -86,21 +86,21 @@ FAULTS = {
         COMMANDS,
         "text.length != last_length)\n        return false;",
         "last_length == 0)\n        return false;\n    return true;",
-        "the same number with another command is no repetition",
+        "another command with the same number is not a repetition",
     ),
-    "questions erase the memory": Fault(
+    "queries erase the memory": Fault(
         COMMANDS,
         "    uint32_t args[verbs::MOST_ARGUMENTS];",
         "    if (asks)\n        remember();\n    uint32_t args[verbs::MOST_ARGUMENTS];",
-        "the answer to a FLASH is kept while STATUS is asked",
+        "the answer to a FLASH is kept during STATUS queries",
     ),
-    "memory survives a reset": Fault(
+    "the memory is not cleared by a reset": Fault(
         COMMANDS,
         "    last_length = 0;\n    last_is_flash = false;\n    reply::forget();\n",
         "",
         "the memory is empty after a start",
     ),
-    "range test loose": Fault(
+    "range test off by one": Fault(
         VERBS,
         "args[0] >= BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
         "args[0] > BOARD_LEDS)\n        return LED;\n    if (args[1] < 1",
@@ -118,29 +118,29 @@ FAULTS = {
         "if (args[0] >= BOARD_STEPS && !no_such_led(args[1]))\n",
         REFUSALS,
     ),
-    "busy is not told": Fault(
+    "busy is not reported": Fault(
         COMMANDS,
         "verb->refused && busy()",
         "verb->refused && busy() && args[0] == 99",
-        "a running flash refuses what would disturb it, and goes on",
+        "a running flash refuses commands that would disturb it, and continues",
     ),
-    "OFF forgets what burned": Fault(
+    "OFF does not name the LED": Fault(
         LIGHT,
         "const uint8_t was = burning;",
         "const uint8_t was = NO_LED;",
-        "OFF says what burned until now",
+        "OFF names the LED that was on until now",
     ),
-    "a reset goes on burning": Fault(
+    "a reset leaves the LED on": Fault(
         LIGHT,
         "void start() {\n    board_dark();\n",
         "void start() {\n",
-        "a reset in the middle of a flash is dark and leaves no trace",
+        "a reset in the middle of a flash turns the LED off and leaves no trace",
     ),
     "hold of ON ignored": Fault(
         LIGHT,
         "due = lit_at + hold_ms * 1000;",
         "due = lit_at + hold_ms * 2000;",
-        "a light ends with its hold",
+        "an LED turns off at the end of its hold",
     ),
     "trigger before the light has settled": Fault(
         LIGHT, "due = lit_at + settle_us;", "due = lit_at + settle_us / 4;", FLASH
@@ -153,13 +153,13 @@ FAULTS = {
         LIGHT,
         "burn.active_us += now - up_at;\n    fell",
         "fell",
-        "a flash tells how long the camera exposed",
+        "a flash reports how long the camera exposed",
     ),
-    "uncovered exposure not told": Fault(
+    "uncovered exposure not reported": Fault(
         LIGHT,
         "burn.seen = STILL_UP;",
         "burn.seen = ROSE;",
-        "an exposure that the light did not cover is told",
+        "an exposure that the light did not cover is reported",
     ),
     "gap ignored": Fault(LIGHT, "+ step.gap_us;", "+ 0 * step.gap_us;", SEQUENCE),
     "steps in reverse": Fault(
@@ -176,7 +176,7 @@ FAULTS = {
         LIGHT,
         "fell = rose;",
         "fell = true;",
-        "an exposure that began before the trigger paces nothing",
+        "an exposure that began before the trigger does not pace the sequence",
     ),
     "HALT never ends": Fault(
         LIGHT,
@@ -196,7 +196,7 @@ PIN_FAULTS = {
         AVR,
         "uint16_t bit = 0x800; bit != 0; bit >>= 1",
         "uint16_t bit = 1; bit < 0x1000; bit <<= 1",
-        "LEVEL dims an LED from its next lighting on",
+        "LEVEL dims an LED from the next time it is turned on",
     ),
     "light before the latch": Fault(
         AVR, "    latch();\n    DOWN(BLANK);", "    DOWN(BLANK);\n    latch();", WHICH

@@ -1,4 +1,4 @@
-"""The AVR images in simavr: edges in simulated time, darkness through boot, reset and hang."""
+"""The AVR images in simavr: edges in simulated time; no LED is on during boot, reset and hang."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from tests.rig.conformance.board import BoardUnderTest
 from tests.rig.firmware import builds
 
-# An edge comes this much after its declared time at most, and never before.
+# An edge is at most this much later than declared, and never earlier.
 LATE_US = 20
-# How far a time that the board tells may be from what the wires show.
-TOLD_US = 8
+# Tolerance of a time that the board reports, relative to the wires.
+REPORTED_US = 8
 MCUS = ("atmega328p", "atmega2560")
 Commands = Callable[[str], list[str]]
 
@@ -55,7 +55,7 @@ def uno(commands: Commands) -> Iterator[BoardUnderTest]:
     ],
 )
 def test_a_flash_keeps_its_times(board: BoardUnderTest, settle_us: int, hold_us: int) -> None:
-    told = board.ok(f"FLASH 7 {settle_us} {hold_us}").split()
+    report = board.ok(f"FLASH 7 {settle_us} {hold_us}").split()
     edges = board.flash(7)
     assert edges.on is not None
     assert edges.off is not None
@@ -63,7 +63,7 @@ def test_a_flash_keeps_its_times(board: BoardUnderTest, settle_us: int, hold_us:
     assert 0 <= edges.up - edges.on - settle_us <= LATE_US
     assert 0 <= edges.off - edges.up - hold_us <= LATE_US
     assert 0 <= edges.down - edges.up - min(200, hold_us) <= LATE_US
-    assert abs(int(told[2]) - (edges.off - edges.on)) <= TOLD_US
+    assert abs(int(report[2]) - (edges.off - edges.on)) <= REPORTED_US
 
 
 def test_edges_keep_their_times_while_the_host_talks(board: BoardUnderTest) -> None:
@@ -71,30 +71,31 @@ def test_edges_keep_their_times_while_the_host_talks(board: BoardUnderTest) -> N
     for step in steps:
         board.ok("STEP {} {} {} {} {}".format(*step))
     board.ok("RUN 12 T")
-    # Asked without pause, with noise between.
+    # Queries without pause, with noise between them.
     while board.status().state == "RUN":
         board.write(b"x" * 40 + b"\n")
         board.ask("DID 0")
-    dark_us = triggered_us = told_us = None
+    dark_us = triggered_us = reported_us = None
     for k, led, settle_us, hold_us, gap_us in steps:
         edges = board.flash(led)
         assert edges.on is not None
         assert edges.off is not None
         assert 0 <= edges.up - edges.on - settle_us <= LATE_US
         assert 0 <= edges.off - edges.up - hold_us <= LATE_US
-        _, told_led, trigger_us, lit_us, _ = board.ok(f"DID {k}").split()
-        assert told_led == str(led)
-        assert abs(int(lit_us) - (edges.off - edges.on)) <= TOLD_US
-        if dark_us is not None and triggered_us is not None and told_us is not None:
+        _, reported_led, trigger_us, lit_us, _ = board.ok(f"DID {k}").split()
+        assert reported_led == str(led)
+        assert abs(int(lit_us) - (edges.off - edges.on)) <= REPORTED_US
+        if dark_us is not None and triggered_us is not None and reported_us is not None:
             assert 0 <= edges.on - dark_us - gap_us <= LATE_US
-            assert abs((int(trigger_us) - told_us) - (edges.up - triggered_us)) <= TOLD_US
-        dark_us, triggered_us, told_us = edges.off, edges.up, int(trigger_us)
+            apart_us = int(trigger_us) - reported_us
+            assert abs(apart_us - (edges.up - triggered_us)) <= REPORTED_US
+        dark_us, triggered_us, reported_us = edges.off, edges.up, int(trigger_us)
 
 
 def test_the_watchdog_acts_when_its_time_is_over(board: BoardUnderTest) -> None:
     board.ok("ON 3 60000")
     lit_us = board.lit(3)
-    # The line that lit it was the last sign of life, a moment before the light.
+    # The ON command was the last sign of life, a moment before the light.
     silence_us = board.identity.watchdog_ms * 1000
     assert silence_us - 10_000 <= board.lit() - lit_us <= silence_us + 2000
     assert board.status().state == "IDLE"
@@ -117,14 +118,14 @@ def test_brightness_reaches_the_channel_of_its_led(board: BoardUnderTest, led: i
         assert levels(board) == [([], [])]
 
 
-def test_nothing_is_lit_from_power_on(uno: BoardUnderTest) -> None:
-    # The bridge's latches hold full brightness for every channel until something is loaded.
+def test_no_led_is_on_from_power_on(uno: BoardUnderTest) -> None:
+    # The bridge's latches hold full brightness for every channel until they are loaded.
     uno.lit()
     uno.ok("ON 5 1000")
     uno.lit(5)
 
 
-def test_a_reset_is_dark_at_once_and_stays_so(uno: BoardUnderTest) -> None:
+def test_a_reset_turns_the_led_off_and_it_stays_off(uno: BoardUnderTest) -> None:
     uno.ok("LEVEL 5 100")
     uno.ok("ON 5 1000")
     uno.drain()
@@ -135,7 +136,7 @@ def test_a_reset_is_dark_at_once_and_stays_so(uno: BoardUnderTest) -> None:
     assert levels(uno) == [([5], [4095])]
 
 
-def test_a_reset_in_a_sequence_forgets_it(uno: BoardUnderTest) -> None:
+def test_a_reset_clears_a_running_sequence(uno: BoardUnderTest) -> None:
     uno.ok("STEP 0 5 0 59000000 0")
     uno.ok("RUN 1 T")
     uno.drain()
@@ -146,7 +147,7 @@ def test_a_reset_in_a_sequence_forgets_it(uno: BoardUnderTest) -> None:
     assert uno.ask("RUN 1 T") == "E7 RUN 1 T"
 
 
-def test_a_hung_program_resets_into_darkness(tmp_path: Path) -> None:
+def test_a_hung_program_is_reset_and_the_led_turns_off(tmp_path: Path) -> None:
     hung = builds.changed(
         tmp_path / "firmware",
         "core/commands.cpp",
@@ -163,7 +164,7 @@ def test_a_hung_program_resets_into_darkness(tmp_path: Path) -> None:
         assert board.status().state == "IDLE"
 
 
-def test_the_stack_never_meets_the_data(uno: BoardUnderTest) -> None:
+def test_the_stack_never_reaches_the_data(uno: BoardUnderTest) -> None:
     for k in range(uno.identity.steps):
         uno.ok(f"STEP {k} {k % 36} 1000000 59000000 1000000")
     longest = "NONSENSE " + "x" * 40
@@ -171,21 +172,21 @@ def test_the_stack_never_meets_the_data(uno: BoardUnderTest) -> None:
         uno.ask(words)
     uno.drain()
     uno.order("stack")
-    told = uno.next_event(10)
-    assert told is not None
-    assert told["untouched"] >= 100
+    event = uno.next_event(10)
+    assert event is not None
+    assert event["untouched"] >= 100
 
 
 def levels(board: BoardUnderTest) -> list[tuple[list[int], list[int]]]:
-    """Return what has burned since, LEDs and their brightness."""
+    """Return the LEDs that have been on since, and their brightness."""
     return [(event["lit"], event["levels"]) for event in board.drain() if "lit" in event]
 
 
-def test_the_processor_tells_its_temperature(commands: Commands) -> None:
+def test_the_processor_reports_its_temperature(commands: Commands) -> None:
     # simavr's sensor is set to its 314 mV of 25 C; the 2560 has none.
-    told = []
+    temperatures = []
     for mcu in MCUS:
         with BoardUnderTest(commands(mcu), late_us=LATE_US) as board:
-            told.append(board.ok("STATUS").split()[4])
-    assert abs(int(told[0]) - 2982) <= 11
-    assert told[1] == "-"
+            temperatures.append(board.ok("STATUS").split()[4])
+    assert abs(int(temperatures[0]) - 2982) <= 11
+    assert temperatures[1] == "-"

@@ -1,4 +1,4 @@
-"""Room for the frames of a sequence: how much there is, and what happens where it is too little."""
+"""Room for the frames of a sequence: how much there is, and what happens if it is too little."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ MB = 10**6
 
 @pytest.fixture
 def make(tmp_path):
-    """Makes benches; each is closed after the test."""
+    """Return a function that creates benches; each is closed after the test."""
     made = []
 
     def make(**options):
@@ -42,7 +42,7 @@ def armed(bench, frames, **options):
 
 
 def flash(bench, led):
-    """Pulse the line under an LED, and wait until the frame is out."""
+    """Pulse the line under an LED, and wait until the camera has sent the frame."""
     done = sum(counted(bench))
     bench.light(led)
     bench.pulse(0.001)
@@ -56,7 +56,7 @@ def counted(bench):
 
 
 def fetched(camera, ids, timeout_s=2.0):
-    """Return the LEDs that frames show."""
+    """Fetch frames and return the LEDs that they show."""
     frames = [camera.fetch(frame_id, timeout_s) for frame_id in ids]
     return [round((int(frame.pixels[0, 0]) - grey(0)) / (grey(1) - grey(0))) for frame in frames]
 
@@ -84,26 +84,26 @@ def wait_until(happened, timeout_s=10.0):
         pytest.param(3, 0, 100 * MB, Buffering(5), id="no payload"),
     ],
 )
-def test_room_by_memory(frames, payload, limit, room):
+def test_the_room_depends_on_memory(frames, payload, limit, room):
     assert buffering(frames, payload, limit) == room
 
 
 @given(st.integers(1, 48), st.integers(1, 10**9), st.integers(1, 10**11), st.integers(1, 300))
-def test_room_is_bounded_and_never_none(frames, payload, limit, taken):
+def test_the_room_is_bounded_and_never_zero(frames, payload, limit, taken):
     for room in (
         buffering(frames, payload, limit),
         with_copies(min(taken, LEAST), frames, limit // payload),
     ):
         assert room.buffers >= 1
         together = room.buffers + room.copies
-        # All frames have a place, or memory is used up; the least is always there.
+        # All frames have a place, or memory is used up; there is always the minimum.
         assert together >= min(frames, limit // payload)
         assert together * payload <= max(limit, 2 * LEAST * payload)
         assert not room.copies or room.buffers < frames
 
 
 def test_every_frame_of_a_run_has_a_buffer_however_late_it_is_fetched(make):
-    """Before, the fifth frame and those behind it were lost."""
+    """With only four buffers, the fifth and all later frames would be lost."""
     bench = make()
     leds = [number % 12 for number in range(37)]
     camera = armed(bench, len(leds))
@@ -134,7 +134,7 @@ def test_a_thread_empties_buffers_that_are_too_few(make, options, opened, buffer
         wait_until(lambda number=number: len(kept) == min(number, copies))
     assert camera._acquisition._acquirer.num_buffers == buffers
     assert fetched(camera, ids) == leds
-    # The last one that is under way has come.
+    # The last pending frame has been fetched.
     assert not collecting()
 
 
@@ -154,7 +154,7 @@ def test_a_thread_keeps_no_more_frames_than_memory_allows(make):
     assert lost.value.host_is_slow
     assert lost.value.counts == {"started": 8, "delivered": 8, "underrun": 12, "buffers": 3}
     assert not collecting()
-    # A new run begins without anything of this one.
+    # A new run begins without frames or counters of this one.
     ids = [camera.expect()]
     flash(bench, 7)
     assert fetched(camera, ids) == [7]
@@ -162,7 +162,7 @@ def test_a_thread_keeps_no_more_frames_than_memory_allows(make):
 
 @pytest.mark.parametrize("at", [0, 1, 5, 7])
 @pytest.mark.parametrize("most_buffers", [3, 256])
-def test_frames_without_a_buffer_are_the_computers_fault(make, at, most_buffers):
+def test_frames_without_a_buffer_indicate_a_slow_computer(make, at, most_buffers):
     bench = make(most_buffers=most_buffers, first_block_id=1)
     camera = armed(bench, 8)
     bench.fault(at, "underrun")
@@ -186,11 +186,11 @@ def test_frames_without_a_buffer_are_the_computers_fault(make, at, most_buffers)
     [
         pytest.param("lost", "check cable and network", id="lost"),
         pytest.param("missed", "did not come .* check trigger and cable", id="trigger not seen"),
-        pytest.param("incomplete", "arrived in part", id="incomplete"),
+        pytest.param("incomplete", "a frame is incomplete", id="incomplete"),
     ],
 )
 @pytest.mark.parametrize("most_buffers", [2, 256])
-def test_other_losses_are_not(make, kind, said, most_buffers):
+def test_other_losses_do_not_indicate_a_slow_computer(make, kind, said, most_buffers):
     bench = make(most_buffers=most_buffers)
     camera = armed(bench, 4)
     bench.fault(1, kind)
@@ -202,7 +202,7 @@ def test_other_losses_are_not(make, kind, said, most_buffers):
         )
     assert fetched(camera, ids[:1]) == [1]
     if kind == "missed":
-        # No block id is missing, so the frame behind it is told by its time, and the last lacks.
+        # No block id is missing: the later frame takes its place, and the last frame is missing.
         assert fetched(camera, ids[1:2]) == [3]
         ids = ids[1:]
     with pytest.raises(FrameLostError, match=said) as lost:
@@ -213,7 +213,7 @@ def test_other_losses_are_not(make, kind, said, most_buffers):
 
 
 class Stream:
-    """A stream that counts what it is made to count."""
+    """A stream with given counters."""
 
     def __init__(self, infos=(), nodes=()):
         self._infos = dict(infos)
@@ -269,11 +269,13 @@ def test_a_producer_that_counts_nothing_leaves_both_causes_open(make, monkeypatc
     ids = [camera.expect() for _ in range(2)]
     flash(bench, 1)
     flash(bench, 2)
-    with pytest.raises(FrameLostError, match=r"check cable .* a busy computer may be the cause"):
+    with pytest.raises(
+        FrameLostError, match=r"check cable .* a busy computer may also be the cause"
+    ):
         camera.fetch(ids[0], 0.2)
 
 
-def test_closing_ends_the_thread_in_the_midst_of_a_run(make):
+def test_closing_during_a_run_ends_the_thread(make):
     camera = armed(make(most_buffers=2), 10)
     for _ in range(10):
         camera.expect()
@@ -282,18 +284,18 @@ def test_closing_ends_the_thread_in_the_midst_of_a_run(make):
     assert not collecting()
 
 
-def test_a_camera_that_goes_away_is_told_by_whoever_asks_next(make):
+def test_the_next_fetch_reports_a_camera_that_is_gone(make):
     bench = make(most_buffers=2)
     camera = armed(bench, 10)
     ids = [camera.expect() for _ in range(10)]
     bench.device.unplug()
-    with pytest.raises(CameraError, match="does not answer"):
+    with pytest.raises(CameraError, match="no longer answers"):
         camera.fetch(ids[0], 0.2)
     assert not collecting()
     camera.close()
 
 
-def test_a_collector_ends_at_an_error_and_may_begin_again():
+def test_a_collector_ends_at_an_error_and_can_be_restarted():
     calls = []
 
     def collect():

@@ -1,4 +1,4 @@
-"""The GenICam camera on our own producer: what goes wrong on the way from sensor to array."""
+"""The GenICam camera with our own producer: faults between sensor and array."""
 
 import gc
 import os
@@ -29,7 +29,7 @@ from tests.rig.camera_benches import (
 
 @pytest.fixture
 def make(tmp_path):
-    """Makes benches; each is closed after the test."""
+    """Return a function that creates benches; each is closed after the test."""
     made = []
 
     def make(**options):
@@ -65,7 +65,7 @@ def pulsed(bench, camera, led, after_s=0.001):
     return camera.fetch(frame_id, 1.0)
 
 
-def test_what_the_camera_is(make):
+def test_the_properties_of_the_camera(make):
     info = make(frame_rate_hz=20.0, temperature_c=33.5).open().info
     assert (info.serial, info.width, info.height) == ("c7", SIZE[1], SIZE[0])
     assert (info.pixel_format, info.bit_depth, info.cfa) == ("Mono12", 12, None)
@@ -98,7 +98,7 @@ def test_block_ids_may_count_from_0_or_1(make, base):
 
 
 @pytest.mark.parametrize("base", [0, 1])
-def test_the_first_frame_of_a_run_that_is_lost_on_its_way_is_missed(make, base):
+def test_the_loss_of_the_first_frame_of_a_run_is_detected(make, base):
     bench = make(first_block_id=base)
     camera = armed(bench)
     shoot(bench, camera, 1)
@@ -109,12 +109,12 @@ def test_the_first_frame_of_a_run_that_is_lost_on_its_way_is_missed(make, base):
         bench.light(led)
         bench.pulse(0.001)
         time.sleep(0.05)
-    with pytest.raises(CameraError, match="frame 1 was lost on its way, frame 2 came"):
+    with pytest.raises(CameraError, match="frame 1 was lost in transfer, frame 2 arrived"):
         camera.fetch(ids[0], 1.0)
     assert (pulsed(bench, camera, 5).pixels == grey(5)).all()
 
 
-def test_a_frame_lost_within_a_run_is_missed_at_once(make):
+def test_the_loss_of_a_frame_within_a_run_is_detected_at_once(make):
     bench = make()
     camera = armed(bench, "line")
     bench.fault(1, "lost")
@@ -124,24 +124,24 @@ def test_a_frame_lost_within_a_run_is_missed_at_once(make):
         bench.pulse(0.001)
         time.sleep(0.05)
     assert (camera.fetch(ids[0], 1.0).pixels == grey(2)).all()
-    with pytest.raises(CameraError, match="frame 1 was lost on its way, frame 2 came in its place"):
+    with pytest.raises(CameraError, match="frame 1 was lost in transfer, frame 2 arrived instead"):
         camera.fetch(ids[1], 1.0)
 
 
 @pytest.mark.parametrize("trigger", ["software", "line"])
-def test_an_incomplete_frame_is_told_and_its_buffer_used_again(make, trigger):
+def test_an_incomplete_frame_is_reported_and_its_buffer_reused(make, trigger):
     bench = make()
     camera = armed(bench, trigger)
     # More often than there are buffers.
     take = shoot if trigger == "software" else pulsed
     for _ in range(12):
         bench.fault("next", "incomplete")
-        with pytest.raises(CameraError, match="a frame arrived in part"):
+        with pytest.raises(CameraError, match="a frame is incomplete"):
             take(bench, camera, 3)
     assert (take(bench, camera, 6).pixels == grey(6)).all()
 
 
-def test_a_frame_that_comes_twice_is_not_taken_for_the_next(make):
+def test_a_repeated_frame_is_not_mistaken_for_the_next(make):
     bench = make()
     camera = armed(bench)
     bench.fault(1, "doubled")
@@ -153,7 +153,7 @@ def test_a_frame_that_comes_twice_is_not_taken_for_the_next(make):
     shoot(bench, camera, 3)
 
 
-def test_a_frame_that_comes_twice_within_a_run_is_told(make):
+def test_a_repeated_frame_within_a_run_is_reported(make):
     bench = make()
     camera = armed(bench, "line")
     bench.fault(0, "doubled")
@@ -161,11 +161,11 @@ def test_a_frame_that_comes_twice_within_a_run_is_told(make):
     bench.light(2)
     bench.pulse(0.001)
     assert (camera.fetch(ids[0], 1.0).pixels == grey(2)).all()
-    with pytest.raises(CameraError, match="frame 1, block 0 came twice"):
+    with pytest.raises(CameraError, match="frame 1 was awaited, block 0 arrived twice"):
         camera.fetch(ids[1], 1.0)
 
 
-def test_a_pulse_too_many_is_told_before_the_next_shot(make):
+def test_an_extra_pulse_is_reported_before_the_next_shot(make):
     bench = make()
     camera = armed(bench, "line")
     assert (pulsed(bench, camera, 2).pixels == grey(2)).all()
@@ -186,7 +186,7 @@ def test_a_trigger_that_the_camera_does_not_see_times_out(make):
 
 
 @pytest.mark.parametrize("when", ["waiting", "idle"])
-def test_an_unplugged_camera_is_told_and_opens_again_when_it_is_back(make, when):
+def test_an_unplugged_camera_is_reported_and_opens_again(make, when):
     bench = make()
     camera = armed(bench)
     shoot(bench, camera, 1)
@@ -194,11 +194,11 @@ def test_an_unplugged_camera_is_told_and_opens_again_when_it_is_back(make, when)
         camera.configure(exposure_us=10_000_000)
         frame_id = camera.trigger()
         bench.device.unplug()
-        with pytest.raises(CameraError, match=r"c7.*does not answer.*check its cable"):
+        with pytest.raises(CameraError, match=r"c7.*no longer answers.*check its cable"):
             camera.fetch(frame_id, 0.2)
     else:
         bench.device.unplug()
-        with pytest.raises(CameraError, match=r"c7.*does not answer"):
+        with pytest.raises(CameraError, match=r"c7.*no longer answers"):
             camera.trigger()
     camera.close()
     with pytest.raises(CameraError, match="no camera found"):
@@ -236,8 +236,8 @@ def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, m
     [("exposure", "ExposureAuto"), ("gain", "GainAuto"), ("white", "BalanceWhiteAuto"),
      ("gamma", "GammaEnable")],
 )  # fmt: skip
-def test_an_automatic_that_does_not_obey_is_named(make, automatic, node):
-    with pytest.raises(CameraError, match=f"c7, {node}: was set to .* but stays"):
+def test_an_automatic_that_stays_on_is_named(make, automatic, node):
+    with pytest.raises(CameraError, match=f"c7, {node}: was set to .* but is still"):
         make(automatics=[automatic], stuck=[automatic]).open()
 
 
@@ -248,9 +248,9 @@ def test_an_automatic_that_does_not_obey_is_named(make, automatic, node):
     ids="+".join,
 )  # fmt: skip
 def test_a_camera_without_a_needed_node_is_refused_by_name(make, nodes):
-    with pytest.raises(CameraError, match=r"c7 .*it lacks nodes: ") as told:
+    with pytest.raises(CameraError, match=r"c7 .*it lacks nodes: ") as error:
         make(without_nodes=nodes).open()
-    assert set(str(told.value).split("nodes: ")[1].split(", ")) == set(nodes)
+    assert set(str(error.value).split("nodes: ")[1].split(", ")) == set(nodes)
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_a_camera_without_a_needed_node_is_refused_by_name(make, nodes):
     [
         pytest.param(("Gain", "GainAuto", "Gamma", "GammaEnable", "BalanceWhiteAuto", "BlackLevel",
                       "ExposureAuto", "ExposureMode", "DeviceTemperature", "AcquisitionMode"),
-                     id="of the picture"),
+                     id="of the image"),
         pytest.param(("TriggerDelay", "TriggerSelector", "TriggerActivation", "LineSelector",
                       "LineStatus", "SensorShutterMode", "SensorReadoutTime",
                       "AcquisitionFrameRate", "AcquisitionFrameRateEnable"), id="of time"),
@@ -275,7 +275,9 @@ def test_nodes_that_are_not_needed_may_be_absent(make, nodes):
 
 def test_a_line_that_the_camera_lacks_is_named(make):
     camera = make().open(trigger_line="Line5")
-    with pytest.raises(CameraError, match="TriggerSource: no 'Line5' here, only Software, Line0"):
+    with pytest.raises(
+        CameraError, match="TriggerSource: 'Line5' is not available, only Software, Line0"
+    ):
         camera.arm("line")
     camera.arm()
 
@@ -288,7 +290,7 @@ def test_a_rolling_shutter_is_recognised_with_its_readout(make):
     assert bench.open().info.readout_us == pytest.approx(20_000)
 
 
-def test_a_stated_readout_takes_the_place_of_the_cameras(make):
+def test_a_readout_option_overrides_the_cameras(make):
     assert make(shutter="rolling", readout_us=9.0).open(readout_us=7000.0).info.readout_us == 7000
 
 
@@ -317,11 +319,15 @@ def test_pixels_arrive_bit_by_bit_in_every_format(make, cfa, suffix):
 @pytest.mark.parametrize(
     ("wanted", "message"),
     [
-        pytest.param("Mono14", "PixelFormat: no 'Mono14' here, only Mono8, Mono10,", id="not had"),
+        pytest.param(
+            "Mono14",
+            "PixelFormat: 'Mono14' is not available, only Mono8, Mono10,",
+            id="not available",
+        ),
         pytest.param("RGB8", "format of raw samples, .* not RGB8; the camera offers", id="not raw"),
     ],
 )
-def test_a_format_that_cannot_be_had_is_told(make, wanted, message):
+def test_an_unavailable_format_is_refused(make, wanted, message):
     with pytest.raises(CameraError, match=message):
         make().open(pixel_format=wanted)
 
@@ -343,11 +349,11 @@ def test_other_threads_run_while_a_frame_is_awaited(make):
     camera.fetch(camera.trigger(), 5.0)
     done.set()
     thread.join()
-    # Some 450 where nothing else runs; harvesters' own wait lets one through.
+    # About 450 if nothing else runs; harvesters' own wait allows one.
     assert ticks > 50
 
 
-def test_opening_leaves_the_handler_of_ctrl_c_alone(make):
+def test_opening_does_not_change_the_handler_of_ctrl_c(make):
     before = signal.getsignal(signal.SIGINT)
     camera = make().open()
     assert signal.getsignal(signal.SIGINT) is before
@@ -355,14 +361,14 @@ def test_opening_leaves_the_handler_of_ctrl_c_alone(make):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-WAITS = """
+WAITING = """
 import sys, time
 from rig import open_genicam
 camera = open_genicam(sys.argv[1])
 camera.configure(exposure_us=1000)
 camera.arm("line")
 try:
-    print("waits", flush=True)
+    print("waiting", flush=True)
     camera.fetch(camera.expect(), 60.0)
 except KeyboardInterrupt:
     camera.arm()
@@ -371,12 +377,12 @@ camera.close()
 """
 
 
-def test_ctrl_c_ends_the_wait_and_the_camera_goes_on(make):
+def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make):
     process = subprocess.Popen(
-        [sys.executable, "-c", WAITS, str(make().device.cti)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", WAITING, str(make().device.cti)], stdout=subprocess.PIPE, text=True
     )
     with process:
-        assert process.stdout.readline() == "waits\n"
+        assert process.stdout.readline() == "waiting\n"
         time.sleep(0.3)
         os.kill(process.pid, signal.SIGINT)
         assert process.stdout.readline() == "frame 1\n"
@@ -405,22 +411,22 @@ def test_a_camera_that_is_open_is_not_opened_twice(make):
 def test_cameras_are_found_and_picked(make):
     one, other = make().device.cti, make().device.cti
     assert [camera.serial for camera in find_cameras([one, other])] == ["c7", "c7"]
-    with pytest.raises(CameraError, match=r"2 cameras, say which by serial number: c7 \("):
+    with pytest.raises(CameraError, match=r"2 cameras found, choose one by serial number: c7 \("):
         open_genicam([one, other], serial="c7")
     with pytest.raises(CameraError, match=r"no camera c8; found: c7 \("):
         open_genicam(one, serial="c8")
     open_genicam([one, one], serial="c7").close()
 
 
-def test_a_producer_that_fails_at_everything_is_told_in_one_line(make, monkeypatch):
+def test_a_failing_producer_gives_a_message_of_one_line(make, monkeypatch):
     def fail(harvester):
         raise gentl.IoException("out of order")
 
     monkeypatch.setattr(rig._genicam.system.Harvester, "update", fail)
     monkeypatch.setattr(rig._genicam.system.Harvester, "reset", fail)
-    with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as told:
+    with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as error:
         find_cameras([make().device.cti])
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def resident_kb():
@@ -444,7 +450,7 @@ def test_memory_stays_flat_over_opening_and_closing(make):
     before = resident_kb()
     for _ in range(50):
         cycle()
-    # harvesters alone would keep 240 kB of each.
+    # harvesters alone would keep 240 kB per camera.
     assert resident_kb() - before < 50 * 100
 
 
@@ -459,14 +465,14 @@ def test_a_closed_camera_leaves_nothing_behind(make):
     assert acquirer() is None
 
 
-def test_a_run_longer_than_the_devices_count_starts_anew(make, monkeypatch):
+def test_acquisition_restarts_before_the_devices_count_overflows(make, monkeypatch):
     monkeypatch.setattr("rig._genicam.camera._MOST_TRIGGERS", 3)
     bench = make()
     camera = armed(bench)
     assert [shoot(bench, camera, led).frame_id for led in range(8)] == list(range(8))
 
 
-def test_without_triggers_frames_are_taken_as_they_come(make):
+def test_without_triggers_the_next_frames_are_returned(make):
     bench = make(without_nodes=["TriggerMode", "ExposureTime"])
     camera = bench.open(needs=())
     camera.arm()

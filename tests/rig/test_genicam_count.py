@@ -1,4 +1,4 @@
-"""Block ids: which trigger a frame belongs to, whatever a device counts from."""
+"""Block ids: assignment of frames to triggers for devices that count in different ways."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from rig._genicam.count import BlockCount
 
 
 def places(*starts):
-    """Of each start: its number of triggers and the block ids that came."""
+    """Return the places for starts given as number of triggers and block ids that arrived."""
     count = BlockCount()
     found = []
     for triggers, blocks in starts:
@@ -25,19 +25,19 @@ def places(*starts):
         pytest.param([(3, [2, 3])], [[1, 2]], id="the first of several lost"),
         pytest.param([(1, [0]), (3, [1, 2])], [[0], [1, 2]], id="from 0 is known, the first lost"),
         pytest.param([(1, [1]), (3, [2, 3])], [[0], [1, 2]], id="from 1 is known, the first lost"),
-        pytest.param([(2, [0, 1]), (2, [0, 1])], [[0, 1], [0, 1]], id="begins anew"),
-        pytest.param([(1, [7]), (1, [8]), (2, [9, 10])], [[0], [0], [0, 1]], id="never begins"),
-        pytest.param([(1, [1]), (1, [5])], [[0], [0]], id="goes on after frames nobody saw"),
+        pytest.param([(2, [0, 1]), (2, [0, 1])], [[0, 1], [0, 1]], id="restarts"),
+        pytest.param([(1, [7]), (1, [8]), (2, [9, 10])], [[0], [0], [0, 1]], id="never restarts"),
+        pytest.param([(1, [1]), (1, [5])], [[0], [0]], id="continues after unseen frames"),
         pytest.param([(1, [0]), (9, list(range(9))), (1, [3])], [[0], list(range(9)), [3]],
-                     id="neither anew nor on"),
-        pytest.param([(3, [5000, 5001, 5002])], [[0, 1, 2]], id="goes on from another program"),
+                     id="neither restarts nor continues"),
+        pytest.param([(3, [5000, 5001, 5002])], [[0, 1, 2]], id="continues from another program"),
         pytest.param([(3, [0, 1, 2]), (3, [7, 8, 9])], [[0, 1, 2], [0, 1, 2]],
-                     id="goes on after a loss, further than there are triggers"),
+                     id="continues after a loss, beyond the number of triggers"),
         pytest.param([(3, [0, 2])], [[0, 2]], id="a gap"),
         pytest.param([(3, [0, 1, 1])], [[0, 1, None]], id="repeated"),
         pytest.param([(3, [0, 2, 1])], [[0, 2, None]], id="backwards"),
         pytest.param([(1, [1]), (2, [0])], [[0], [None]], id="before the first"),
     ],
 )  # fmt: skip
-def test_a_frame_finds_its_trigger(starts, expected):
+def test_frames_are_assigned_to_triggers(starts, expected):
     assert places(*starts) == expected

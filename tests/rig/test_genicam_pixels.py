@@ -1,4 +1,4 @@
-"""Pixel formats: bit by bit from samples to bytes by the book, and back by the camera's code."""
+"""Pixel formats: samples packed as the standard specifies, decoded by the camera's code."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ FORMATS = [
 
 
 def bits_of(values, depth):
-    """Least significant bit first."""
+    """Return the bits of values, least significant bit first."""
     return [value >> bit & 1 for value in values for bit in range(depth)]
 
 
@@ -41,7 +41,7 @@ def packed_as_gige_vision(values, depth):
 
 
 def pack(values, form, *, big_endian=False):
-    """Pack a run of samples into bytes, from the words of the standard."""
+    """Pack a run of samples into bytes as the standard specifies."""
     if form.packing == "p":
         return bytes_of(bits_of(values, form.depth))
     if form.packing == "Packed":
@@ -61,10 +61,10 @@ def images(draw):
 
 
 @given(images(), st.integers(0, 5), st.booleans())
-def test_rows_with_padding_come_out_bit_by_bit(image, padding, big_endian):
+def test_padded_rows_are_decoded_exactly(image, padding, big_endian):
     form, values = image
     if padding == 0 and form.packing:
-        # Where both kinds have as many bytes, rows that follow each other are meant.
+        # If both layouts have the same number of bytes, joined rows are assumed.
         assume(form.bytes_of(values.size) != len(values) * form.bytes_of(values.shape[1]))
     rows = [pack(row, form, big_endian=big_endian) + b"\xa5" * padding for row in values.tolist()]
     pixels = decode(b"".join(rows), form, size=values.shape, padding=padding, big_endian=big_endian)
@@ -73,7 +73,7 @@ def test_rows_with_padding_come_out_bit_by_bit(image, padding, big_endian):
 
 
 @given(images())
-def test_rows_that_follow_each_other_within_a_byte_come_out_bit_by_bit(image):
+def test_rows_that_begin_within_a_byte_are_decoded_exactly(image):
     form, values = image
     pixels = decode(pack(values.ravel().tolist(), form), form, size=values.shape)
     assert np.array_equal(pixels, values)
@@ -96,7 +96,7 @@ def test_pixels_are_a_copy():
         pytest.param("Mono12", (4, 5), 0, 20, id="half"),
         pytest.param("Mono12p", (4, 5), 0, 29, id="packed, a byte short of joined rows"),
         pytest.param("Mono12p", (4, 5), 0, 31, id="packed, between joined and separate rows"),
-        pytest.param("Mono12p", (4, 5), 0, 33, id="packed, too many to tell"),
+        pytest.param("Mono12p", (4, 5), 0, 33, id="packed, ambiguous"),
         pytest.param("Mono8", (4, 5), 2, 27, id="padding missing"),
         pytest.param("Mono16", (4, 5), 0, 0, id="nothing"),
     ],
@@ -114,7 +114,7 @@ def test_a_buffer_of_a_wrong_size_is_refused_with_the_sizes(name, size, padding,
         pytest.param("Mono12p", (4, 5), 3, id="packed and padded"),
     ],
 )
-def test_what_follows_the_image_in_its_buffer_is_ignored(name, size, padding):
+def test_bytes_after_the_image_are_ignored(name, size, padding):
     form = PixelFormat.of(name)
     values = np.arange(size[0] * size[1]).reshape(size)
     raw = b"".join(pack(row, form) + bytes(padding) for row in values.tolist())
@@ -122,10 +122,10 @@ def test_what_follows_the_image_in_its_buffer_is_ignored(name, size, padding):
 
 
 @pytest.mark.parametrize("depth", [10, 12, 14])
-def test_samples_that_lie_at_the_high_end_are_told(depth):
+def test_samples_in_the_high_bits_are_refused(depth):
     bright = 2**depth - 1 - np.arange(20, dtype="<u2")
     raw = (bright << (16 - depth)).tobytes()
-    with pytest.raises(CameraError, match=rf"Mono{depth} frame does not fit its {depth} bits"):
+    with pytest.raises(CameraError, match=rf"Mono{depth} frame does not fit into {depth} bits"):
         decode(raw, PixelFormat.of(f"Mono{depth}"), size=(4, 5))
 
 
@@ -145,7 +145,7 @@ def test_formats_that_are_not_raw_samples_are_unknown(name):
         pytest.param(("Mono8", "Mono12Packed", "Mono16"), "Mono12Packed", id="12 before 16"),
         pytest.param(("Mono8", "RGB8", "Mono16"), "Mono16", id="16 before 8"),
         pytest.param(("Mono16", "BayerGB8", "RGB8"), "BayerGB8", id="raw colour before mono"),
-        pytest.param(("RGBa8", "Mono8"), "Mono8", id="mono where colour is no raw one"),
+        pytest.param(("RGBa8", "Mono8"), "Mono8", id="mono if colour is not raw"),
         pytest.param(("RGB8", "YUV422_8"), None, id="none"),
         pytest.param((), None, id="nothing offered"),
     ],

@@ -1,4 +1,4 @@
-"""GenTL producers that nobody here wrote, and files that are none."""
+"""GenTL producers of other vendors, and files that are not producers."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ VIKY = Path(genicam.__file__).parent / "viky.cti"
 
 @pytest.fixture(scope="module")
 def tlsimu(tmp_path_factory):
-    """The simulator that the genicam wheel had up to 1.5.0, in a folder with what it needs."""
+    """The simulator that the genicam wheel had up to 1.5.0, in a folder with the files it needs."""
     wheel = os.environ.get("SGP_GENICAM_1_5")
     if not wheel:
         pytest.skip(
@@ -57,7 +57,7 @@ def test_viky_is_grabbed_from(serial):
 
 
 def grab_ahead(cti, serial, needs, most_bytes):
-    """Have several frames under way at once; return them and how many buffers there were."""
+    """Take several frames at once; return them and the number of buffers."""
     camera = open_genicam(
         cti, serial=serial, pixel_format="Mono8", needs=needs, most_bytes=most_bytes
     )
@@ -66,7 +66,7 @@ def grab_ahead(cti, serial, needs, most_bytes):
         frames = []
         for _ in range(4):
             ids = [camera.trigger()]
-            # TLSimu takes no trigger while it exposes.
+            # TLSimu ignores triggers while it exposes.
             time.sleep(0.3)
             ids.append(camera.trigger())
             frames += [camera.fetch(frame_id, 10.0) for frame_id in ids]
@@ -94,11 +94,11 @@ def test_tlsimu_gets_room_for_a_sequence(tlsimu, most_bytes, buffers):
     frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes)
     assert announced == buffers
     assert [frame.frame_id for frame in frames] == list(range(8))
-    # Its clock starts anew every second.
+    # Its clock restarts every second.
     assert len({frame.timestamp_ns for frame in frames}) == 8
 
 
-def test_viky_is_no_camera_for_a_rig():
+def test_viky_lacks_the_nodes_for_a_rig():
     with pytest.raises(CameraError, match="lacks nodes: ExposureTime, TriggerMode, TriggerSource"):
         open_genicam(VIKY, serial="0")
 
@@ -120,7 +120,9 @@ def test_two_cameras_of_one_producer_are_open_at_once_and_no_others_are_lost():
 
 
 def test_one_of_several_cameras_must_be_named():
-    with pytest.raises(CameraError, match=r"3 cameras, say which by serial number: 0 \(.*, 1 \("):
+    with pytest.raises(
+        CameraError, match=r"3 cameras found, choose one by serial number: 0 \(.*, 1 \("
+    ):
         open_genicam(VIKY)
     with pytest.raises(CameraError, match=r"no camera 17; found: 0 \("):
         open_genicam(VIKY, serial="17")
@@ -148,12 +150,12 @@ def test_tlsimu_is_grabbed_from(tlsimu, serial, needs):
         assert set(frame.pixels.ravel().tolist()) == set(range(256))
 
 
-def test_tlsimu_sends_colour_where_mono_is_set_and_that_is_told(tlsimu):
-    with pytest.raises(CameraError, match=r"768 x 572 pixels in RGB8 came, set is .* in Mono8"):
+def test_tlsimu_sends_colour_although_mono_is_set_and_this_is_an_error(tlsimu):
+    with pytest.raises(CameraError, match=r"768 x 572 pixels in RGB8, but .* in Mono8 was set"):
         grab(tlsimu, "SN_InterfaceA_1", ("trigger",))
 
 
-def test_cameras_of_several_producers_are_looked_through(tlsimu):
+def test_several_producers_are_searched(tlsimu):
     assert len(find_cameras([VIKY, tlsimu])) == 7
     open_genicam([VIKY, tlsimu], serial="SN_InterfaceB_0", needs=(), pixel_format="Mono8").close()
 
@@ -181,14 +183,14 @@ def cut(data):
                      "not a GenTL producer", id="another library"),
     ],
 )  # fmt: skip
-def test_a_file_that_is_no_producer_is_refused_in_one_line(make, message, tmp_path):
+def test_a_file_that_is_not_a_producer_is_refused_in_one_line(make, message, tmp_path):
     path = tmp_path / "camera.cti"
     make(path)
     for use in (open_genicam, lambda cti: find_cameras([cti])):
-        with pytest.raises(CameraError, match=message) as told:
+        with pytest.raises(CameraError, match=message) as error:
             use(path)
-        assert str(path) in str(told.value)
-        assert "\n" not in str(told.value)
+        assert str(path) in str(error.value)
+        assert "\n" not in str(error.value)
 
 
 def test_a_bad_file_among_good_ones_leaves_the_good_ones_usable(tmp_path):

@@ -1,4 +1,4 @@
-"""Cameras of different makers: the same wish under other names, steps, units and refusals."""
+"""Cameras of different vendors: the same settings under other names, steps, units and errors."""
 
 import math
 
@@ -47,17 +47,17 @@ def test_the_exposure_is_set_under_any_name_and_read_back(node, wanted_us, got_u
         pytest.param(amount("ExposureTime", 1, 0.01, 100, unit="ms"), 1.0,
                      "0.001 ms is outside its range of 0.01 to 100 ms", id="in its own unit"),
         pytest.param(amount("ExposureTimeRaw", 20, 20, 900_000, kind="Integer"), 100.0,
-                     r"ExposureTimeRaw: its unit \(none\) is not one of time", id="ticks"),
+                     r"ExposureTimeRaw: its unit \(none\) is not a unit of time", id="ticks"),
         pytest.param(amount("ExposureTime", 20, 20, 900_000, access="RO"), 100.0,
                      "c7, ExposureTime, set to 100 us: .*not writable", id="read only"),
         pytest.param(amount("Gain", 0, 0, 1), 100.0, "c7 has no node ExposureTime", id="absent"),
     ],
 )  # fmt: skip
-def test_an_exposure_that_cannot_be_is_refused(node, wanted_us, message):
+def test_an_impossible_exposure_is_refused(node, wanted_us, message):
     camera = settings(node)
-    with pytest.raises(CameraError, match=message) as told:
+    with pytest.raises(CameraError, match=message) as error:
         camera.set_exposure(wanted_us)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -83,17 +83,19 @@ def test_gain_in_db_is_set_and_read_back(nodes, wanted_db, got_db):
         pytest.param(amount("Gain", 3, 1, 10), id="a factor"),
     ],
 )
-def test_gain_without_a_unit_is_set_to_its_least_and_not_called_db(node):
+def test_gain_without_a_unit_is_set_to_its_least(node):
     memory = Memory((EXPOSURE_US, node))
     nodes = Nodes(memory.node_map, "c7")
     camera = Settings(nodes)
     assert camera.set_gain(0.0) == 0.0
     assert nodes.number(node.name) == nodes.limits(node.name)[0]
-    with pytest.raises(CameraError, match=f"c7, {node.name}: 6 dB is wanted, but .* no gain in dB"):
+    with pytest.raises(
+        CameraError, match=f"c7, {node.name}: a gain of 6 dB is not possible, .* no gain in dB"
+    ):
         camera.set_gain(6.0)
 
 
-def test_of_several_gains_the_one_for_all_taps_is_meant():
+def test_the_gain_for_all_taps_is_selected():
     memory = Memory((choice("GainSelector", "Tap1", "Tap2", "All"), EXPOSURE_US))
     nodes = Nodes(memory.node_map, "c7")
     Settings(nodes)
@@ -154,16 +156,16 @@ def test_rows_that_begin_together_and_end_apart_are_refused():
         pytest.param((amount("AcquisitionFrameRate", 20, 1, 50),), 50_000.0, id="by frame rate"),
     ],
 )
-def test_the_readout_of_a_rolling_shutter_is_known(nodes, readout_us):
+def test_the_readout_of_a_rolling_shutter_is_read(nodes, readout_us):
     assert settings(*nodes).readout_us() == readout_us
 
 
-def test_a_rolling_shutter_of_unknown_readout_is_told():
-    with pytest.raises(CameraError, match=r"does not tell its readout time .*readout_us"):
+def test_a_rolling_shutter_of_unknown_readout_is_refused():
+    with pytest.raises(CameraError, match=r"does not report its readout time .*readout_us"):
         settings(EXPOSURE_US).readout_us()
 
 
-def test_temperature_delay_and_black_level_where_there_are_any():
+def test_temperature_delay_and_black_level_are_optional():
     bare = settings(EXPOSURE_US)
     assert bare.temperature_c() is None
     assert bare.trigger_delay_us() == 0.0
@@ -179,7 +181,7 @@ def test_temperature_delay_and_black_level_where_there_are_any():
     assert full.set_black_level(31.7) == 32.0
 
 
-def test_without_an_exposure_node_nothing_is_made_up():
+def test_without_an_exposure_node_the_exposure_is_unknown():
     bare = settings(amount("Gain", 0, 0, 1))
     assert math.isnan(bare.exposure_us)
     assert bare.exposure_range_us() == (0.0, 0.0)
@@ -214,24 +216,25 @@ def test_automatics_are_turned_off():
 @pytest.mark.parametrize(
     "automatic", [*AUTOMATICS[:6], *AUTOMATICS[7:]], ids=lambda node: node.name
 )
-def test_an_automatic_that_will_not_go_off_is_told(automatic):
+def test_an_automatic_that_cannot_be_turned_off_is_named(automatic):
     nodes = Nodes(Memory(AUTOMATICS, stuck=frozenset({automatic.name})).node_map, "c7")
-    with pytest.raises(CameraError, match=rf"c7, {automatic.name}: was set to .* but stays"):
+    with pytest.raises(CameraError, match=rf"c7, {automatic.name}: was set to .* but is still"):
         turn_off_automatics(nodes)
 
 
 @pytest.mark.parametrize(
     ("node", "message"),
     [
-        pytest.param(choice("GainAuto", "Continuous", access="RO"), "no 'Off' here, only Contin",
-                     id="no off"),
+        pytest.param(choice("GainAuto", "Continuous", access="RO"),
+                     "'Off' is not available, only Contin", id="no off"),
         pytest.param(choice("GainAuto", "Continuous", "Off", access="RO"), "set to Off: .*writ",
                      id="read only"),
-        pytest.param(amount("Gamma", 2.2, 0.1, 4, access="RO"), "Gamma: .*stays 2.2", id="gamma"),
-        pytest.param(choice("ExposureMode", "TriggerWidth"), "no 'Timed' here", id="exposure mode"),
+        pytest.param(amount("Gamma", 2.2, 0.1, 4, access="RO"), "Gamma: .*still 2.2", id="gamma"),
+        pytest.param(choice("ExposureMode", "TriggerWidth"), "'Timed' is not available",
+                     id="exposure mode"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_turned_off_is_told(node, message):
+def test_a_refusal_to_turn_off_is_reported(node, message):
     with pytest.raises(CameraError, match=message):
         turn_off_automatics(Nodes(Memory((node,)).node_map, "c7"))
 
@@ -246,7 +249,7 @@ def test_what_cannot_be_turned_off_is_told(node, message):
                      id="gamma of no effect"),
     ],
 )  # fmt: skip
-def test_what_is_off_is_left_alone(nodes):
+def test_nodes_that_are_off_are_not_written(nodes):
     memory = Memory(nodes)
     turn_off_automatics(Nodes(memory.node_map, "c7"))
     assert not {node.name for node in nodes if "RO" in node.xml} & set(memory.written)
@@ -268,7 +271,7 @@ TRIGGER = (
     ("trigger", "source", "line"),
     [("software", "Software", "Line1"), ("line", "Line2", "Line2")],
 )
-def test_one_frame_follows_each_trigger_of_the_kind_asked_for(trigger, source, line):
+def test_each_trigger_of_the_chosen_kind_gives_one_frame(trigger, source, line):
     memory = Memory(TRIGGER)
     nodes = Nodes(memory.node_map, "c7")
     control = TriggerControl(nodes, "Line2")
@@ -285,21 +288,23 @@ def test_one_frame_follows_each_trigger_of_the_kind_asked_for(trigger, source, l
     assert memory.written[-1] == "TriggerSoftware"
 
 
-def test_a_line_that_the_camera_lacks_is_told_with_those_it_has():
+def test_the_message_of_a_missing_line_lists_the_lines():
     control = TriggerControl(Nodes(Memory(TRIGGER).node_map, "c7"), "Line0")
     with pytest.raises(
-        CameraError, match="TriggerSource: no 'Line0' here, only Line1, Software, L"
+        CameraError, match="TriggerSource: 'Line0' is not available, only Line1, Software, L"
     ):
         control.choose("line")
 
 
-def test_a_camera_that_triggers_no_single_frames_is_told():
+def test_a_camera_without_a_trigger_for_single_frames_is_refused():
     nodes = (choice("TriggerSelector", "LineStart"), *TRIGGER[2:])
-    with pytest.raises(CameraError, match="none of FrameStart, ExposureStart here, only LineStart"):
+    with pytest.raises(
+        CameraError, match="none of FrameStart, ExposureStart is available, only LineStart"
+    ):
         TriggerControl(Nodes(Memory(nodes).node_map, "c7"), "Line1").choose("software")
 
 
-def test_a_node_is_taken_by_the_first_name_that_the_camera_has():
+def test_a_node_is_accessed_by_the_first_existing_name():
     nodes = Nodes(Memory((amount("ExposureTimeAbs", 5, 1, 9),)).node_map, "c7")
     assert nodes.name(EXPOSURE) == "ExposureTimeAbs"
     assert nodes.exists(EXPOSURE)

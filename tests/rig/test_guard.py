@@ -1,4 +1,4 @@
-"""The guard of the readers: what it lets through, what it refuses, and how it says so."""
+"""The guard of the readers: what it accepts, what it refuses, and its messages."""
 
 from __future__ import annotations
 
@@ -30,11 +30,13 @@ needs_fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system h
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        pytest.param("a = " + "[" * 20_000, "line 1: nested more than 32 deep", id="arrays"),
-        pytest.param("a = " + "{b = " * 20_000, "line 1: nested more than 32 deep", id="tables"),
+        pytest.param("a = " + "[" * 20_000, "line 1: nested more than 32 levels deep", id="arrays"),
+        pytest.param(
+            "a = " + "{b = " * 20_000, "line 1: nested more than 32 levels deep", id="tables"
+        ),
         pytest.param("\n\n" + "a." * 20_000 + "a = 1", "line 3: nested", id="dotted key"),
         pytest.param("[" + '"a" . ' * 20_000 + "a]", "line 1: nested", id="quoted dotted header"),
-        pytest.param("x = 1\ny = " + "9" * 4301, "line 2: a number of more than", id="digits"),
+        pytest.param("x = 1\ny = " + "9" * 4301, "line 2: a number has more than", id="digits"),
         pytest.param("y = 0x" + "f" * 301, "digits", id="hexadecimal digits"),
         pytest.param('a = """[[', "is not TOML", id="string without end"),
         pytest.param("a = 1\na = 2", "is not TOML", id="twice"),
@@ -71,27 +73,27 @@ def test_json(text: str) -> None:
         parse_json(text)
 
 
-def test_bytes_that_are_no_utf8() -> None:
+def test_bytes_that_are_not_utf8() -> None:
     for parse in (parse_toml, parse_json):
         with pytest.raises(UnreadableError, match="utf-8"):
             parse(b'{"a": "\xff"}')
 
 
 @given(st.text(alphabet="[]{}\"'#=,.\n\\a1 ", max_size=200))
-def test_no_text_is_a_fault(text: str) -> None:
+def test_random_text_raises_only_unreadable_errors(text: str) -> None:
     for parse in (parse_toml, parse_json):
         with suppress(UnreadableError):
             parse(text.encode())
 
 
 @given(st.dictionaries(st.text("ab.\"' ", max_size=4), st.lists(st.floats(allow_nan=False))))
-def test_what_json_writes_passes(content: dict[str, list[float]]) -> None:
+def test_json_output_passes(content: dict[str, list[float]]) -> None:
     assert parse_json(json.dumps(content)) == content
     check_text(json.dumps(content, indent=1))
 
 
 @needs_fifo
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_without_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(UnreadableError, match="not a regular file"):
         read_bounded(tmp_path / "pipe")
@@ -106,20 +108,20 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
         pytest.param("a\0b", "cannot be read", id="NUL in the name"),
     ],
 )
-def test_what_is_no_file(tmp_path: Path, name: str, said: str) -> None:
+def test_other_things_than_files_are_refused(tmp_path: Path, name: str, said: str) -> None:
     with pytest.raises(UnreadableError, match=said):
         read_bounded(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["nowhere", "file/below"])
-def test_what_is_not_there(tmp_path: Path, name: str) -> None:
+def test_missing_files(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(FileNotFoundError):
         read_bounded(tmp_path / name)
 
 
 def test_a_large_file_is_not_read(tmp_path: Path) -> None:
-    """A sparse file: to read it would take all memory there is."""
+    """The file is sparse: reading it would need more memory than there is."""
     path = tmp_path / "large"
     with path.open("wb") as file:
         file.truncate(1 << 40)
@@ -151,8 +153,8 @@ def test_the_limit_on_pixels_can_be_raised() -> None:
     check_pixels(20_000, 20_000, 8, 500_000_000, max_pixels=400_000_000)
 
 
-def test_an_error_of_ours_is_none_of_the_file() -> None:
-    """Only what is listed is taken for damage: what nobody foresaw stays a fault."""
+def test_other_exceptions_are_not_converted() -> None:
+    """Only the listed exceptions count as damage of the file; all others are passed on."""
 
     class OtherError(Exception):
         pass
@@ -172,7 +174,7 @@ def test_an_error_of_ours_is_none_of_the_file() -> None:
     ("error", "said"),
     [
         (RecursionError("maximum recursion depth exceeded"), "damaged: nested too deeply"),
-        (MemoryError(), "damaged: it asks for more memory than there is"),
+        (MemoryError(), "damaged: it needs more memory than there is"),
         (ValueError("a\nb\tc"), "damaged: a b c"),
         (ValueError("x" * 1000), "damaged: xxx"),
     ],
@@ -187,7 +189,7 @@ def test_reasons_are_one_short_line(error: Exception, said: str) -> None:
 @pytest.mark.parametrize(
     "text", ["[" * 20_000, "leds = " + "9" * 5000, "options = " + "[" * 20_000, "a." * 20_000]
 )
-def test_a_rig_file_is_guarded(tmp_path: Path, text: str) -> None:
+def test_rig_files_are_guarded(tmp_path: Path, text: str) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(RigConfigError, match=r"rig\.toml"):

@@ -1,4 +1,4 @@
-"""Hosts that end without saying goodbye: the board is dark in time, and nothing keeps running."""
+"""Hosts that end unexpectedly: all LEDs turn off in time, and no process keeps running."""
 
 import json
 import os
@@ -19,7 +19,7 @@ S = 1_000_000_000
 MS = 1_000_000
 WATCHDOG_NS = 1 * S
 
-# A host program: starts a board, does what it is told to with it, says so, and waits.
+# Beginning of a host program: it starts a board and prints its bench state and process id.
 HOST = """
 import json, sys, time
 from rig import Board, Step
@@ -35,7 +35,7 @@ print("done", flush=True)
 time.sleep(60)
 """
 
-# A host with a whole rig, which turns the light off when it ends in any way that lets it.
+# A host with a complete rig, which turns the LED off at exit if it can.
 RIG = (
     HOST
     + """
@@ -77,7 +77,7 @@ def wait_until(condition, timeout_s: float) -> bool:
 
 @pytest.fixture
 def host():
-    """Start a host program; give its process, its board's pid and bench state."""
+    """Return a function that starts a host and returns its process, board's pid and bench state."""
     started = []
 
     def start(program: str):
@@ -87,13 +87,13 @@ def host():
             stdout=subprocess.PIPE,
             text=True,
         )
-        told = json.loads(process.stdout.readline())
-        bench = BenchState(Path(told["bench"]))
-        started.append((process, told["pid"], bench))
+        board = json.loads(process.stdout.readline())
+        bench = BenchState(Path(board["bench"]))
+        started.append((process, board["pid"], bench))
         process.stdin.write("\n")
         process.stdin.flush()
         assert process.stdout.readline() == "done\n"
-        return process, told["pid"], bench
+        return process, board["pid"], bench
 
     yield start
     for process, pid, bench in started:
@@ -109,13 +109,13 @@ def light(bench):
 
 
 @pytest.mark.parametrize("death", [signal.SIGKILL, signal.SIGTERM], ids=lambda s: s.name)
-def test_a_killed_host_leaves_a_dark_board_after_a_second(host, death):
+def test_the_board_is_dark_a_second_after_its_host_was_killed(host, death):
     process, pid, bench = host(HOST + "board.on(7, 60_000)" + WAIT)
     assert bench.led(time.monotonic_ns()) == 7
     os.kill(process.pid, death)
     died_ns = time.monotonic_ns()
     process.wait()
-    # The board outlives its host, as a board on a bench does; its watchdog ends the light.
+    # The board outlives its host, as a real board does; its watchdog turns the LED off.
     assert wait_until(lambda: not running(pid), 10)
     (lit,) = light(bench)
     assert lit.led == 7
@@ -123,7 +123,7 @@ def test_a_killed_host_leaves_a_dark_board_after_a_second(host, death):
     assert lit.end_ns - died_ns <= WATCHDOG_NS
 
 
-def test_a_host_that_is_killed_while_it_speaks_is_missed_from_its_last_word_on(host):
+def test_the_watchdog_time_begins_at_the_last_command(host):
     speaks = "board.on(7, 60_000)\nprint('done', flush=True)\nwhile True: board.ping()"
     process, pid, bench = host(HOST + speaks)
     time.sleep(1.5)
@@ -135,7 +135,7 @@ def test_a_host_that_is_killed_while_it_speaks_is_missed_from_its_last_word_on(h
     assert died_ns < lit.end_ns <= died_ns + WATCHDOG_NS + 50 * MS
 
 
-def test_a_killed_host_leaves_a_declared_flash_to_its_end(host):
+def test_a_flash_of_a_killed_host_lasts_to_its_declared_end(host):
     process, pid, bench = host(HOST + "board.begin_flash(7, 0, 5_000_000)" + WAIT)
     process.kill()
     assert wait_until(lambda: not running(pid), 20)
@@ -144,19 +144,19 @@ def test_a_killed_host_leaves_a_declared_flash_to_its_end(host):
     assert time.monotonic_ns() >= lit.end_ns
 
 
-def test_a_killed_host_leaves_a_sequence_to_the_end_of_its_step(host):
+def test_a_sequence_of_a_killed_host_lasts_to_the_end_of_its_step(host):
     runs = "board.load([Step(k, 0, 390_000, 10_000) for k in range(20)])\nboard.run(20)"
     process, pid, bench = host(HOST + runs + WAIT)
     process.kill()
     assert wait_until(lambda: not running(pid), 10)
     lit = light(bench)
-    # RUN was the last word; what has begun a second later ends as declared.
+    # RUN was the last command; the step that is running a second later ends as declared.
     assert [period.led for period in lit] == [0, 1, 2]
     assert lit[-1].end_ns - lit[0].start_ns == 1190 * MS
     assert len(bench.triggers()) == 3
 
 
-def test_a_declared_exposure_of_five_seconds_is_not_cut_while_the_host_lives(bench):
+def test_a_declared_flash_of_five_seconds_is_not_cut_off(bench):
     board = Board(bench.virtual.port)
     trips = board.status().trips
     report = board.flash(7, 1000, 5_000_000)
@@ -168,7 +168,7 @@ def test_a_declared_exposure_of_five_seconds_is_not_cut_while_the_host_lives(ben
 
 
 @pytest.mark.parametrize("then", ["", "raise ValueError"], ids=["end", "error"])
-def test_a_host_that_forgets_to_close_turns_the_light_off_on_its_way_out(host, then):
+def test_a_host_that_does_not_close_turns_the_led_off_at_exit(host, then):
     process, pid, bench = host(RIG + then)
     process.wait()
     assert bench.led(time.monotonic_ns()) is None

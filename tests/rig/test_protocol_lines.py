@@ -1,4 +1,4 @@
-"""The serial protocol's lines: what docs/serial-protocol.md shows, and what may not get through."""
+"""Lines of the serial protocol: the examples of docs/serial-protocol.md, and invalid lines."""
 
 import string
 from pathlib import Path
@@ -58,8 +58,8 @@ def test_golden_commands(command, line):
     ("reply", "line"),
     [
         pytest.param(Reply(0xA1, "ON", ("7", "1012")), b"<00A1 OK ON 7 1012*751B\n", id="on"),
-        pytest.param(Reply(0xA2, "OFF", ("7",)), b"<00A2 OK OFF 7*90D3\n", id="was burning"),
-        pytest.param(Reply(0xA3, "OFF", ("-",)), b"<00A3 OK OFF -*4CED\n", id="was dark"),
+        pytest.param(Reply(0xA2, "OFF", ("7",)), b"<00A2 OK OFF 7*90D3\n", id="was on"),
+        pytest.param(Reply(0xA3, "OFF", ("-",)), b"<00A3 OK OFF -*4CED\n", id="was off"),
         pytest.param(Reply(0xA5, "ON", ("36", "500"), 3), b"<00A5 E3 ON 36 500*D60E\n", id="E3"),
     ],
 )
@@ -100,7 +100,7 @@ def line_with_crc(body: bytes) -> bytes:
         pytest.param(line_with_crc(b">00A2 OFF") + b"\r", id="stray end"),
     ],
 )
-def test_what_is_no_command_is_refused(line):
+def test_lines_that_are_not_commands_are_refused(line):
     with pytest.raises(LineError):
         decode_command(line)
 
@@ -108,7 +108,7 @@ def test_what_is_no_command_is_refused(line):
 @pytest.mark.parametrize(
     "body", [b"<0001 OK", b"<0001 E0 ON", b"<0001 ON 7", b"<0001 E ON", b">0001 OK ON"]
 )
-def test_what_is_no_reply_is_refused(body):
+def test_lines_that_are_not_replies_are_refused(body):
     with pytest.raises(LineError):
         decode_reply(line_with_crc(body))
 
@@ -123,7 +123,7 @@ def test_what_is_no_reply_is_refused(body):
         pytest.param(Command(0, "X" * 60), id="too long"),
     ],
 )
-def test_what_cannot_be_sent_is_not_sent(command):
+def test_invalid_commands_are_not_encoded(command):
     with pytest.raises(LineError):
         encode_command(command)
 
@@ -159,7 +159,7 @@ def test_up_to_three_flipped_bits_under_the_checksum_never_pass(command, data):
 
 @given(st.binary(max_size=100))
 @settings(max_examples=300, deadline=None)
-def test_the_decoders_meet_any_bytes_with_a_line_error_at_most(data):
+def test_random_bytes_raise_only_line_errors(data):
     for decode in (decode_command, decode_reply):
         with pytest.raises(LineError):
             decode(data)
@@ -167,7 +167,7 @@ def test_the_decoders_meet_any_bytes_with_a_line_error_at_most(data):
 
 @given(lines=st.lists(commands.map(encode_command), max_size=6), data=st.data())
 @settings(max_examples=100, deadline=None)
-def test_lines_are_put_together_from_any_pieces(lines, data):
+def test_lines_are_assembled_from_any_pieces(lines, data):
     stream = b"\r\n".join(line.rstrip() for line in lines) + b"\n"
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=8).map(sorted))
     buffer = LineBuffer()
@@ -177,7 +177,7 @@ def test_lines_are_put_together_from_any_pieces(lines, data):
     assert got == [line.rstrip() for line in lines]
 
 
-def test_noise_without_a_line_end_is_dropped_and_does_not_pile_up():
+def test_noise_without_a_line_end_is_discarded():
     buffer = LineBuffer()
     for _ in range(100):
         assert buffer.feed(b"x" * 1000) == []
@@ -186,7 +186,7 @@ def test_noise_without_a_line_end_is_dropped_and_does_not_pile_up():
 
 
 def longest(mark: str, words: str, limit: int) -> bytes:
-    """Return a whole line of exactly so many characters."""
+    """Return a complete line of exactly ``limit`` characters."""
     body = f"{mark}0001 {words} ".encode()
     body += b"x" * (limit - len(body) - 5)
     return body + f"*{crc16(body):04X}".encode()
@@ -199,7 +199,7 @@ def longest(mark: str, words: str, limit: int) -> bytes:
         pytest.param(decode_reply, "<", "OK ON", 80, id="reply"),
     ],
 )
-def test_a_line_may_be_as_long_as_the_document_says(decode, mark, words, limit):
+def test_the_longest_allowed_line_is_accepted(decode, mark, words, limit):
     line = longest(mark, words, limit)
     assert len(line) == limit
     value = decode(line)
@@ -216,7 +216,7 @@ def test_a_buffer_keeps_lines_up_to_its_limit():
         *(b"1", b"12", b"1234", b"1234"),
     ]
     assert LineBuffer().feed(b"x" * 80 + b"\n" + b"x" * 81 + b"\n") == [b"x" * 80]
-    # The line end may come in two pieces, after a line as long as can be.
+    # The line end may arrive in two pieces, after a line of maximum length.
     buffer = LineBuffer(4)
     assert [buffer.feed(piece) for piece in (b"1234\r", b"\n12345", b"\n", b"1\n")] == [
         *([], [b"1234"], [], [b"1"]),

@@ -1,4 +1,4 @@
-"""Complaints of pydantic as one line."""
+"""Validation errors of pydantic as one line."""
 
 from typing import Annotated
 
@@ -50,7 +50,7 @@ class Lamp(BaseModel):
         pytest.param(
             {"led": 1, "watts": [0]},
             "option 'watts.0': Input should be greater than 0, not 0",
-            id="an item, and for want of it a list that is too short",
+            id="an invalid item, without which the list is too short",
         ),
         pytest.param(
             {"led": 1, "watts": []},
@@ -62,7 +62,7 @@ class Lamp(BaseModel):
             "option 'led': Input should be a valid integer, unable to parse string as an integer",
             id="long value",
         ),
-        pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the whole"),
+        pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the model itself"),
         pytest.param(
             {"x": 1, "y": 2},
             "unknown option 'x'; known are led, shade, spare, watts; unknown option 'y'; "

@@ -38,7 +38,7 @@ port = "/dev/ttyACM0"
 """
 
 
-def test_a_whole_rig_file(tmp_path: Path):
+def test_a_complete_rig_file(tmp_path: Path):
     (tmp_path / "rig.toml").write_text(WHOLE)
     config = read_rig_config(tmp_path / "rig.toml")
     assert config == RigConfig(
@@ -57,7 +57,7 @@ def test_a_whole_rig_file(tmp_path: Path):
     )
 
 
-def test_what_a_short_rig_file_leaves_out(tmp_path: Path):
+def test_defaults_of_a_short_rig_file(tmp_path: Path):
     (tmp_path / "rig.toml").write_text('name = "dome"\ndriver = "bench"\n')
     config = read_rig_config(tmp_path / "rig.toml")
     assert (config.leds, config.trigger, config.exposure_active) == (36, "software", False)
@@ -96,14 +96,14 @@ def test_a_bad_rig_file_gets_one_line(tmp_path: Path, text, said):
     assert "\n" not in str(error.value)
 
 
-def test_bytes_that_are_no_text(tmp_path: Path):
+def test_bytes_that_are_not_text(tmp_path: Path):
     (tmp_path / "rig.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(RigConfigError, match="is not TOML"):
         read_rig_config(tmp_path / "rig.toml")
 
 
 @pytest.mark.parametrize("name", ["rig.toml", "RIG.TOML", "sub/bench", "sub/simulated"])
-def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch, name):
+def test_a_missing_file(tmp_path: Path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(RigNotFoundError, match="no such rig file"):
         open_rig(name)
@@ -111,7 +111,7 @@ def test_a_file_that_is_not_there(tmp_path: Path, monkeypatch, name):
         read_rig_config(tmp_path / name)
 
 
-def test_a_folder_is_no_rig_file(tmp_path: Path):
+def test_a_folder_is_not_a_rig_file(tmp_path: Path):
     with pytest.raises(RigConfigError, match="a folder") as error:
         open_rig(str(tmp_path))
     assert not isinstance(error.value, RigNotFoundError)

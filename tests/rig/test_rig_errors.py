@@ -1,4 +1,4 @@
-"""What is told beside an error when closing fails too."""
+"""Notes on an error if closing fails, too."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from rig._errors import CameraError, CameraGoneError, RigError, close_after
 
 
 @pytest.mark.parametrize(
-    ("error", "failure", "told"),
+    ("error", "failure", "notes"),
     [
         pytest.param(
             CameraError("no frame"),
@@ -22,9 +22,11 @@ from rig._errors import CameraError, CameraGoneError, RigError, close_after
         ),
     ],
 )
-def test_what_closing_adds(error: RigError, failure: RigError, told: list[str]) -> None:
+def test_notes_of_a_failure_while_closing(
+    error: RigError, failure: RigError, notes: list[str]
+) -> None:
     def close() -> None:
         raise failure
 
     close_after(error, close)
-    assert getattr(error, "__notes__", []) == told
+    assert getattr(error, "__notes__", []) == notes

@@ -1,4 +1,4 @@
-"""What a mounting does to frames and to the colour filter over them."""
+"""Effect of a mounting on frames and their colour filter pattern."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from rig import Mounting
 
-# A, B / C, D / E, F as it is seen upright, and how a camera mounted in each way delivers it.
+# The upright image A, B / C, D / E, F, and the frame that a camera with each mounting delivers.
 UPRIGHT = ["AB", "CD", "EF"]
 STORED = [
     pytest.param(0, False, ["AB", "CD", "EF"], id="upright"),
@@ -40,7 +40,7 @@ def test_a_frame_is_turned_upright(rotation_deg, mirror, stored):
 
 
 @given(MOUNTINGS, SIZES, st.sampled_from(["RGGB", "GRBG", "GBRG", "BGGR"]))
-def test_the_pattern_is_that_of_the_whole_mosaic(mounting, size, cfa):
+def test_the_pattern_is_that_of_the_complete_mosaic(mounting, size, cfa):
     block = np.array(list(cfa)).reshape(2, 2)
     mosaic = np.tile(block, (4, 4))[: size[0], : size[1]]
     seen = mounting.upright(mosaic)
@@ -60,11 +60,11 @@ def test_colour_images_turn_like_grey_ones(mounting, size):
 @pytest.mark.parametrize(
     "values", [{"rotation_deg": 45}, {"rotation_deg": "90"}, {"mirror": 1}, {"rotate_deg": 90}]
 )
-def test_a_mounting_that_cannot_be(values):
+def test_invalid_mountings_are_refused(values):
     with pytest.raises(ValidationError):
         Mounting.model_validate(values)
 
 
-def test_a_pattern_that_is_no_square_is_refused():
-    with pytest.raises(ValueError, match="RGB is no square"):
+def test_a_pattern_that_is_not_square_is_refused():
+    with pytest.raises(ValueError, match="RGB is not a square"):
         Mounting(rotation_deg=90).upright_cfa("RGB", (4, 4))

@@ -1,6 +1,6 @@
-"""The self-test finds what is wrong with LEDs and wires, and nothing where nothing is.
+"""The self-test finds faults of LEDs and wires, and none in a rig without faults.
 
-Its limits were chosen on scenes of the seeds 0 and 3; those here are others.
+Its limits were chosen with scenes of the seeds 0 and 3; these tests use other seeds.
 """
 
 import functools
@@ -30,7 +30,7 @@ SIDE = 8
 
 @functools.cache
 def scene(name, leds, seed):
-    """Coarse images of a scene in photons, its LED positions, and where its places are."""
+    """Return coarse images of a scene in photons, its LED positions, and its places."""
     rendering = render(scene_named(name, width=160, height=128, leds=leds, seed=seed))
     planes = rendering.planes.reshape(leds, 128 // SIDE, SIDE, 160 // SIDE, SIDE).mean(axis=(2, 4))
     y, x = np.mgrid[0 : 128 // SIDE, 0 : 160 // SIDE].astype(float)
@@ -39,7 +39,7 @@ def scene(name, leds, seed):
 
 
 def judged(light, positions, places, *, dark=0.0, seed=0):
-    """What is found in these images, taken twice with noise; remarks left out."""
+    """Return the faults found in these images, taken twice with noise, without remarks."""
     draw = np.random.default_rng(seed)
     noise = NOISE * np.median(light)
     twice = np.stack([light + draw.normal(0, noise, light.shape) for _ in range(2)])
@@ -63,11 +63,11 @@ CASES = pytest.mark.parametrize(
 
 
 @CASES
-def test_nothing_is_found_where_nothing_is_wrong(name, leds, seed):
+def test_a_rig_without_faults_has_no_findings(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     assert judged(light, positions, places) == []
     assert judged(light, None, places) == []
-    # A tape measure is good to a centimetre.
+    # A tape measure is accurate to a centimetre.
     measured = positions + np.random.default_rng(seed).normal(0, 10.0, positions.shape)
     assert judged(light, measured, places) == []
 
@@ -85,7 +85,7 @@ def test_swapped_leds_are_found(name, leds, seed):
 
 
 @CASES
-def test_leds_that_burn_together_are_found(name, leds, seed):
+def test_leds_that_are_on_together_are_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     one, other = sorted(pair(leds, seed + 100))
     light = light.copy()
@@ -96,28 +96,28 @@ def test_leds_that_burn_together_are_found(name, leds, seed):
 
 
 @CASES
-def test_an_led_that_lights_another_as_well_is_found(name, leds, seed):
+def test_an_led_that_also_turns_another_on_is_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
     one, other = pair(leds, seed + 200)
     light = light.copy()
     light[one] = light[one] + light[other]
     found = judged(light, positions, places)
-    # That it is not alone is certain; a neighbour may be taken for its partner.
+    # It is certain that two LEDs are on; a neighbour may be mistaken for the second one.
     assert [item[:2] for item in found] == [("double", one)]
 
 
 @CASES
-def test_dead_dim_and_burning_leds_are_found(name, leds, seed):
+def test_dead_dim_and_stuck_leds_are_found(name, leds, seed):
     light, positions, places = scene(name, leds, seed)
-    dead, dim, burning = (int(i) for i in np.random.default_rng(seed).permutation(leds)[:3])
-    glow = light[burning]
+    dead, dim, stuck = (int(i) for i in np.random.default_rng(seed).permutation(leds)[:3])
+    glow = light[stuck]
     light = light.copy()
-    light[dead], light[dim], light[burning] = 0, 0.15 * light[dim], 0
+    light[dead], light[dim], light[stuck] = 0, 0.15 * light[dim], 0
     found = judged(light, positions, places, dark=glow)
-    assert found == sorted([("dead", dead), ("dim", dim), ("always on", burning)])
+    assert found == sorted([("dead", dead), ("dim", dim), ("always on", stuck)])
 
 
-def test_many_faults_at_once_are_told_apart():
+def test_many_faults_at_once_are_distinguished():
     light, positions, places = scene("coin", 36, 21)
     broken = light.copy()
     broken[[3, 7]] = light[[7, 3]]
@@ -143,19 +143,19 @@ def test_a_rig_whose_leds_are_all_dead():
     assert {one.kind for one in found if one.fault} == {"dead"}
 
 
-def test_what_cannot_be_told_is_said():
+def test_a_view_that_cannot_be_judged_is_reported():
     light, positions, places = scene("white-plane", 36, 21)
     # A small, flat and even view: all LEDs look alike there.
     twice = np.full((2, 36, 30), 500.0)
     near = places[150:180] * 0.1
     remarks = findings(Evidence(tuple(range(36)), twice, np.zeros(30), near, positions))
-    assert any(one.kind == "not told apart" and len(one.leds) > 30 for one in remarks)
+    assert any(one.kind == "ambiguous" and len(one.leds) > 30 for one in remarks)
     assert not [one for one in remarks if one.fault]
     remarks = findings(Evidence(tuple(range(36)), twice, np.zeros(30), near))
-    assert any(one.kind == "not told apart" and len(one.leds) == 36 for one in remarks)
+    assert any(one.kind == "ambiguous" and len(one.leds) == 36 for one in remarks)
     assert not [one for one in remarks if one.fault]
     remarks = findings(Evidence(tuple(range(36)), light[None].repeat(2, 0), light[0] * 0, places))
-    assert "swapped cannot be told without their positions" in remarks[-1].text
+    assert "swapped LEDs cannot be found without their positions" in remarks[-1].text
 
 
 SMALL = {"width": 160, "height": 128, "leds": 12, "seed": 31}
@@ -171,7 +171,7 @@ def kinds(result, *, fault=True):
 
 
 @pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
-def test_through_the_rig_in_order(name):
+def test_a_simulated_rig_without_faults(name):
     with rig_for(rendered(name)) as rig:
         result = selftest(rig)
     assert result.ok
@@ -193,7 +193,7 @@ def test_through_the_rig_in_order(name):
         pytest.param({"lamps": Lamps(dead=(0, 5))}, [("dead", 0), ("dead", 5)], id="dead"),
     ],
 )
-def test_through_the_rig(options, found):
+def test_a_simulated_rig_with_faults(options, found):
     with rig_for(rendered("coin"), **options) as rig:
         result = selftest(rig)
     assert not result.ok
@@ -207,7 +207,7 @@ def test_an_unsteady_supply_is_found():
     assert len(result.findings) >= 3
 
 
-def test_a_camera_mounted_otherwise_is_looked_through_upright():
+def test_the_mounting_of_the_camera_is_applied():
     config = RigConfig.model_validate(
         {
             "name": "turned",
@@ -235,12 +235,12 @@ def test_dark_and_bright_scenes_are_metered():
 
 
 @pytest.mark.parametrize("trigger", ["software", "board"])
-def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, trigger):
+def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, trigger):
     config = RigConfig(name="x", driver="simulated", leds=12, trigger=trigger, frame_timeout_s=0.2)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
         def nothing_comes(frame_id, timeout_s, waiting=None):
-            raise FrameTimeoutError("frame 0 did not come")
+            raise FrameTimeoutError("frame 0 did not arrive")
 
         fetch, expect = rig.camera.fetch, rig.camera.expect
 
@@ -260,19 +260,19 @@ def test_a_missing_trigger_wire_is_a_fault_only_where_it_is_needed(monkeypatch, 
     assert result.ok == (trigger == "software")
 
 
-def test_a_camera_that_fails_is_not_taken_for_a_missing_wire(monkeypatch):
+def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
 
         def unplugged(frame_id, timeout_s, waiting=None):
-            raise CameraError("camera c7 does not answer any more")
+            raise CameraError("camera c7 no longer answers")
 
         monkeypatch.setattr(rig.camera, "fetch", unplugged)
-        with pytest.raises(CameraError, match="does not answer any more"):
+        with pytest.raises(CameraError, match="no longer answers"):
             rig.wires(0, 1000)
 
 
-def test_the_exposure_that_is_told_is_that_of_the_pass(monkeypatch):
+def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
         asked = []
@@ -282,32 +282,35 @@ def test_the_exposure_that_is_told_is_that_of_the_pass(monkeypatch):
             return Shot(CameraFrame(np.full((8, 8), 4095), 0, 1, exposure_us, 0.0, None), led, None)
 
         monkeypatch.setattr(rig, "shoot", saturated)
-        # However short the exposure: no pass suits.
+        # The frames stay saturated however short the exposure is.
         rig.camera.info = replace(rig.camera.info, exposure_min_us=1e-6)
         exposure_us, _ = selftest_module._Camera(rig, lambda count: None).metered((0, 1))
     assert exposure_us == asked[-1]
 
 
-def test_an_output_that_was_promised_and_is_not_there():
+def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
     with rig_for(rendered("coin"), config, camera="inside") as rig:
         result = selftest(rig)
     assert kinds(result) == [("exposure active",)]
 
 
-def test_no_led_left_to_try():
+def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
-    with rig_for(rendered("coin"), config) as rig, pytest.raises(RigError, match="none is left"):
+    with (
+        rig_for(rendered("coin"), config) as rig,
+        pytest.raises(RigError, match="no LED is left to test"),
+    ):
         selftest(rig)
 
 
-def test_the_dome_of_the_tests_is_not_that_of_the_tuning():
+def test_the_dome_of_the_tests_differs_from_that_of_the_tuning():
     assert not np.allclose(dome_lights(36, seed=11).positions_mm, dome_lights(36).positions_mm)
 
 
 def test_a_swap_with_a_dead_led_is_found():
     light, positions, places = scene("coin", 36, 21)
     broken = light.copy()
-    # The command of LED 7 lights LED 3, whose own command reaches the broken one.
+    # The command of LED 7 turns on LED 3, whose own command reaches the broken LED.
     broken[7], broken[3] = light[3], 0
     assert judged(broken, positions, places) == [("dead", 3), ("elsewhere", 7, 3)]

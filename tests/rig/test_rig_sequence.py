@@ -1,4 +1,4 @@
-"""Sequences: every frame that is handed out is proven, and one that cannot be ends the run."""
+"""Sequences: every yielded frame is proven, and a frame that cannot be proven ends the run."""
 
 import contextlib
 import itertools
@@ -16,7 +16,7 @@ from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import runs
 from rig._shooting.spacing import Spacing
 from simulator._board.faults import BoardFault
-from tests.rig.conftest import burning, led_seen
+from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
 FAST = {"frame_period_ms": 20.0, "frame_timeout_s": 0.3, "settle_ms": 1.0}
@@ -27,11 +27,11 @@ def taken(rig, leds, into):
         into.append(shot)
 
 
-def test_every_shot_of_a_sequence_carries_its_light(bench):
+def test_every_shot_of_a_sequence_has_its_led(bench):
     leds = [*range(0, 36, 3), None, 7, 7]
     with bench.rig(**FAST) as rig:
         shots = list(rig.sequence(leds, EXPOSURE_US))
-        assert burning(bench) is None
+        assert led_on(bench) is None
         after = rig.shoot(4, EXPOSURE_US)
     assert [shot.led for shot in shots] == leds
     assert [led_seen(shot.frame) for shot in shots] == leds
@@ -49,7 +49,7 @@ def test_short_sequences(bench, leds):
 
 
 def test_two_frames_do_not_prove_each_other(bench):
-    """A lost first trigger and a stray pulse in step with the first gap look like a run of two."""
+    """A lost first trigger and a stray pulse after the first gap look like a run of two."""
     with bench.rig(**FAST) as rig:
         list(rig.sequence([1, 2, 3], EXPOSURE_US))
         first, second = (pulse.time_ns for pulse in bench.state.triggers()[-3:-1])
@@ -63,7 +63,7 @@ def test_two_frames_do_not_prove_each_other(bench):
     assert [led_seen(shot.frame) for shot in shots] == [5, 9][: len(shots)]
 
 
-def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
+def test_a_board_with_few_steps_runs_in_parts(bench):
     leds = list(range(11))
     with bench.rig(**FAST) as rig:
         rig.board.identity = replace(rig.board.identity, max_steps=4)
@@ -86,7 +86,7 @@ def test_a_board_that_keeps_few_steps_runs_in_parts(bench):
         pytest.param(BoardFault(kind="reset", verb="RUN"), 0, id="reset at the start"),
     ],
 )
-def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, fault, proven):
+def test_a_fault_of_the_board_ends_the_run_after_the_proven_frames(bench, fault, proven):
     shots = []
     leds = list(range(10))
     with bench.rig(**FAST) as rig:
@@ -94,13 +94,13 @@ def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, faul
         with pytest.raises(RigError) as error:
             taken(rig, leds, shots)
         bench.virtual.set_faults()
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert "\n" not in str(error.value)
         assert [led_seen(shot.frame) for shot in shots] == leds[: len(shots)]
         assert len(shots) <= proven
-        # The first of the run is told by the second; a step may be asked for more than once.
+        # The second frame proves the first one; a step may be queried more than once.
         assert len(shots) >= (proven - 1 if fault.verb != "DID" else 0)
-        # What was left over is not taken for the next.
+        # Remaining frames are not mistaken for those of the next run.
         assert [led_seen(s.frame) for s in rig.sequence([20, 21, 22], EXPOSURE_US)] == [20, 21, 22]
 
 
@@ -119,7 +119,7 @@ def test_a_fault_of_the_board_ends_the_run_and_costs_no_frame_before(bench, faul
         ]
     ],
 )
-def test_a_noisy_line_costs_nothing(bench, fault):
+def test_a_noisy_serial_line_loses_no_frame(bench, fault):
     leds = list(range(8))
     with bench.rig(**{**FAST, "frame_period_ms": 60.0, "frame_timeout_s": 2.0}) as rig:
         bench.virtual.set_faults(fault)
@@ -134,7 +134,7 @@ def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
     with contextlib.suppress(CameraError), bench.rig(faults={at: fault}, **FAST) as rig:
         with pytest.raises(CameraError) as error:
             taken(rig, leds, shots)
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert [led_seen(shot.frame) for shot in shots] == leds[: max(0, at if at > 1 else 0)]
         if fault != "unplug":
             assert f"frame {at} " in str(error.value)
@@ -142,12 +142,12 @@ def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
             assert [led_seen(s.frame) for s in rig.sequence([3, 4], EXPOSURE_US)] == [3, 4]
 
 
-def test_closing_the_iterator_turns_the_light_off(bench):
+def test_closing_the_iterator_turns_the_led_off(bench):
     with bench.rig(**FAST) as rig:
         shots = rig.sequence(range(36), EXPOSURE_US)
         next(shots)
         shots.close()
-        assert burning(bench) is None
+        assert led_on(bench) is None
         before = bench.state.changes
         time.sleep(0.1)
         assert bench.state.changes == before
@@ -155,17 +155,17 @@ def test_closing_the_iterator_turns_the_light_off(bench):
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
 
 
-def test_whoever_holds_on_to_a_shot_stops_the_run_and_is_told(bench):
+def test_a_caller_that_pauses_too_long_stops_the_run(bench):
     with bench.rig(**{**FAST, "frame_period_ms": 200.0}) as rig:
         shots = rig.sequence(range(20), EXPOSURE_US)
         next(shots)
         time.sleep(2.0)
-        with pytest.raises(RigError, match=r"stopped by itself, for want of .* sign of life"):
+        with pytest.raises(RigError, match=r"stopped by itself, because .* sign of life"):
             list(shots)
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_what_cannot_be_run_is_refused_in_the_dark(bench):
+def test_an_impossible_sequence_is_refused_before_an_led_is_on(bench):
     with bench.rig(dead_leds=(4,), **FAST) as rig:
         before = bench.state.changes
         for leds, exposure_us, said in [
@@ -176,13 +176,13 @@ def test_what_cannot_be_run_is_refused_in_the_dark(bench):
             with pytest.raises(RigError, match=said):
                 list(rig.sequence(leds, exposure_us))
         rig.board.identity = replace(rig.board.identity, max_hold_ms=500)
-        with pytest.raises(RigError, match="500 ms that this LED board gives"):
+        with pytest.raises(RigError, match="500 ms that this LED board allows"):
             list(rig.sequence([3, 5], 600_000))
         assert bench.state.changes == before
 
 
 @given(st.integers(0, 300), st.integers(1, 100))
-def test_runs_are_whole_and_none_is_a_single_shot_without_need(count, most):
+def test_runs_are_complete_and_avoid_single_shots(count, most):
     leds = tuple(range(count))
     parts = list(runs(leds, most))
     assert sum(parts, ()) == leds
@@ -197,7 +197,7 @@ def test_runs_are_whole_and_none_is_a_single_shot_without_need(count, most):
     st.floats(0, 2e5),
     st.integers(2, 48),
 )
-def test_the_first_gap_stands_out_on_any_clock(settle_ms, exposure_us, period_us, count):
+def test_the_first_gap_is_longer_on_any_clock(settle_ms, exposure_us, period_us, count):
     exposure = Exposure(
         round(settle_ms * 1000), exposure_us, period_us, max(period_us, exposure_us) * 1.01 + 300
     )
@@ -205,7 +205,7 @@ def test_the_first_gap_stands_out_on_any_clock(settle_ms, exposure_us, period_us
     spacing = [step.settle_us + step.hold_us + step.gap_us for step in steps[:-1]]
     assert all(each >= exposure.run_us - 1 for each in spacing)
     for other in spacing[1:]:
-        # Twice what the clocks may differ by, so that one is not taken for the other.
+        # Twice the tolerance of the clocks, so that one is not mistaken for the other.
         assert spacing[0] - other >= 2 * (300 + 0.01 * spacing[0]) or spacing[0] - other >= 4990
 
 
@@ -221,7 +221,7 @@ def test_the_light_outlasts_the_exposure_on_any_clock(
 ):
     """The board's clock may be 1 % off; an exposure is accepted up to the margin from its trigger.
 
-    Times are the camera's: a board whose clock is fast ends its light early.
+    Times are on the camera's clock: a board with a fast clock turns its LED off early.
     """
     info = CameraInfo(
         "m", "e", "1", 8, 8, "Mono8", 8, None, 1.0, 1e7,
@@ -233,11 +233,11 @@ def test_the_light_outlasts_the_exposure_on_any_clock(
     lit_us = exposure.hold_us / (1 + rate)
     # Clocks that differ by 1 % change the margin itself by 1 %.
     assert lit_us >= last_row_us + 0.99 * exposure.margin_us
-    # Two periods, and what is done between two flashes, by 1 %, and what the clocks state.
+    # The jitter of the clocks, and 1 % of two periods and the time between two flashes.
     period_us = max(frame_period_us, last_row_us)
     assert exposure.margin_us == pytest.approx(300 + 0.01 * (2 * period_us + 20_000))
     assert exposure.ahead_us >= min(max(settle_ms * 1000, exposure.margin_us), 1e6)
-    # Triggers of a sequence come no faster than the camera takes frames, if the clock is fast.
+    # Triggers of a sequence are not faster than the camera, even if the board's clock is fast.
     assert exposure.run_us / (1 + rate) >= period_us
 
 
@@ -257,19 +257,19 @@ def test_clocks_of_other_rates_agree(rate, offset_us):
 
 
 @pytest.mark.parametrize("missed", range(5))
-def test_a_missed_trigger_is_seen_wherever_it_was(missed):
-    """Frames come from all pulses but one; the counts do not show it."""
+def test_a_missed_trigger_is_detected_at_any_place(missed):
+    """There are frames for all pulses but one; the counts do not show this."""
     spacing = Spacing("cam")
     seen = [pulse for index, pulse in enumerate(PULSES_US) if index != missed]
-    # The first is never told from one frame alone; that is why it is held back.
+    # One frame alone does not show the loss of the first; it is therefore held back.
     wrong = max(1, missed)
     for number in range(wrong):
         spacing.check(frame(number, seen[number]), number, PULSES_US[number])
-    with pytest.raises(CameraError, match="a trigger was missed"):
+    with pytest.raises(CameraError, match="the camera missed a trigger"):
         spacing.check(frame(wrong, seen[wrong]), wrong, PULSES_US[wrong])
 
 
-def test_one_frame_proves_nothing_yet():
+def test_one_frame_alone_is_not_proven():
     spacing = Spacing("cam")
     for number, pulse_us in itertools.islice(enumerate(PULSES_US), 1):
         spacing.check(frame(number, pulse_us), number, pulse_us)
@@ -277,15 +277,15 @@ def test_one_frame_proves_nothing_yet():
         spacing.check(frame(1, PULSES_US[0]), 1, PULSES_US[1])
 
 
-def test_a_board_without_its_reports_is_told(bench, monkeypatch):
+def test_a_missing_report_of_the_board_is_an_error(bench, monkeypatch):
     with bench.rig(**FAST) as rig:
         monkeypatch.setattr(rig.board, "did", lambda index: None)
         with pytest.raises(BoardError, match="has not done step 0"):
             list(rig.sequence([1, 2, 3], EXPOSURE_US))
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_the_camera_paces_the_run_where_its_line_is_wired(bench):
+def test_the_camera_paces_the_run_if_its_line_is_wired(bench):
     leds = list(range(6))
     with bench.rig(exposure_active=True, **FAST) as rig:
         shots = list(rig.sequence(leds, 5000.0))
@@ -293,17 +293,17 @@ def test_the_camera_paces_the_run_where_its_line_is_wired(bench):
     assert [period.led for period in lit] == leds
     for shot, period in zip(shots, lit, strict=True):
         end_ns = shot.frame.timestamp_ns + 5_000_000
-        # Out when the exposure was over, not when the hold was.
+        # The LED turned off at the end of the exposure, not of the hold.
         assert end_ns <= period.end_ns
         assert [led_seen(replace_pixels(shot)) for shot in shots] == leds
 
 
 def replace_pixels(shot):
-    """The same frame as if it had been exposed for 1000 us."""
+    """Return the frame as if it had been exposed for 1000 us."""
     return replace(shot.frame, pixels=shot.frame.pixels // 5)
 
 
-def test_a_wire_that_is_not_there_is_told(bench):
+def test_a_missing_wire_is_reported(bench):
     with bench.rig(exposure_active=True, **FAST) as rig:
         bench.virtual.set_faults(BoardFault(kind="lose-trigger"))
         with pytest.raises(RigError, match="LED 3") as error:

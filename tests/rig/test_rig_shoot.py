@@ -1,4 +1,4 @@
-"""Board and camera as one: the light of every frame is known, and none is left burning."""
+"""Board and camera as one rig: the LED of every frame is known, and no LED stays on."""
 
 import contextlib
 import random
@@ -14,7 +14,7 @@ from rig._shooting.exposure import Exposure
 from rig._shooting.flash_chain import FlashChain
 from simulator._board.faults import BoardFault
 from simulator._camera.virtual_camera import VirtualCamera
-from tests.rig.conftest import burning, led_seen
+from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
 TRIGGERS = pytest.mark.parametrize("trigger", ["software", "board"])
@@ -22,10 +22,10 @@ TRIGGERS = pytest.mark.parametrize("trigger", ["software", "board"])
 
 @TRIGGERS
 @pytest.mark.parametrize("led", [0, 7, 35, None])
-def test_a_shot_carries_its_light(bench, trigger, led):
+def test_a_shot_has_its_led(bench, trigger, led):
     with bench.rig(trigger=trigger) as rig:
         shot = rig.shoot(led, EXPOSURE_US)
-        assert burning(bench) is None
+        assert led_on(bench) is None
     assert shot.led == led
     assert shot.echo.led == led
     assert led_seen(shot.frame) == led
@@ -33,7 +33,7 @@ def test_a_shot_carries_its_light(bench, trigger, led):
 
 
 @TRIGGERS
-def test_a_dark_frame_puts_out_a_light_that_was_left_on(bench, trigger):
+def test_a_dark_frame_turns_off_an_led_that_was_left_on(bench, trigger):
     with bench.rig(trigger=trigger) as rig:
         rig.board.on(5, 5000)
         assert led_seen(rig.shoot(None, EXPOSURE_US).frame) is None
@@ -48,17 +48,17 @@ def test_the_light_has_settled_before_the_exposure(bench, trigger):
     assert lit.end_ns >= shot.frame.timestamp_ns + EXPOSURE_US * 1000
 
 
-def test_a_light_that_goes_dark_in_the_exposure_costs_the_frame(bench):
+def test_the_frame_is_discarded_if_the_led_turns_off_too_early(bench):
     with bench.rig() as rig:
         bench.virtual.set_faults(BoardFault(kind="goes-dark", verb="ON", value=20))
-        with pytest.raises(BoardError, match=r"LED 6 was wanted, but .* no LED burned"):
+        with pytest.raises(BoardError, match="LED 6 was requested, but no LED was on"):
             rig.shoot(6, 60_000)
         bench.virtual.set_faults()
         assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
 
 
 @pytest.mark.parametrize("stalled_at", ["fetch", "trigger"])
-def test_a_computer_that_is_too_busy_to_speak_is_told_and_the_shot_may_be_taken_again(
+def test_a_computer_that_is_too_busy_is_reported_and_the_shot_can_be_repeated(
     bench, monkeypatch, stalled_at
 ):
     with bench.rig(frame_timeout_s=3.0) as rig:
@@ -72,12 +72,12 @@ def test_a_computer_that_is_too_busy_to_speak_is_told_and_the_shot_may_be_taken_
         monkeypatch.setattr(rig.camera, stalled_at, stalled)
         with pytest.raises(FrameLostError, match=r"LED 6 .* too busy .* for up to \d\.\d s"):
             rig.shoot(6, EXPOSURE_US)
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
 
 
 def late(rig, monkeypatch, seconds):
-    """Let frames come this much later than they do."""
+    """Delay frames by this time."""
     fetch = rig.camera.fetch
 
     def fetch_late(frame_id, timeout_s, waiting=None):
@@ -100,13 +100,13 @@ def test_a_frame_may_be_as_late_as_the_rig_file_allows(bench, monkeypatch):
 @pytest.mark.parametrize(
     ("settle_ms", "exposure_us", "frame_timeout_s", "hold_ms"),
     [
-        # The exposure and 1 % for the clocks; ON and OFF up to 8 times each, 250 ms a time.
-        pytest.param(4, 20_000, 2.0, 4 + 20.5 + 2000 + 4000 + 0.5, id="all that may come"),
+        # The exposure and 1 % for the clocks; ON and OFF up to 8 times each, 250 ms per time.
+        pytest.param(4, 20_000, 2.0, 4 + 20.5 + 2000 + 4000 + 0.5, id="all terms"),
         pytest.param(4.4, 20_500, 0.05, 4.4 + 21.005 + 50 + 4000 + 0.595, id="whole milliseconds"),
-        pytest.param(0, 20_000, 60.0, 60_000, id="no more than the board gives"),
+        pytest.param(0, 20_000, 60.0, 60_000, id="at most the board's limit"),
     ],
 )
-def test_the_hold_covers_the_whole_shot(
+def test_the_hold_covers_the_complete_shot(
     bench, settle_ms, exposure_us, frame_timeout_s, hold_ms, monkeypatch
 ):
     with bench.rig(settle_ms=settle_ms, frame_timeout_s=frame_timeout_s) as rig:
@@ -117,7 +117,7 @@ def test_the_hold_covers_the_whole_shot(
     assert asked == [(6, hold_ms)]
 
 
-def test_a_hold_that_ends_while_the_frame_is_awaited_is_told(bench, monkeypatch):
+def test_a_hold_that_ends_before_the_frame_arrives_is_reported(bench, monkeypatch):
     with bench.rig(frame_timeout_s=2.0) as opened:
         monkeypatch.setattr(rig._shooting.shooting, "hold_ms", lambda *_: 150)
         late(opened, monkeypatch, 0.3)
@@ -126,46 +126,46 @@ def test_a_hold_that_ends_while_the_frame_is_awaited_is_told(bench, monkeypatch)
         assert "supply" not in str(error.value)
 
 
-def test_a_reset_in_the_exposure_costs_the_frame(bench):
+def test_the_frame_is_discarded_if_the_board_resets_during_the_exposure(bench):
     with bench.rig() as rig:
         bench.virtual.set_faults(BoardFault(kind="reset", verb="OFF"))
-        with pytest.raises(BoardError, match="LED 6 was wanted"):
+        with pytest.raises(BoardError, match="LED 6 was requested"):
             rig.shoot(6, EXPOSURE_US)
 
 
-def test_another_led_costs_the_frame_and_is_put_out(bench):
+def test_the_frame_is_discarded_if_another_led_was_on(bench):
     with bench.rig() as rig:
         bench.virtual.set_faults(BoardFault(kind="wrong-led", verb="ON", value=8))
         with pytest.raises(BoardError, match=r"LED 6 .* the board did ON LED 8"):
             rig.shoot(6, EXPOSURE_US)
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
 @TRIGGERS
 @pytest.mark.parametrize("fault", ["lost", "late", "unplug"])
-def test_a_failing_camera_leaves_no_light_on(bench, trigger, fault):
-    # The board's first flash is a dark one, to compare the next with.
-    struck = 1 if trigger == "board" else 0
-    rig = bench.rig(trigger=trigger, faults={struck: fault})
+def test_a_failing_camera_leaves_no_led_on(bench, trigger, fault):
+    # The board's first flash is a dark one, with which the next is compared.
+    faulty = 1 if trigger == "board" else 0
+    rig = bench.rig(trigger=trigger, faults={faulty: fault})
     with contextlib.suppress(CameraError), rig:
         with pytest.raises(CameraError) as error:
             rig.shoot(9, EXPOSURE_US)
         assert bench.state.periods()[-1].led == 9
-        assert burning(bench) is None
+        assert led_on(bench) is None
         assert "\n" not in str(error.value)
         if fault != "unplug":
-            assert f"frame {struck}" in str(error.value)
+            assert f"frame {faulty}" in str(error.value)
             if trigger == "board":
                 assert "Line0" in str(error.value)
                 assert "LED 9: check the wire" in str(error.value)
-            # The next frame is the next shot's, not the one that was given up.
+            # The next frame is that of the next shot, not the abandoned one.
             assert led_seen(rig.shoot(10, EXPOSURE_US).frame) == 10
-    assert burning(bench) is None
+    assert led_on(bench) is None
 
 
 @pytest.mark.parametrize("late_us", [2500, 5000, 9000])
-def test_noise_on_the_trigger_line_costs_the_frame(bench, late_us):
-    """A stray pulse makes a frame, and hides the real trigger from the camera that is busy."""
+def test_noise_on_the_trigger_line_discards_the_frame(bench, late_us):
+    """A stray pulse produces a frame, and the busy camera misses the real trigger."""
     with bench.rig(trigger="board") as rig:
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
         bench.virtual.set_faults(BoardFault(kind="double-trigger", value=late_us))
@@ -186,7 +186,7 @@ def frame_at(time_us, frame_id=0):
 @pytest.mark.parametrize(
     ("times_us", "since_us", "said"),
     [
-        pytest.param([0, 50_000], [50_000], "", id="as it ought to be"),
+        pytest.param([0, 50_000], [50_000], "", id="correct"),
         pytest.param([0, 50_250], [50_000], "", id="a slow clock"),
         pytest.param([0, 51_000], [50_000], "50000 us apart", id="exposed later"),
         pytest.param([0, 49_000], [50_000], "something else triggered", id="exposed sooner"),
@@ -199,7 +199,7 @@ def frame_at(time_us, frame_id=0):
             [*(k * 50_250 for k in range(29)), 28 * 50_250 + 49_800],
             [50_000] * 29,
             "something else",
-            id="a rate well known makes it strict",
+            id="strict, because the rate is well known",
         ),
     ],
 )
@@ -213,7 +213,7 @@ def test_flashes_are_compared_on_both_clocks(times_us, since_us, said):
     assert chain.reaches(exposure) == (not said)
 
 
-def test_an_exposure_longer_than_the_watchdogs_patience_is_not_cut(bench):
+def test_an_exposure_longer_than_the_watchdog_time_is_not_cut_off(bench):
     with bench.rig() as rig:
         shot = rig.shoot(0, 1_500_000)
     lit = bench.state.periods()[-1]
@@ -227,36 +227,36 @@ def test_a_board_that_fails_while_a_frame_is_awaited_ends_the_wait(own_bench, an
     fault = BoardFault(kind="reset" if answer == "resets" else "die", verb="STATUS")
     own_bench.virtual.set_faults(fault)
     began = time.monotonic()
-    with pytest.raises(BoardError, match=r"LED 5 was wanted|unplugged"):
+    with pytest.raises(BoardError, match=r"LED 5 was requested|unplugged"):
         rig.shoot(5, EXPOSURE_US)
     assert time.monotonic() - began < 20
     with contextlib.suppress(BoardError):
         rig.close()
 
 
-def test_ctrl_c_in_the_exposure_leaves_no_light_on(bench, monkeypatch):
+def test_ctrl_c_during_the_exposure_leaves_no_led_on(bench, monkeypatch):
     with bench.rig() as rig:
 
         def interrupted(frame_id, timeout_s, waiting):
-            assert burning(bench) == 2
+            assert led_on(bench) == 2
             raise KeyboardInterrupt
 
         monkeypatch.setattr(rig.camera, "fetch", interrupted)
         with pytest.raises(KeyboardInterrupt):
             rig.shoot(2, EXPOSURE_US)
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
 def test_a_frame_of_another_shot_is_refused(bench, monkeypatch):
     with bench.rig() as rig:
         earlier = rig.shoot(1, EXPOSURE_US).frame
         monkeypatch.setattr(rig.camera, "fetch", lambda *_: earlier)
-        with pytest.raises(CameraError, match=r"frame 0 .* LED 2, awaited was frame 1"):
+        with pytest.raises(CameraError, match=r"frame 0 .* LED 2 instead of frame 1"):
             rig.shoot(2, EXPOSURE_US)
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatch):
+def test_a_failing_off_does_not_hide_the_first_error(own_bench, monkeypatch):
     rig = own_bench.rig()
 
     def unplugged_too(frame_id, timeout_s, waiting):
@@ -266,8 +266,8 @@ def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatc
     monkeypatch.setattr(rig.camera, "fetch", unplugged_too)
     with pytest.raises(CameraError, match="the first thing") as error, rig:
         rig.shoot(2, EXPOSURE_US)
-    told = [note.partition(": LED board on ")[0] for note in error.value.__notes__]
-    assert told[:2] == ["LEDs not confirmed off", "on closing"]
+    notes = [note.partition(": LED board on ")[0] for note in error.value.__notes__]
+    assert notes[:2] == ["LEDs not confirmed off", "on closing"]
     assert "unplugged" in error.value.__notes__[0]
 
 
@@ -281,12 +281,12 @@ def test_a_failing_off_does_not_hide_what_went_wrong_first(own_bench, monkeypatc
         pytest.param(0, float("nan"), 0, "range of 10 to", id="exposure not a number"),
         pytest.param(0, EXPOSURE_US, 25, "range of 0 to 24 dB", id="gain"),
         pytest.param(
-            0, 9_500_000, 0, "9000( ms that this LED board gives)?: expose shorter", id="too long"
+            0, 9_500_000, 0, "9000 ms( that this LED board allows)?: expose shorter", id="too long"
         ),
     ],
 )
 @TRIGGERS
-def test_what_cannot_be_shot_is_refused_in_the_dark(
+def test_an_impossible_shot_is_refused_before_an_led_is_on(
     bench, trigger, led, exposure_us, gain_db, said
 ):
     with bench.rig(trigger=trigger, dead_leds=(4,)) as rig:
@@ -298,12 +298,12 @@ def test_what_cannot_be_shot_is_refused_in_the_dark(
         assert "\n" not in str(error.value)
 
 
-def test_a_board_that_starts_anew_when_its_port_opens_has_not_restarted(bench):
-    # As boards of the Arduino kind do: the boot loader hears nothing, then the clock starts at 0.
+def test_a_reset_while_the_port_opens_does_not_count_as_a_restart(bench):
+    # Like boards of the Arduino family: the boot loader ignores commands, then the clock starts.
     bench.virtual.set_faults(BoardFault(kind="boot-loader", verb="ID", value=1500))
     with bench.rig() as rig:
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
-        # From then on it counts.
+        # A later reset counts.
         bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
         time.sleep(0.6)
         with pytest.raises(BoardError, match="restarted"):
@@ -311,7 +311,7 @@ def test_a_board_that_starts_anew_when_its_port_opens_has_not_restarted(bench):
 
 
 def stamped(rig, monkeypatch, stamp_ns):
-    """Let the camera state another time with its frames."""
+    """Replace the timestamps of the camera's frames."""
     fetch = rig.camera.fetch
 
     def fetched(*words, **named):
@@ -321,7 +321,7 @@ def stamped(rig, monkeypatch, stamp_ns):
     monkeypatch.setattr(rig.camera, "fetch", fetched)
 
 
-def test_a_camera_that_states_the_end_of_an_exposure_may_change_it(bench, monkeypatch):
+def test_the_exposure_may_change_if_the_camera_stamps_its_end(bench, monkeypatch):
     with bench.rig(trigger="board") as rig:
         stamped(
             rig, monkeypatch, lambda frame: frame.timestamp_ns + round(frame.exposure_us * 1000)
@@ -331,41 +331,41 @@ def test_a_camera_that_states_the_end_of_an_exposure_may_change_it(bench, monkey
             assert (shot.led, shot.frame.exposure_us) == (led, exposure_us)
 
 
-def test_a_camera_that_tells_no_time_is_told_and_no_wire_blamed(bench, monkeypatch):
+def test_a_camera_without_timestamps_is_reported(bench, monkeypatch):
     with bench.rig(trigger="board") as rig:
         stamped(rig, monkeypatch, lambda _: 0)
         for shots in (
             lambda: rig.shoot(3, EXPOSURE_US),
             lambda: list(rig.sequence([3, 4, 5], EXPOSURE_US)),
         ):
-            with pytest.raises(CameraError, match='tells no time: use trigger = "software"'):
+            with pytest.raises(CameraError, match='reports no time: use trigger = "software"'):
                 shots()
-            assert burning(bench) is None
+            assert led_on(bench) is None
         rig.shoot(3, EXPOSURE_US, trigger="software")
 
 
 def test_opening_with_another_led_count_closes_everything(bench):
     closed = []
-    with pytest.raises(BoardError, match="has 36 LEDs, rig test is said to have 24"):
+    with pytest.raises(BoardError, match="has 36 LEDs, but rig test is configured with 24"):
         bench.rig(leds=24, on_close=lambda: closed.append(True))
     assert closed == [True]
     Board(bench.virtual.port).close()
 
 
-def test_opening_puts_out_a_light_that_an_earlier_program_left(bench):
+def test_opening_turns_off_an_led_that_an_earlier_program_left_on(bench):
     board = Board(bench.virtual.port)
     board.on(3, 5000)
     board.close()
     with bench.rig():
-        assert burning(bench) is None
+        assert led_on(bench) is None
 
 
-def test_closing_turns_off_and_gives_back_once(bench):
+def test_closing_turns_the_led_off_and_closes_everything_once(bench):
     closed = []
     rig = bench.rig(on_close=lambda: closed.append(True))
     rig.board.on(3, 5000)
     rig.close()
-    assert burning(bench) is None
+    assert led_on(bench) is None
     rig.close()
     assert closed == [True]
     Board(bench.virtual.port).close()
@@ -373,7 +373,7 @@ def test_closing_turns_off_and_gives_back_once(bench):
         rig.camera.arm()
 
 
-def test_closing_an_unplugged_rig_closes_the_rest_and_tells(own_bench):
+def test_closing_an_unplugged_rig_closes_the_rest_and_raises(own_bench):
     closed = []
     rig = own_bench.rig(on_close=lambda: closed.append(True))
     own_bench.virtual.unplug()
@@ -382,7 +382,7 @@ def test_closing_an_unplugged_rig_closes_the_rest_and_tells(own_bench):
     assert closed == [True]
 
 
-def test_a_step_of_closing_that_breaks_keeps_none_of_the_others_from_it(bench, monkeypatch):
+def test_a_failing_step_of_closing_does_not_prevent_the_others(bench, monkeypatch):
     def broken(camera):
         raise ArithmeticError("a fault of the driver")
 
@@ -396,7 +396,7 @@ def test_a_step_of_closing_that_breaks_keeps_none_of_the_others_from_it(bench, m
 
 
 @TRIGGERS
-def test_no_frame_under_a_wrong_led_whatever_goes_wrong(bench, trigger):
+def test_random_faults_never_give_a_frame_of_another_led(bench, trigger):
     draw = random.Random(1)
     kinds = ["drop-reply", "corrupt-reply", "delay-reply", "banner", "reset", "goes-dark"]
     kinds += ["wrong-led", "drop-command", "lose-byte-command", "double-command", "double-reply"]
@@ -422,5 +422,5 @@ def test_no_frame_under_a_wrong_led_whatever_goes_wrong(bench, trigger):
                 failed += 1
             else:
                 assert led_seen(frame) == led
-            assert burning(bench) is None
+            assert led_on(bench) is None
     assert 5 <= failed <= 25

@@ -1,4 +1,4 @@
-"""Programs that are told to end, whatever they are stuck in, put out their lights first."""
+"""Programs that receive a signal to end turn their LEDs off first, even if they are stuck."""
 
 import signal
 import subprocess
@@ -11,7 +11,7 @@ import pytest
 from rig import Board
 from rig._shooting.dark import watch
 
-# Opens rigs on the ports given, with a camera that never delivers, and says when the light burns.
+# Opens rigs on these ports, with a camera that never delivers, and reports when the LED is on.
 HOST = """
 import os, signal, sys, threading, time
 import numpy as np
@@ -24,7 +24,7 @@ class Stuck:
     def trigger(self): return 0
     def expect(self): return 0
     def fetch(self, frame_id, timeout_s, waiting=None):
-        print("burning", flush=True)
+        print("lit", flush=True)
         while True:
             time.sleep(0.05)
             waiting()
@@ -52,7 +52,7 @@ ports = sys.argv[1:]
 SHOOT = "with opened(ports[0]) as rig: rig.shoot(5, 1000.0)"
 ON = "rigs = [opened(port) for port in ports]\nfor rig in rigs: rig.board.on(5, 50_000)\n"
 LOOK_ALIVE = """
-print("burning", flush=True)
+print("lit", flush=True)
 while True:
     time.sleep(0.05)
     for rig in rigs: rig.board.ping()
@@ -63,7 +63,7 @@ def start(body, *benches):
     program = HOST.replace("{body}", body)
     command = [sys.executable, "-c", program, *(bench.virtual.port for bench in benches)]
     host = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert host.stdout.readline() == "burning\n", host.stderr.read()
+    assert host.stdout.readline() == "lit\n", host.stderr.read()
     return host
 
 
@@ -78,7 +78,7 @@ def end(host):
 
 
 def went_dark(bench):
-    """Whether the light goes out before its hold, and not by the board's watchdog."""
+    """Return whether the LED turns off within 10 s, which is before the end of its hold."""
     ends = time.monotonic() + 10
     while bench.state.led(time.monotonic_ns()) is not None:
         if time.monotonic() > ends:
@@ -110,7 +110,7 @@ def trips(bench):
         ),
     ],
 )
-def test_a_signal_puts_the_light_out_and_ends_the_program_as_ever(own_bench, body, number, code):
+def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(own_bench, body, number, code):
     host = start(body, own_bench)
     assert own_bench.state.led(time.monotonic_ns()) == 5
     host.send_signal(number)
@@ -122,13 +122,13 @@ def test_a_signal_puts_the_light_out_and_ends_the_program_as_ever(own_bench, bod
     assert trips(own_bench) == 0
 
 
-def test_a_stuck_writer_keeps_the_program_but_not_the_light(own_bench):
+def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(own_bench):
     host = start("stuck_writer()\n" + SHOOT, own_bench)
     try:
         host.send_signal(signal.SIGTERM)
         assert went_dark(own_bench)
         time.sleep(0.3)
-        # Python waits for the writer, which is why nothing here may wait for Python.
+        # Python waits for the writer thread, so turning the LED off must not depend on that.
         assert host.poll() is None
     finally:
         host.kill()
@@ -138,7 +138,7 @@ def test_a_stuck_writer_keeps_the_program_but_not_the_light(own_bench):
     assert trips(own_bench) == 0
 
 
-def test_an_ignored_signal_stays_ignored(own_bench):
+def test_an_ignored_signal_remains_ignored(own_bench):
     host = start("signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + SHOOT, own_bench)
     host.send_signal(signal.SIGHUP)
     time.sleep(0.3)
@@ -148,7 +148,7 @@ def test_an_ignored_signal_stays_ignored(own_bench):
     assert went_dark(own_bench)
 
 
-def test_all_rigs_of_a_program_go_dark(bench, own_bench):
+def test_the_leds_of_all_rigs_of_a_program_turn_off(bench, own_bench):
     host = start(ON + LOOK_ALIVE, bench, own_bench)
     host.send_signal(signal.SIGTERM)
     assert end(host)[0] == 143
@@ -156,8 +156,8 @@ def test_all_rigs_of_a_program_go_dark(bench, own_bench):
     assert went_dark(own_bench)
 
 
-def test_a_program_that_forgets_to_close_ends_dark(own_bench):
-    host = start(ON + "print('burning', flush=True)", own_bench)
+def test_a_program_that_does_not_close_turns_the_led_off(own_bench):
+    host = start(ON + "print('lit', flush=True)", own_bench)
     assert end(host)[0] == 0
     assert went_dark(own_bench)
     assert trips(own_bench) == 0
@@ -172,7 +172,7 @@ def handlers():
         signal.signal(number, handler)
 
 
-def test_handlers_are_put_back_with_the_last_watch(handlers):
+def test_handlers_are_restored_with_the_last_watch(handlers):
     before = handlers()
     first, second = watch(lambda: None), watch(lambda: None)
     assert handlers()[1] is not before[1]
@@ -183,7 +183,7 @@ def test_handlers_are_put_back_with_the_last_watch(handlers):
     assert handlers() == before
 
 
-def test_a_handler_that_came_later_stays(handlers):
+def test_a_handler_that_was_installed_later_is_kept(handlers):
     def other(number, frame):
         raise AssertionError
 
@@ -193,7 +193,7 @@ def test_a_handler_that_came_later_stays(handlers):
     assert handlers()[1] is other
 
 
-def test_ctrl_c_is_a_keyboard_interrupt_and_puts_out_first(handlers):
+def test_ctrl_c_turns_the_led_off_and_raises_keyboard_interrupt(handlers):
     put_out = []
     signal.signal(signal.SIGINT, signal.default_int_handler)
     release = watch(lambda: put_out.append(True))

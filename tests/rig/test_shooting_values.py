@@ -1,4 +1,4 @@
-"""What proves a frame: clocks, reports and signs of life, on a clock that a test turns."""
+"""The proof of a frame: clocks, reports and signs of life, with a simulated clock."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INFO = CameraInfo("m", "e", "cam", 1, 1, "Mono8", 8, None, 1.0, 1e7)
 
 
 class Clock:
-    """A monotonic clock that goes on only while something sleeps."""
+    """A monotonic clock that advances only during sleep."""
 
     def __init__(self) -> None:
         self.now_s = 100.0
@@ -53,22 +53,22 @@ def frame(time_us: float, frame_id: int = 0) -> CameraFrame:
     return CameraFrame(pixels, frame_id, round((time_us + 1e6) * 1000), 1.0, 0.0, None)
 
 
-def test_signs_of_life_are_given_five_times_a_second(clock: Clock) -> None:
-    given: list[float] = []
-    sign = SignOfLife(lambda: given.append(clock.now_s))
+def test_signs_of_life_are_sent_five_times_a_second(clock: Clock) -> None:
+    sent_s: list[float] = []
+    sign = SignOfLife(lambda: sent_s.append(clock.now_s))
     sign.sleep_until(101.01)
     assert clock.now_s == pytest.approx(101.01)
     assert max(clock.slept) <= 0.05
-    np.testing.assert_allclose(np.diff([100.0, *given]), 0.2, atol=0.051)
-    assert len(given) in (4, 5)
-    # Nothing is due, and nothing is waited for, in the past.
-    given.clear()
+    np.testing.assert_allclose(np.diff([100.0, *sent_s]), 0.2, atol=0.051)
+    assert len(sent_s) in (4, 5)
+    # Until a time in the past, nothing is due and there is no wait.
+    sent_s.clear()
     slept = len(clock.slept)
-    SignOfLife(lambda: given.append(clock.now_s)).sleep_until(50.0)
-    assert (given, len(clock.slept)) == ([], slept)
+    SignOfLife(lambda: sent_s.append(clock.now_s)).sleep_until(50.0)
+    assert (sent_s, len(clock.slept)) == ([], slept)
 
 
-def test_a_sign_that_the_board_does_not_answer_ends_the_wait(clock: Clock) -> None:
+def test_an_unanswered_sign_of_life_ends_the_wait(clock: Clock) -> None:
     def unplugged() -> None:
         raise BoardError("unplugged")
 
@@ -81,15 +81,13 @@ def test_a_sign_that_the_board_does_not_answer_ends_the_wait(clock: Clock) -> No
 @pytest.mark.parametrize(
     ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
-def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
-    off_us: float, proven: bool
-) -> None:
+def test_the_tolerance_of_a_frame_of_a_run(off_us: float, proven: bool) -> None:
     spacing = Spacing("cam")
     spacing.check(frame(0), 0, 7000)
     if proven:
         spacing.check(frame(50_000 + off_us), 1, 57_000)
         return
-    with pytest.raises(CameraError, match=r"frame 0, the turn of LED 1,.* 50000 us apart"):
+    with pytest.raises(CameraError, match=r"frame 0, the step of LED 1,.* 50000 us apart"):
         spacing.check(frame(50_000 + off_us), 1, 57_000)
 
 
@@ -98,13 +96,13 @@ def test_a_frame_of_a_run_may_be_off_by_what_the_clocks_leave_open(
     [
         pytest.param(50_000, 100_000, None, id="as the board"),
         pytest.param(50_000, 100_700, None, id="off by less than one step allows"),
-        # From the first frame 200 us, from the one before 900 us.
-        pytest.param(49_300, 100_200, r"50900 us after frame 1", id="off from the one before"),
-        # Two steps of 0.79 ms stay within what one step allows, and not within that of both.
+        # Off by 200 us from the first frame and by 900 us from the previous one.
+        pytest.param(49_300, 100_200, r"50900 us after frame 1", id="off from the previous"),
+        # Each of two steps of 0.79 ms is within its tolerance, but not both together.
         pytest.param(50_790, 101_580, r"101580 us after frame 0", id="off from the first"),
     ],
 )
-def test_a_frame_is_compared_with_the_one_before_and_with_the_first(
+def test_a_frame_is_compared_with_the_previous_and_the_first_one(
     second_us: float, third_us: float, said: str | None
 ) -> None:
     spacing = Spacing("cam")
@@ -117,8 +115,8 @@ def test_a_frame_is_compared_with_the_one_before_and_with_the_first(
         spacing.check(frame(third_us, 2), 2, 100_000)
 
 
-def test_the_frame_before_the_one_before_does_not_count() -> None:
-    """It lies 1350 us off, of 1300 us that two steps allow; the first and the last are near."""
+def test_other_earlier_frames_do_not_count() -> None:
+    """It is off by 1350 us, more than the 1300 us of two steps; the first and last are close."""
     spacing = Spacing("cam")
     for number, off_us in enumerate((0, -700, 0, 650)):
         spacing.check(frame(50_000 * number + off_us, number), number, 50_000 * number)
@@ -130,9 +128,7 @@ EXPOSURE = Exposure(2000, 5000.0, 45_000.0, 50_000.0)  # a margin of 1400 us
 @pytest.mark.parametrize(
     ("off_us", "proven"), [(0, True), (800, True), (801, False), (-800, True), (-801, False)]
 )
-def test_the_second_flash_may_be_off_by_what_the_clocks_leave_open(
-    off_us: float, proven: bool
-) -> None:
+def test_the_tolerance_of_the_second_flash(off_us: float, proven: bool) -> None:
     chain = FlashChain("cam")
     chain.begin(frame(0))
     if proven:
@@ -143,10 +139,8 @@ def test_the_second_flash_may_be_off_by_what_the_clocks_leave_open(
 
 
 @pytest.mark.parametrize(("off_us", "proven"), [(1399, True), (1401, False)])
-def test_a_flash_may_never_be_off_by_more_than_its_light_covers(
-    off_us: float, proven: bool
-) -> None:
-    """After 200 ms the clocks leave 2300 us open, and the light lasts for 1400 us more."""
+def test_the_tolerance_of_a_flash_is_limited_by_its_margin(off_us: float, proven: bool) -> None:
+    """After 200 ms the clocks are uncertain by 2300 us, but the margin of the light is 1400 us."""
     chain = FlashChain("cam")
     chain.begin(frame(0))
     if proven:
@@ -156,7 +150,7 @@ def test_a_flash_may_never_be_off_by_more_than_its_light_covers(
         chain.check(frame(200_000 + off_us), 7, 200_000, EXPOSURE)
 
 
-def test_a_rate_that_is_known_narrows_what_is_open() -> None:
+def test_a_known_rate_narrows_the_tolerance() -> None:
     """After a minute of a clock 0.4 % fast the rate is known to 600 us in a minute, and 0.01 %."""
     chain, rate = FlashChain("cam"), 1.004
     chain.begin(frame(0))
@@ -170,8 +164,8 @@ def test_a_rate_that_is_known_narrows_what_is_open() -> None:
     chain.check(frame(50_000 + open_us + 2), 7, 50_000, EXPOSURE)
 
 
-def test_a_chain_reaches_as_far_as_the_light_covers(clock: Clock) -> None:
-    """The margin of 1400 us is open after 110 ms, of which one period is still to come."""
+def test_a_chain_reaches_as_far_as_the_margin(clock: Clock) -> None:
+    """The uncertainty reaches the margin of 1400 us after 110 ms, including one future period."""
     chain = FlashChain("cam")
     assert not chain.reaches(EXPOSURE)
     chain.begin(frame(0))
@@ -189,24 +183,24 @@ def test_a_chain_reaches_as_far_as_the_light_covers(clock: Clock) -> None:
 @pytest.mark.parametrize(
     ("count", "most", "lengths"),
     [
-        pytest.param(0, 48, [], id="none"),
+        pytest.param(0, 48, [], id="no LED"),
         pytest.param(1, 48, [1], id="one"),
-        pytest.param(48, 100, [48], id="as many as stay in step"),
+        pytest.param(48, 100, [48], id="the longest run"),
         pytest.param(49, 100, [24, 25], id="one more"),
         pytest.param(49, 48, [24, 25], id="one more than the board holds"),
         pytest.param(36, 10, [9, 9, 9, 9], id="a small board"),
         pytest.param(5, 2, [1, 2, 2], id="two at a time"),
-        pytest.param(3, 0, [1, 1, 1], id="a board that tells none"),
+        pytest.param(3, 0, [1, 1, 1], id="a board that reports 0 steps"),
     ],
 )
-def test_runs_are_as_few_and_as_even_as_can_be(count: int, most: int, lengths: list[int]) -> None:
+def test_runs_are_few_and_even(count: int, most: int, lengths: list[int]) -> None:
     parts = list(runs(tuple(range(count)), most))
     assert [led for part in parts for led in part] == list(range(count))
     assert sorted(map(len, parts)) == sorted(lengths)
 
 
 def test_the_first_gap_of_a_run_is_longer() -> None:
-    """By 5 %, and 5 ms or more: steps of 60 ms, and of 400 ms."""
+    """It is longer by 5 % and at least 5 ms: steps of 60 ms and of 400 ms."""
     for run_us, longer_us in ((60_000.0, 5000), (400_000.0, 20_000)):
         exposure = Exposure(2000, 5000.0, 45_000.0, run_us)
         steps = list(exposure.steps((3, None, 5, 0)))
@@ -223,13 +217,13 @@ def test_the_first_gap_of_a_run_is_longer() -> None:
 
 
 @pytest.mark.parametrize(("run_us", "slow"), [(950_000.0, False), (970_000.0, True)])
-def test_a_camera_too_slow_for_a_sequence_is_told(run_us: float, slow: bool) -> None:
+def test_a_camera_too_slow_for_a_sequence_is_refused(run_us: float, slow: bool) -> None:
     """A gap is at most a second, the first one 5 % longer than the others."""
     exposure = Exposure(0, 10.0, 20.0, run_us)
     if not slow:
         assert len(list(exposure.steps((0, 1)))) == 2
         return
-    with pytest.raises(RigError, match=r"every 0.97 s only, which is too slow"):
+    with pytest.raises(RigError, match=r"only one frame every 0.97 s, which is too slow"):
         list(exposure.steps((0, 1)))
 
 
@@ -265,7 +259,7 @@ def test_the_times_of_an_exposure(
     assert Exposure(0, 1.0, 45_033.3, 1.0).ahead_us == 1401
 
 
-def test_a_flash_that_the_board_cannot_give_is_refused() -> None:
+def test_a_flash_that_is_too_long_for_the_board_is_refused() -> None:
     exposure = Exposure(0, 9_000_000.0, 45_000.0, 50_000.0)
     most_ms = math.ceil((exposure.ahead_us + exposure.hold_us) / 1000)
     exposure.check(BoardIdentity("fake", 2, "1", 6, most_ms, 1000, 48))
@@ -295,20 +289,20 @@ ROLLING = {"exposure_active": True, "shutter": "rolling"}
         pytest.param(3, (3, LIT, None, False), {}, None, id="lit to the end"),
         pytest.param(3, (3, LIT - 1, None, False), {}, "for 4999 us of the 5000", id="too short"),
         pytest.param(3, (3, 100, None, False), {}, "for 0 us of the 5000 us", id="much too short"),
-        pytest.param(3, (4, LIT, None, False), {}, "the board lit LED 4", id="another LED"),
-        pytest.param(3, (None, LIT, None, False), {}, "the board lit no LED", id="no LED"),
-        pytest.param(None, (3, LIT, None, False), {}, "the board lit LED 3", id="not dark"),
+        pytest.param(3, (4, LIT, None, False), {}, "the board turned on LED 4", id="another LED"),
+        pytest.param(3, (None, LIT, None, False), {}, "the board turned on no LED", id="no LED"),
+        pytest.param(None, (3, LIT, None, False), {}, "the board turned on LED 3", id="not dark"),
         pytest.param(None, (None, 0, None, False), {}, None, id="dark"),
         pytest.param(3, (3, LIT, None, False), GLOBAL, "was not seen", id="a wire is off"),
         pytest.param(None, (None, 0, None, False), GLOBAL, "was not seen", id="in the dark too"),
         pytest.param(3, (3, LIT - 1, 4990, False), GLOBAL, None, id="seen to end in time"),
-        pytest.param(3, (3, LIT, 4990, True), GLOBAL, "the light burned", id="cut off"),
+        pytest.param(3, (3, LIT, 4990, True), GLOBAL, "the LED was on", id="cut off"),
         pytest.param(3, (3, LIT - 1, 4990, False), ROLLING, "for 4999 us", id="a rolling shutter"),
         pytest.param(3, (3, LIT, 4990, False), ROLLING, None, id="rolling, long enough"),
-        pytest.param(3, (3, LIT, None, True), {}, "the light burned", id="cut off, not wired"),
+        pytest.param(3, (3, LIT, None, True), {}, "the LED was on", id="cut off, not wired"),
     ],
 )
-def test_the_boards_report_decides_about_the_light(
+def test_the_light_is_checked_by_the_boards_report(
     led: int | None,
     report: tuple[int | None, int, int | None, bool],
     wired: dict[str, object],
@@ -324,11 +318,11 @@ def test_the_boards_report_decides_about_the_light(
     assert "flash of the light" in str(caught.value)
 
 
-def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
+def test_a_hold_that_is_too_long_for_the_board_is_refused() -> None:
     """Settling, 101 % of the exposure, 300 us for the clocks, and 4000 ms for repetitions."""
     longest_us = (10_000 - 4000 - 0.3 - 2) * 1000 / 1.01
     assert hold_ms(bench(), Exposure(2000, longest_us - 1, 1.0, 1.0)) == 10_000
-    with pytest.raises(RigError, match=r"10000 ms, the LED board on fake gives 10000"):
+    with pytest.raises(RigError, match=r"10000 ms, but the LED board on fake allows 10000"):
         hold_ms(bench(), Exposure(2000, longest_us + 1, 1.0, 1.0))
     assert hold_ms(bench(), Exposure(2000, 1000.0, 1.0, 1.0)) == math.ceil(
         2 + 1.01 + 0.3 + 4000 + 2000
@@ -337,7 +331,7 @@ def test_a_hold_that_the_board_cannot_give_is_refused_at_its_limit() -> None:
 
 @pytest.mark.parametrize("comes", [True, False])
 @pytest.mark.parametrize("active_us", [None, 4990])
-def test_wires_are_tried_with_one_flash(clock: Clock, comes: bool, active_us: int | None) -> None:
+def test_wires_are_tested_with_one_flash(clock: Clock, comes: bool, active_us: int | None) -> None:
     done: list[object] = []
 
     class Camera:
@@ -372,5 +366,5 @@ def test_wires_are_tried_with_one_flash(clock: Clock, comes: bool, active_us: in
         try_wires(tried, 3, EXPOSURE)
 
 
-def test_leds_have_names() -> None:
+def test_names_of_leds() -> None:
     assert (led_name(0), led_name(35), led_name(None)) == ("LED 0", "LED 35", "no LED")

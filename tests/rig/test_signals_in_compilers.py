@@ -1,4 +1,4 @@
-"""Signals that strike where an exception would do damage: the program ends later, and cleanly."""
+"""Signals that arrive when an exception would do damage: the program ends later and cleanly."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from rig import _ending as ending
 from rig import end_later, end_program
 
-# Interrupted right after LLVM has linked modules: what was linked is then owned twice.
+# Interrupted right after LLVM has linked modules, when the linked module has two owners.
 LINKED = """
 import faulthandler, gc, os, signal, sys, time
 faulthandler.enable()
@@ -64,10 +64,10 @@ def test_a_signal_while_llvm_links_does_not_crash(name, tmp_path, monkeypatch):
 
 @pytest.fixture
 def taken():
-    """SIGINT and SIGTERM handled as by a program of ours."""
+    """Handle SIGINT and SIGTERM with `end_program`."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, end_program) for number in numbers]
-    # hypothesis has one, in which an exception would be lost.
+    # hypothesis installs a callback in which an exception would be lost.
     callbacks, gc.callbacks[:] = gc.callbacks[:], []
     yield
     gc.callbacks[:] = callbacks
@@ -86,7 +86,7 @@ def as_module(name: str, body: str) -> dict[str, object]:
 STRIKES = """
 def strikes(number):
     signal.raise_signal(number)
-    after.append("went on")
+    after.append("continued")
 """
 
 
@@ -94,19 +94,19 @@ def strikes(number):
 @pytest.mark.parametrize(
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
-def test_the_exception_comes_when_the_code_has_been_left(taken, module, number, error):
+def test_the_exception_is_raised_after_the_module_was_left(taken, module, number, error):
     space = as_module(module, STRIKES)
 
     def struck() -> None:
         space["strikes"](number)
-        assert space["after"] == ["went on"]
+        assert space["after"] == ["continued"]
         time.sleep(5)
 
     with pytest.raises(error):
         struck()
 
 
-def test_elsewhere_it_comes_at_once(taken):
+def test_in_other_modules_the_exception_is_raised_at_once(taken):
     space = as_module("somewhere", STRIKES)
     with pytest.raises(KeyboardInterrupt):
         space["strikes"](signal.SIGINT)
@@ -117,7 +117,7 @@ def test_a_finalizer_is_not_interrupted(taken):
     class Held:
         def __del__(self) -> None:
             signal.raise_signal(signal.SIGINT)
-            seen.append("went on")
+            seen.append("continued")
 
     def dropped() -> None:
         held = Held()
@@ -128,16 +128,16 @@ def test_a_finalizer_is_not_interrupted(taken):
     seen: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         dropped()
-    assert seen == ["went on"]
+    assert seen == ["continued"]
 
 
-def test_nor_is_a_callback_of_the_garbage_collector(taken):
+def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
     class Held:
         pass
 
     def strike() -> None:
         signal.raise_signal(signal.SIGINT)
-        seen.append("went on")
+        seen.append("continued")
 
     def dropped() -> None:
         held = Held()
@@ -149,10 +149,10 @@ def test_nor_is_a_callback_of_the_garbage_collector(taken):
     seen: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         dropped()
-    assert seen == ["went on"]
+    assert seen == ["continued"]
 
 
-def test_an_exception_that_was_lost_comes_again(taken):
+def test_a_lost_exception_is_raised_again(taken):
     def lost() -> None:
         end_later(signal.SIGTERM)
         time.sleep(5)
@@ -162,7 +162,7 @@ def test_an_exception_that_was_lost_comes_again(taken):
     assert ended.value.code == 143
 
 
-def test_a_program_inside_an_import_ends_all_the_same(taken, monkeypatch):
+def test_a_program_inside_an_import_ends_in_any_case(taken, monkeypatch):
     monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.3)
     body = "def imports(number):\n    signal.raise_signal(number)\n    time.sleep(20)\n"
     with pytest.raises(KeyboardInterrupt):
@@ -185,7 +185,7 @@ def test_a_second_signal_ends_the_process_now():
     )
     try:
         process.stdout.readline()
-        # The first one waits; one that comes as the wait is renewed passes for that.
+        # The first signal waits; a signal during the renewal of the wait counts as the renewal.
         for _ in range(20):
             process.send_signal(signal.SIGTERM)
             time.sleep(0.07)

@@ -256,7 +256,7 @@ def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
     try:
         bench.options["cti"] = "/nowhere/maker.cti"
         line = sgp("rig", "light", 5, "--rig", bench.rig).error_line(3)
-        assert "has 24 LEDs, rig bench 1 is said to have 36" in line
+        assert "has 24 LEDs, but rig bench 1 is configured with 36" in line
         Board(bench.board.port).close()
     finally:
         bench.close()
@@ -381,8 +381,8 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
         pytest.param(busy, SNAP, "cannot be opened .* no other program uses it", id="port busy"),
         pytest.param(echo, SNAP, "no answer within .* is the LED board", id="not our device"),
         pytest.param(silent, SNAP, "no answer within", id="silent device"),
-        pytest.param(protocol_1, SNAP, "protocol 1, this software speaks 2", id="protocol"),
-        pytest.param(other_board, SNAP, "is sgp-virtual-board, .* wants led-dome-3", id="board"),
+        pytest.param(protocol_1, SNAP, "protocol 1, but this software speaks 2", id="protocol"),
+        pytest.param(other_board, SNAP, "is sgp-virtual-board, .* requires led-dome-3", id="board"),
         pytest.param(missing_cti, SNAP, r"maker\.cti", id="missing cti"),
         pytest.param(corrupt_cti, SNAP, r"maker\.cti", id="corrupt cti"),
         pytest.param(cut_cti, SNAP, r"maker\.cti", id="cti cut off"),
@@ -424,7 +424,7 @@ def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
     bench = Bench(tmp_path, leds=24)
     try:
         line = sgp("rig", "check", "--rig", bench.rig).error_line(3)
-        assert "has 24 LEDs, rig bench 1 is said to have 36" in line
+        assert "has 24 LEDs, but rig bench 1 is configured with 36" in line
     finally:
         bench.close()
 
@@ -481,7 +481,10 @@ scene = "plane"
     [
         pytest.param("", 0, "nothing is wrong", id="in order"),
         pytest.param(
-            "wiring = {swapped = [[3, 7]]}", 3, "LED 3 shines from where LED 7", id="swapped"
+            "wiring = {swapped = [[3, 7]]}",
+            3,
+            "the light of LED 3 is from the place of LED 7",
+            id="swapped",
         ),
         pytest.param("lamps = {dead = [5]}", 3, "one thing is wrong", id="dead"),
     ],

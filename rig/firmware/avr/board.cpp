@@ -1,4 +1,4 @@
-// The board on a bare atmega328p or atmega2560 at 16 MHz: serial line, clock, pins, two daisy-chained TLC5947.
+// The board on a bare atmega328p or atmega2560 at 16 MHz: serial line, clock, pins, and two daisy-chained TLC5947.
 
 #include "board.h"
 
@@ -11,7 +11,7 @@
 #include "pins.h"
 
 #if F_CPU != 16000000
-#error "the clock and the serial line are reckoned for 16 MHz"
+#error "the clock and the serial line require 16 MHz"
 #endif
 
 #if defined(__AVR_ATmega2560__)
@@ -35,7 +35,7 @@ static volatile uint32_t overflow_us;
 ISR(RECEIVED_vect) {
     const uint8_t byte = UDR0;
     const uint8_t next = (ring_in + 1) % RING;
-    // A full ring loses the byte; the line's checksum tells.
+    // If the ring is full, the byte is lost; the line's checksum is then wrong.
     if (next != ring_out) {
         ring[ring_in] = byte;
         ring_in = next;
@@ -50,7 +50,7 @@ uint32_t board_now_us() {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
         base = overflow_us;
         half = TCNT1;
-        // Overflowed just now, its interrupt still waits.
+        // The timer has just overflowed, and its interrupt is still pending.
         if ((TIFR1 & _BV(TOV1)) && half < 0x8000)
             base += 0x8000;
     }
@@ -73,7 +73,7 @@ bool board_put(uint8_t byte) {
 }
 
 void board_shift(uint16_t level) {
-    // By hand: the hardware's 8-bit frames do not fit 12-bit channels one at a time. Highest bit first.
+    // In software, because the 8-bit frames of the hardware do not fit a single 12-bit channel. Highest bit first.
     for (uint16_t bit = 0x800; bit != 0; bit >>= 1) {
         if (level & bit)
             UP(SIN);
@@ -90,7 +90,7 @@ static void latch() {
 }
 
 void board_light() {
-    // Dark while the latch changes: the release of BLANK starts the drivers' brightness period anew.
+    // Dark while the latch changes: the release of BLANK restarts the drivers' brightness period.
     UP(BLANK);
     latch();
     DOWN(BLANK);
@@ -109,7 +109,7 @@ bool board_active() { return ACTIVE_PIN & _BV(ACTIVE_BIT); }
 
 uint16_t board_temperature_dk() {
 #if defined(__AVR_ATmega328P__)
-    // The sensor in the processor gives 314 mV at 25 C and about 1 mV per kelvin, to 10 K; full scale is 1.1 V.
+    // The sensor in the processor gives 314 mV at 25 C and about 1 mV per kelvin, within 10 K; full scale is 1.1 V.
     // Before the first conversion the reading is 0.
     const uint16_t reading = ADC;
     if (reading == 0)
@@ -124,7 +124,7 @@ uint16_t board_temperature_dk() {
 
 void board_alive() { wdt_reset(); }
 
-// A watchdog reset leaves the watchdog running at its shortest time: stop it before anything slow happens.
+// After a watchdog reset the watchdog runs with its shortest time: stop it before anything slow.
 extern "C" void stop_watchdog() __attribute__((naked, used, section(".init3")));
 extern "C" void stop_watchdog() {
     MCUSR = 0;
@@ -132,14 +132,14 @@ extern "C" void stop_watchdog() {
 }
 
 static void start_pins() {
-    // High before it is an output, so that the pull-up's darkness has no gap.
+    // High before it is an output, so that the LEDs stay off without a gap.
     UP(BLANK);
     OUTPUT(BLANK);
     OUTPUT(TRIGGER);
     OUTPUT(SIN);
     OUTPUT(SCLK);
     OUTPUT(XLAT);
-    // The drivers' latches hold anything after power-on.
+    // After power-on the drivers' latches hold arbitrary values.
     for (uint8_t channel = 0; channel < BOARD_CHANNELS; channel++)
         board_shift(0);
     latch();
@@ -160,7 +160,7 @@ static void start_clock() {
 static void start_thermometer() {
 #if defined(__AVR_ATmega328P__)
     ADMUX = _BV(REFS1) | _BV(REFS0) | _BV(MUX3);
-    // Converts by itself, for ever, at 125 kHz.
+    // Free-running conversion at 125 kHz.
     ADCSRA = _BV(ADEN) | _BV(ADSC) | _BV(ADATE) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 #endif
 }

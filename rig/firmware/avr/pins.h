@@ -1,10 +1,10 @@
-// Which pin does what. docs/build-the-rig.md has the wiring.
+// Pin assignment. docs/build-the-rig.md has the wiring.
 #ifndef SGP_PINS_H
 #define SGP_PINS_H
 
 #include <avr/io.h>
 
-// All but ACTIVE are outputs. Ports A to G only: one instruction sets a bit there.
+// All but ACTIVE are outputs. Use only ports A to G, where one instruction sets a bit.
 #if defined(__AVR_ATmega328P__)  // Uno: D4 to D9
 #define SIN_PORT PORTD
 #define SIN_DDR DDRD
@@ -42,7 +42,7 @@
 #define ACTIVE_PIN PINA
 #define ACTIVE_BIT 5
 #else
-#error "no pins are known for this processor"
+#error "no pins are defined for this processor"
 #endif
 
 #endif

@@ -109,7 +109,7 @@ void handle() {
     else if (verb->refused && busy())
         error = verbs::BUSY;
     else {
-        // What a flash did stands where the next light writes: one that ended in mid-line is told before.
+        // The next light overwrites the record of the flash: report a flash that ended during the line first.
         if (!asks && light::flash_ended())
             report_flash();
         error = verb->act(args);

@@ -1,4 +1,4 @@
-// Commands from the host: read, remembered, and replied to. What each verb does is in verbs.h.
+// Handling of commands from the host: parsing, memory of the last command, and reply. verbs.h defines the verbs.
 #ifndef SGP_COMMANDS_H
 #define SGP_COMMANDS_H
 
@@ -6,7 +6,7 @@ namespace commands {
 
 void start();
 
-// Act on the command that line::take reported, and reply.
+// Act on the command that line::take returned, and reply.
 void handle();
 
 // Send the reply of a flash that has ended.

@@ -5,7 +5,7 @@
 #include "light.h"
 #include "line.h"
 
-static_assert(BOARD_STEPS > 0 && BOARD_STEPS <= 64, "64 steps of 61 s are as long as the clock of 32 bits lasts");
+static_assert(BOARD_STEPS > 0 && BOARD_STEPS <= 64, "the 32-bit clock covers at most 64 steps of 61 s");
 static_assert(BOARD_LEDS <= BOARD_CHANNELS, "every LED needs a channel");
 
 void firmware_start() {

@@ -7,7 +7,7 @@ namespace {
 
 const uint32_t PULSE_US = 200;
 
-// Where the light now burning, or to come, stands. STILL: nothing is due by the clock.
+// Phase of the current or next light. STILL: nothing is due by the clock.
 enum Phase : uint8_t { STILL, DARK, SETTLING, PULSING, HOLDING };
 
 State now_in;
@@ -28,21 +28,21 @@ bool flash_over;
 uint32_t run_at, lit_at, pulse_at;
 Burn burn;
 
-bool up;          // exposure-active, as last seen
-bool rose, fell;  // since the trigger
+bool up;          // exposure-active input, as last read
+bool rose, fell;  // whether it rose and fell since the trigger
 uint32_t up_at;
 
 uint32_t heard_at;
 uint32_t trip_count;
 uint32_t clock_at, clock_ms;
-uint32_t pulse_ms, since_us;  // when the last pulse was, and how long after the one before it
+uint32_t pulse_ms, since_us;  // when the last pulse was, and its time since the previous one
 bool pulsed;
 
 bool lit() { return phase >= SETTLING; }
 
 bool before(uint32_t now, uint32_t then) { return static_cast<int32_t>(then - now) > 0; }
 
-// Shift the pattern of one LED, or of none, into the drivers. Edges go on meanwhile.
+// Shift the pattern of one LED, or of none, into the drivers. Edges are still served meanwhile.
 void shift_in(uint8_t led) {
     shifting = true;
     for (uint8_t channel = BOARD_CHANNELS; channel-- > 0;) {
@@ -100,7 +100,7 @@ void pulse() {
     due = pulse_at + (hold_us > PULSE_US ? PULSE_US : hold_us);
 }
 
-// Dark, the trigger low, nothing due.
+// Turn the LED off, set the trigger low, and clear the due time.
 void put_out() {
     board_dark();
     board_trigger(false);
@@ -160,7 +160,7 @@ void edges(uint32_t now) {
     while (phase != STILL && !(phase == DARK && !shifted)) {
         if (before(now, due - BOARD_SPIN_US))
             return;
-        // Half of the clock's bits are quicker, and do: by them nothing overdue looks more than this much ahead.
+        // Half of the clock's bits are faster and sufficient: an overdue edge never looks further ahead than this.
         while (static_cast<uint16_t>(due - now - 1) < BOARD_SPIN_US) {
             if (lit())
                 watch_exposure(now);

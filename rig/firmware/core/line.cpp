@@ -6,10 +6,10 @@ namespace {
 const uint8_t MARK_AND_SEQ = 5;
 const uint8_t STAR_AND_CRC = 5;
 
-char text[LONGEST + 1];  // one more: the CR before the line end is not counted
+char text[LONGEST + 1];  // one more, because the CR before the line end is not counted
 uint8_t length;
 uint16_t sum;
-uint8_t star;  // where the first '*' stands, 0: not seen
+uint8_t star;  // index of the first '*', 0 if not seen
 uint32_t damaged;
 Word body;
 uint8_t word_count;
@@ -21,7 +21,7 @@ void clear() {
     star = 0;
 }
 
-// Four hexadecimal digits in capitals; false where they are not.
+// Parse four upper-case hexadecimal digits; false if they are invalid.
 bool hex(const char *at, uint16_t *value) {
     *value = 0;
     for (uint8_t i = 0; i < 4; i++) {
@@ -38,7 +38,7 @@ bool hex(const char *at, uint16_t *value) {
     return true;
 }
 
-// Words of characters from '!' to '~', exactly one space before each.
+// Split into words of characters from '!' to '~', with exactly one space before each.
 bool split() {
     word_count = 0;
     uint8_t i = MARK_AND_SEQ;
@@ -62,9 +62,9 @@ bool split() {
 }
 
 bool whole() {
-    uint16_t ignored, told;
+    uint16_t ignored, stated;
     return star >= MARK_AND_SEQ && length == star + STAR_AND_CRC && text[0] == '>' && hex(text + 1, &ignored) &&
-           hex(text + star + 1, &told) && told == sum && split();
+           hex(text + star + 1, &stated) && stated == sum && split();
 }
 
 }  // namespace
@@ -77,7 +77,7 @@ bool Word::is(const char *text) const {
 }
 
 uint16_t crc(uint16_t now, uint8_t byte) {
-    // The bitwise rule of polynomial 0x1021 for a whole byte at once.
+    // The bitwise rule of polynomial 0x1021 for a complete byte at once.
     now = static_cast<uint16_t>(now >> 8 | now << 8);
     now = static_cast<uint16_t>(now ^ byte);
     now = static_cast<uint16_t>(now ^ (now & 0xFF) >> 4);
@@ -98,7 +98,7 @@ bool take(uint8_t byte) {
             sum = crc(sum, byte);
         if (length < sizeof text)
             text[length] = static_cast<char>(byte);
-        // Counts one further than it keeps: then it is too long, however much follows.
+        // Counts one byte more than it keeps: the line is then too long, however many bytes follow.
         if (length <= sizeof text)
             length++;
         return false;

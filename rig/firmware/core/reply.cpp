@@ -66,7 +66,7 @@ void number(uint32_t value) {
     part(' ');
     while (value >= TOO_LARGE)
         value -= TOO_LARGE;
-    // Subtraction: a small processor divides 32 bits too slowly between two edges.
+    // Subtraction, because a small processor divides 32 bits too slowly between two edges.
     bool leading = true;
     for (const uint32_t power : POWERS) {
         uint8_t times = 0;
@@ -81,10 +81,10 @@ void number(uint32_t value) {
 void sign(char c) { part(c); }
 
 void end() {
-    const uint16_t told = sum;
+    const uint16_t checksum = sum;
     put('*');
     for (int8_t shift = 12; shift >= 0; shift = static_cast<int8_t>(shift - 4))
-        put(static_cast<uint8_t>(digit(told >> shift & 0xF)));
+        put(static_cast<uint8_t>(digit(checksum >> shift & 0xF)));
     put('\n');
 }
 

@@ -1,4 +1,4 @@
-// The steps of a sequence, and what each did when it ran.
+// The steps of a sequence, and the record of each step.
 #ifndef SGP_STEPS_H
 #define SGP_STEPS_H
 
@@ -16,10 +16,10 @@ struct __attribute__((packed)) Step {
     uint32_t gap_us : 20;
 };
 
-// What the exposure-active input did while the LED burned.
+// State of the exposure-active input while the LED was on.
 enum Seen : uint8_t { NEVER, ROSE, STILL_UP };
 
-// One light from on to off.
+// Record of one LED from on to off.
 struct Burn {
     uint32_t lit_us : 26;
     uint32_t led : 6;

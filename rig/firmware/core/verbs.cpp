@@ -7,7 +7,7 @@
 namespace verbs {
 namespace {
 
-const uint32_t MAX_SETTLE_US = 1000000;  // and of a gap
+const uint32_t MAX_SETTLE_US = 1000000;  // also the longest gap
 const uint32_t MIN_HOLD_US = 10;
 const uint32_t MAX_HOLD_US = light::MAX_HOLD_MS * 1000;
 
@@ -58,7 +58,7 @@ void id_answer(const uint32_t *) {
 
 void status_answer(const uint32_t *) {
     static const char *const STATES[] = {"IDLE", "ON", "FLASH", "RUN", "HALT"};
-    // Read together: the light goes on while the reply is sent.
+    // Read together, because the light may change while the reply is sent.
     const uint8_t burning = light::led();
     const uint8_t done = light::done();
     const light::State state = light::state();

@@ -1,4 +1,4 @@
-// What each verb does, and what it answers.
+// The action and the reply of each verb.
 #ifndef SGP_VERBS_H
 #define SGP_VERBS_H
 
@@ -8,15 +8,15 @@ namespace verbs {
 
 enum Error : uint8_t { NONE, UNKNOWN, ARGUMENTS, LED, TIME, BUSY, LEVEL, STEP };
 
-const uint32_t ABSENT = 0xFFFFFFFF;  // `-` in the place of an LED
+const uint32_t ABSENT = 0xFFFFFFFF;  // `-` instead of an LED
 const uint8_t MOST_ARGUMENTS = line::WORDS - 1;
 
-// What the arguments have to be: n a number, l a number or `-`, p a pace.
+// Kinds of arguments: n is a number, l a number or `-`, p a pace.
 struct Verb {
     const char *name;
     const char *arguments;
-    bool asks;     // changes nothing and is answered afresh each time
-    bool refused;  // while a flash or a sequence runs
+    bool asks;     // a query: changes nothing and is answered with current values each time
+    bool refused;  // refused while a flash or a sequence runs
     Error (*act)(const uint32_t *args);
     void (*answer)(const uint32_t *args);  // null for a flash, which is answered at its end
 };
@@ -24,7 +24,7 @@ struct Verb {
 // The verb of this name, or null.
 const Verb *known(line::Word name);
 
-// The words that follow FLASH when it has ended.
+// Send the words that follow FLASH in its reply.
 void answer_flash();
 
 }  // namespace verbs

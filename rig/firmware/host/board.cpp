@@ -1,13 +1,13 @@
 // The board as a Linux program behind a pty.
 //
-// It prints {"port": PATH} and then a line whenever the set of LEDs that give light, or the trigger line, changes:
+// It prints {"port": PATH} and then a line when the set of LEDs that are on, or the trigger line, changes:
 // {"us": T, "lit": [LED, ...], "levels": [BRIGHTNESS, ...]} and {"us": T, "trigger": 0 or 1}. On its standard input it
-// takes the lines `active 0`, `active 1` (the exposure-active input) and `reset`, and it ends when that closes.
+// accepts the lines `active 0`, `active 1` (the exposure-active input) and `reset`, and it ends when that is closed.
 //
-// `board-host stepped` has a clock of its own, which stands still between orders. The order `step BYTES US` waits until
-// so many bytes have arrived at the port, hands them to the board at the speed of the serial line, goes on until the
+// `board-host stepped` has its own clock, which stops between orders. The order `step BYTES US` waits until this number
+// of bytes has arrived at the port, passes them to the board at the speed of the serial line, continues until the
 // clock shows US, and prints {"us": T, "stepped": BYTES} with the number of bytes that the board has sent. The order
-// `burst BYTES US` hands them over all at once, as a pty does.
+// `burst BYTES US` passes all bytes at once, as a pty does.
 
 #include "board.h"
 
@@ -40,12 +40,12 @@ bool trigger;
 bool exposing;
 uint64_t started_us;
 bool stepped;
-// Within the run the clock of 32 bits wraps.
+// Close to the overflow, so that the 32-bit clock wraps during the run.
 uint64_t stepped_us = (uint64_t{1} << 32) - 60 * 1000000;
 const uint64_t BYTE_US = 94;
 
 uint64_t clock_us() {
-    // The core waits for edges by reading the clock: every reading takes a microsecond.
+    // The core waits for edges by reading the clock, so every reading must take a microsecond.
     if (stepped)
         return stepped_us++;
     timespec now;
@@ -53,11 +53,11 @@ uint64_t clock_us() {
     return static_cast<uint64_t>(now.tv_sec) * 1000000 + static_cast<uint64_t>(now.tv_nsec) / 1000;
 }
 
-void tell(const std::string &what) {
+void report(const std::string &what) {
     events += "{\"us\": " + std::to_string(clock_us() - started_us) + ", " + what + "}\n";
 }
 
-void tell_lit(const uint16_t *channels) {
+void report_lit(const uint16_t *channels) {
     std::string leds, levels;
     for (int channel = 0; channels != nullptr && channel < BOARD_CHANNELS; channel++) {
         if (channels[channel] == 0)
@@ -67,7 +67,7 @@ void tell_lit(const uint16_t *channels) {
     }
     const std::string now = "\"lit\": [" + leds + "], \"levels\": [" + levels + "]";
     if (now != lit)
-        tell(now);
+        report(now);
     lit = now;
 }
 
@@ -76,7 +76,7 @@ void tell_lit(const uint16_t *channels) {
     std::exit(1);
 }
 
-// Write what the other side takes now; the rest stays.
+// Write as much as the other side accepts now; keep the rest.
 void flush(int to, std::string *text) {
     while (!text->empty()) {
         const ssize_t n = write(to, text->data(), text->size());
@@ -86,7 +86,7 @@ void flush(int to, std::string *text) {
     }
 }
 
-// Power on again: dark, and all that was remembered or under way is lost.
+// Restart as after power-on: all LEDs are off, and the board's memory and pending bytes are lost.
 void reset() {
     char lost[256];
     while (read(wire, lost, sizeof lost) > 0) {
@@ -104,11 +104,11 @@ void take_bytes() {
         received.append(chunk, static_cast<size_t>(n));
 }
 
-// Let the stepped clock go on, with the board awake whenever it has something to do.
+// Advance the stepped clock, and run the firmware each time it has something to do.
 void pass(uint64_t until_us) {
     firmware_loop();
     while (stepped_us < until_us) {
-        // Not far at once: the core then catches up with its milliseconds, and reads the clock for each.
+        // In short steps, because the core reads the clock once for each millisecond that it catches up.
         const uint64_t left_us = until_us - stepped_us < 20000 ? until_us - stepped_us : 20000;
         const uint64_t spare_us = received.empty() ? light::spare_us() : 0;
         stepped_us += spare_us < left_us ? spare_us : left_us;
@@ -152,7 +152,7 @@ void obey(const std::string &order) {
         std::fprintf(stderr, "the host board: unknown order: %s\n", order.c_str());
 }
 
-// False where nobody gives orders any more.
+// False if no more orders can arrive.
 bool take_orders() {
     char chunk[256];
     const ssize_t n = read(STDIN_FILENO, chunk, sizeof chunk);
@@ -172,7 +172,7 @@ int open_pty() {
     termios raw;
     std::memset(&raw, 0, sizeof raw);
     cfmakeraw(&raw);
-    // The host's end stays open here too: a host that closes the port does not end the board.
+    // The host's end also stays open here, so that the board does not end when a host closes the port.
     if (openpty(&board, &host, nullptr, &raw, nullptr) != 0)
         fail("cannot open a pty");
     fcntl(board, F_SETFL, O_NONBLOCK);
@@ -203,13 +203,13 @@ void board_shift(uint16_t level) {
     shifted[0] = level;
 }
 
-void board_light() { tell_lit(shifted); }
+void board_light() { report_lit(shifted); }
 
-void board_dark() { tell_lit(nullptr); }
+void board_dark() { report_lit(nullptr); }
 
 void board_trigger(bool up) {
     if (up != trigger)
-        tell(std::string("\"trigger\": ") + (up ? "1" : "0"));
+        report(std::string("\"trigger\": ") + (up ? "1" : "0"));
     trigger = up;
 }
 
@@ -233,10 +233,10 @@ int main(int argc, char **argv) {
     for (;;) {
         firmware_loop();
         const uint32_t spare_us = received.empty() ? light::spare_us() : 0;
-        // Printing takes longer than an edge may wait.
+        // Printing takes longer than an edge may be late.
         if (spare_us > 0) {
             flush(wire, &replies);
-            // Nobody reads and the line is full: lost, as on a wire.
+            // If the host does not read and the line is full, bytes are lost, as on a wire.
             replies.clear();
             flush(STDOUT_FILENO, &events);
         }

@@ -1,20 +1,21 @@
-"""What every LED board must do, by docs/serial-protocol.md, as named checks on a running program.
+"""Named checks of a running board program against docs/serial-protocol.md.
 
-A check is a function of a `BoardUnderTest`, the program that is the board: the virtual board, the
-firmware as a Linux program, its AVR image in a simulator. `CHECKS` has them all by name. As tests::
+A check is a function of a `BoardUnderTest`, the program that acts as the board: the virtual board,
+the firmware as a Linux program, or its AVR image in a simulator. `CHECKS` has all checks by name.
+Use as tests::
 
     @pytest.mark.parametrize("name", CHECKS)
     def test_board(board, name):
         check(board, name)
 
-and of a board that has a fault planted in it::
+and for a board with a planted fault::
 
     with BoardUnderTest(command, late_us=50_000) as board:
-        failures = run_checks(board, ["an LED is the one that was asked for"])
+        failures = run_checks(board, ["the requested LED turns on"])
         assert failures
 
-Times are judged by the program's own events. ``late_us`` says how late an edge of it may be: 20
-where its clock is simulated, tens of thousands where other programs compete for the processor.
+Times are checked by the program's own events. ``late_us`` is how late its edges may be: 20 if its
+clock is simulated, tens of thousands if other programs compete for the processor.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ __all__ = [
 
 
 def check(board: BoardUnderTest, name: str) -> None:
-    """Run one check on an idle board; what the board does wrong is an AssertionError."""
+    """Run one check on an idle board; a failure is an AssertionError."""
     board.prepare()
     CHECKS[name](board)
 

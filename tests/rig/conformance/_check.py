@@ -11,7 +11,7 @@ CHECKS: dict[str, Check] = {}
 
 
 def check(name: str) -> Callable[[Check], Check]:
-    """Enter a function into the list under a name that says what a board must do."""
+    """Add a function to the list under a name that states what a board must do."""
 
     def enter(function: Check) -> Check:
         assert name not in CHECKS, name

@@ -1,4 +1,4 @@
-"""A board program under test: its lines as they are on the wire, its edges, its inputs."""
+"""A board program under test: its lines on the wire, its edges and its inputs."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
-# How long a program, an answer or an edge may take on a machine that does other things too.
+# Limits for the start of a program, an answer and an edge on a computer with other load.
 START_S = 20.0
 ANSWER_S = 5.0
 EDGE_S = 15.0
-# Long enough for an answer that should not come.
+# Long enough for an unexpected answer to arrive.
 QUIET_S = 0.15
-# A pty takes more at once than 115200 baud carry.
+# A pty accepts more at once than 115200 baud transfer.
 PIECE = 64
 PIECE_S = 0.006
 Event = dict[str, Any]
@@ -41,24 +41,25 @@ class Identity:
 
 
 class BoardUnderTest:
-    """Starts a board program and talks to it; it shares no code with what it tests.
+    """Starts a board program and communicates with it, without sharing code with it.
 
     Parameters
     ----------
     command
-        Starts the program. It prints ``{"port": PATH}``, then ``{"us": T, "lit": [LED, ...]}`` and
-        ``{"us": T, "trigger": 0 or 1}`` for every edge; its standard input takes ``active 0``,
-        ``active 1`` and ``reset``; it ends when its standard input closes.
+        Command that starts the program. The program prints ``{"port": PATH}``, then
+        ``{"us": T, "lit": [LED, ...]}`` and ``{"us": T, "trigger": 0 or 1}`` for every edge; its
+        standard input accepts ``active 0``, ``active 1`` and ``reset``; it ends when its standard
+        input is closed.
     late_us
-        How much later than declared an edge may be; 0.5 % of any time comes on top.
+        How much later than declared an edge may be, in addition to 0.5 % of any time.
     """
 
     def __init__(self, command: list[str], *, late_us: int) -> None:
         self.late_us = late_us
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
-        self._told = self._process.stdout.fileno()
-        self._half_told = b""
+        self._output = self._process.stdout.fileno()
+        self._half_line = b""
         self._events: deque[Event] = deque()
         # All edges since the start.
         self.seen: list[Event] = []
@@ -70,7 +71,7 @@ class BoardUnderTest:
         self.identity = self.greet()
 
     def greet(self) -> Identity:
-        """Ask who is there until the board answers: it may be deaf while it starts."""
+        """Send ID until the board answers: it may ignore commands while it starts."""
         for _ in range(round(START_S / 0.25)):
             self.write(b"\n" + line(self.next_seq(), "ID"))
             for text in self.lines(0.25):
@@ -82,29 +83,29 @@ class BoardUnderTest:
         raise AssertionError("the board does not answer")
 
     def prepare(self) -> None:
-        """Make an idle board of it, whatever came before."""
+        """Make the board idle."""
         self.active(False)
         self.ask("OFF")
         self.drain()
 
     def reset(self) -> None:
-        """Press its reset button and wait until it is back."""
+        """Reset the board and wait until it answers."""
         self.order("reset")
-        # What it was sending is cut; what it says while it starts is none of ours.
+        # Its pending output is cut off; output during the start is ignored.
         self.greet()
         list(self.lines(QUIET_S))
 
     def active(self, up: bool) -> None:
-        """Drive its exposure-active input."""
+        """Drive the exposure-active input."""
         self.order(f"active {int(up)}")
 
     def next_seq(self) -> int:
-        """Return a sequence number that has not been used for long."""
+        """Return a sequence number that has not been used for a long time."""
         self._seq = (self._seq + 1) % 0x10000
         return self._seq
 
     def write(self, data: bytes) -> None:
-        """Send bytes as they are, no faster than a wire does."""
+        """Send bytes unchanged, no faster than a wire does."""
         for start in range(0, len(data), PIECE):
             if start:
                 time.sleep(PIECE_S)
@@ -117,7 +118,7 @@ class BoardUnderTest:
         return seq
 
     def answer(self, seq: int, timeout_s: float = ANSWER_S) -> str:
-        """Return the words of the next answer, which must be whole and to this number."""
+        """Return the words of the next answer, which must be complete and have this number."""
         for text in self.lines(timeout_s):
             body, _, crc = text.partition("*")
             assert crc == f"{binascii.crc_hqx(body.encode(), 0xFFFF):04X}", text
@@ -131,7 +132,7 @@ class BoardUnderTest:
         return self.answer(self.send(words, seq))
 
     def ok(self, words: str, seq: int | None = None) -> str:
-        """Send a command that must be done; return the words after its verb."""
+        """Send a command that must be accepted; return the words after its verb."""
         answer = self.ask(words, seq)
         ok, _, rest = answer.partition(" ")
         assert ok == "OK", f"{words}: {answer}"
@@ -140,12 +141,12 @@ class BoardUnderTest:
         return outcome
 
     def silent(self, timeout_s: float = QUIET_S) -> None:
-        """Demand that nothing is answered."""
+        """Require that there is no answer."""
         said = list(self.lines(timeout_s))
-        assert not said, f"an answer where none is due: {said}"
+        assert not said, f"an unexpected answer: {said}"
 
     def status(self) -> Status:
-        """Return what STATUS says."""
+        """Return the answer to STATUS."""
         words = self.ok("STATUS").split()
         assert len(words) == 7, words
         return Status(
@@ -153,13 +154,13 @@ class BoardUnderTest:
         )
 
     def wait(self, ms: int) -> None:
-        """Wait until the board's own clock has gone on by so much, which it must be asked for."""
+        """Wait until the board's own clock has advanced by this time; this sends STATUS."""
         start_ms = self.status().uptime_ms
         while self.status().uptime_ms - start_ms <= ms:
             time.sleep(0.01)
 
     def lines(self, timeout_s: float) -> Iterator[str]:
-        """Yield the lines that come within a time."""
+        """Yield the lines that arrive within a time."""
         ends_s = time.monotonic() + timeout_s
         while True:
             text, found, rest = self._rest.partition(b"\n")
@@ -167,19 +168,19 @@ class BoardUnderTest:
                 self._rest = rest
                 yield text.decode("ascii", "replace").rstrip("\r")
                 continue
-            ready = self._await(ends_s, self._fd, self._told)
+            ready = self._await(ends_s, self._fd, self._output)
             if self._fd in ready:
                 self._rest += os.read(self._fd, 4096)
-            if self._told in ready:
+            if self._output in ready:
                 self._take_events()
             if not ready:
                 return
 
     def next_event(self, timeout_s: float) -> Event | None:
-        """Return the next edge, None where none comes within a time."""
+        """Return the next edge, None if no edge arrives within a time."""
         ends_s = time.monotonic() + timeout_s
         while not self._events:
-            if not self._await(ends_s, self._told):
+            if not self._await(ends_s, self._output):
                 return None
             self._take_events()
         return self._events.popleft()
@@ -188,19 +189,19 @@ class BoardUnderTest:
         """Return the time, us, of the next edge, which must be this one."""
         event = self.next_event(EDGE_S)
         assert event is not None, f"no {kind} {value}; the last were {self.seen[-6:]}"
-        assert event.get(kind) == value, f"wanted {kind} {value}, came {event}"
+        assert event.get(kind) == value, f"expected {kind} {value}, got {event}"
         moment: int = event["us"]
         return moment
 
     def lit(self, *leds: int) -> int:
-        """Return when the LEDs that burn became these, which must be the next edge, us."""
+        """Return the time, us, of the next edge, at which exactly these LEDs must be on."""
         return self.edge("lit", list(leds))
 
     def flash(self, led: int | None) -> Edges:
         """Return the edges of a flash, which must be the next ones."""
         on = None if led is None else self.lit(led)
         up, down = self.edge("trigger", 1), None
-        # A short pulse falls as the light goes out.
+        # A short pulse falls when the LED turns off.
         if led is None:
             return Edges(None, up, self.edge("trigger", 0), None)
         event = self.next_event(EDGE_S)
@@ -213,28 +214,28 @@ class BoardUnderTest:
         return Edges(on, up, down, off)
 
     def no_edge(self, within_s: float = QUIET_S) -> None:
-        """Demand that no edge comes."""
+        """Require that there is no edge."""
         event = self.next_event(within_s)
-        assert event is None, f"an edge where none is due: {event}"
+        assert event is None, f"an unexpected edge: {event}"
 
     def drain(self) -> list[Event]:
-        """Return the edges that have been, and forget them."""
-        # What was before the first of two answers has been told before the second.
+        """Return and remove all edges so far."""
+        # Edges before the first of two answers have been printed before the second.
         self.status()
         self.status()
-        while self._await(0, self._told):
+        while self._await(0, self._output):
             self._take_events()
         drained = list(self._events)
         self._events.clear()
         return drained
 
     def after(self, start_us: int, end_us: int, declared_us: int) -> None:
-        """Demand that an edge comes as long after another as declared."""
+        """Require that the time between two edges is as declared."""
         passed_us = end_us - start_us
         allowed_us = self.late_us + declared_us // 200
         early_us = min(self.late_us, 20) + declared_us // 200
         assert declared_us - early_us <= passed_us <= declared_us + allowed_us, (
-            f"{passed_us} us where {declared_us} us were declared"
+            f"{passed_us} us, but {declared_us} us were declared"
         )
 
     def close(self) -> None:
@@ -262,7 +263,7 @@ class BoardUnderTest:
         self.close()
 
     def order(self, text: str) -> None:
-        """Give the program an order and do not wait for it."""
+        """Send the program an order without waiting for it."""
         assert self._process.stdin is not None
         self._process.stdin.write(text.encode() + b"\n")
         self._process.stdin.flush()
@@ -270,16 +271,16 @@ class BoardUnderTest:
     def _first_line(self) -> str:
         ends_s = time.monotonic() + START_S
         while not self._events:
-            assert self._await(ends_s, self._told), "the program does not start"
+            assert self._await(ends_s, self._output), "the program does not start"
             self._take_events()
         port: str = self._events.popleft()["port"]
         del self.seen[0]
         return port
 
     def _take_events(self) -> None:
-        data = os.read(self._told, 65536)
+        data = os.read(self._output, 65536)
         assert data, "the program has ended"
-        *lines, self._half_told = (self._half_told + data).split(b"\n")
+        *lines, self._half_line = (self._half_line + data).split(b"\n")
         events = [json.loads(line) for line in lines]
         self._events.extend(events)
         self.seen.extend(events)
@@ -291,7 +292,7 @@ class BoardUnderTest:
 
 @dataclass(frozen=True)
 class Status:
-    """The words of the answer to STATUS that the checks look at."""
+    """The words of the answer to STATUS that the checks use."""
 
     uptime_ms: int
     led: str
@@ -303,7 +304,7 @@ class Status:
 
 @dataclass(frozen=True)
 class Edges:
-    """When, us, a flash lit and put out its LED, and raised and lowered the trigger line."""
+    """Times, us, of a flash: LED on, trigger line up and down, LED off."""
 
     on: int | None
     up: int

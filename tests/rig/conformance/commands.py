@@ -8,17 +8,17 @@ from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line
 
 
-@check("the identity says what the board is")
+@check("ID returns the identity of the board")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    assert told.protocol == 2
-    assert 1 <= told.leds <= 255
-    assert told.max_hold_ms >= 1000
-    assert told.watchdog_ms == 900
-    assert told.steps >= 1
+    identity = board.identity
+    assert identity.protocol == 2
+    assert 1 <= identity.leds <= 255
+    assert identity.max_hold_ms >= 1000
+    assert identity.watchdog_ms == 900
+    assert identity.steps >= 1
 
 
-@check("nothing burns and the trigger is low from the start")
+@check("no LED is on and the trigger is low from the start")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000")
     board.lit(7)
@@ -29,7 +29,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a reset in the middle of a flash is dark and leaves no trace")
+@check("a reset in the middle of a flash turns the LED off and leaves no trace")
 def _(board: BoardUnderTest) -> None:
     board.send("FLASH 7 0 3000000")
     board.lit(7)
@@ -41,7 +41,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("an LED is the one that was asked for")
+@check("the requested LED turns on")
 def _(board: BoardUnderTest) -> None:
     for led in range(board.identity.leds):
         assert board.ok(f"ON {led} 5000") == f"{led} 5000"
@@ -70,7 +70,7 @@ def _(board: BoardUnderTest) -> None:
         board.write(b"".join(line(seq, f"ON {led} 5000") for seq, led in pairs))
         for seq, led in zip(numbers, leds, strict=True):
             assert board.answer(seq) == f"OK ON {led} 5000"
-        # A sign of life moves the end of the light, and of no other.
+        # A sign of life extends this light and no other.
         assert board.status().led == str(leds[-1])
         seen = [event["lit"] for event in board.drain() if "lit" in event]
         assert seen[-1] == [leds[-1]], seen
@@ -78,7 +78,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "8"
 
 
-@check("the answer to ON comes when the LED burns, that to OFF when it is dark")
+@check("ON is answered when the LED is on, OFF when it is off")
 def _(board: BoardUnderTest) -> None:
     for _ in range(10):
         board.ok("ON 7 5000")
@@ -87,7 +87,7 @@ def _(board: BoardUnderTest) -> None:
         board.lit()
 
 
-@check("a light ends with its hold")
+@check("an LED turns off at the end of its hold")
 def _(board: BoardUnderTest) -> None:
     for hold_ms in (1, 30, 300):
         board.ok(f"ON 7 {hold_ms}")
@@ -96,7 +96,7 @@ def _(board: BoardUnderTest) -> None:
         assert board.status().state == "IDLE"
 
 
-@check("a new ON has a hold of its own")
+@check("a new ON has its own hold")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 400")
     board.lit(7)
@@ -109,7 +109,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("OFF says what burned until now")
+@check("OFF names the LED that was on until now")
 def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
     board.ok("ON 11 5000")
@@ -117,7 +117,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("LEVEL dims an LED from its next lighting on")
+@check("LEVEL dims an LED from the next time it is turned on")
 def _(board: BoardUnderTest) -> None:
     def levels() -> list[int]:
         return [level for event in board.drain() for level in event.get("levels", [])]
@@ -139,7 +139,7 @@ def _(board: BoardUnderTest) -> None:
     board.ok("LEVEL 7 4095")
 
 
-@check("a start forgets levels and steps")
+@check("a start clears levels and steps")
 def _(board: BoardUnderTest) -> None:
     board.ok("LEVEL 7 1")
     board.ok("STEP 0 7 0 1000 0")
@@ -159,7 +159,7 @@ def _(board: BoardUnderTest) -> None:
     board.lit(7)
 
 
-@check("STATUS tells time, light and state")
+@check("STATUS reports time, LED and state")
 def _(board: BoardUnderTest) -> None:
     first = board.status()
     assert (first.led, first.state) == ("-", "IDLE")
@@ -174,7 +174,7 @@ def _(board: BoardUnderTest) -> None:
     assert (board.status().led, board.status().state) == ("-", "IDLE")
 
 
-# The fields in braces are one more than the board has, or gives.
+# The fields in braces are one more than the board has or allows.
 REFUSED = {
     "BLINK 7": 1,
     "on 7 100": 1,
@@ -237,7 +237,7 @@ REFUSED = {
     "DID {steps}": 7,
     "DID 256": 7,
     "DID 999999999": 7,
-    # More than one thing wrong: the order is 1, 2, 5, 7, 3, 4, 6.
+    # More than one error: the order is 1, 2, 5, 7, 3, 4, 6.
     "BLINK {leds} x": 1,
     "ON {leds} x": 2,
     "STEP {steps} {leds} x 0 0": 2,
@@ -249,19 +249,19 @@ REFUSED = {
 }
 
 
-@check("refusals carry the right number, repeat the command and change nothing")
+@check("refusals have the right number, repeat the command and change nothing")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
+    identity = board.identity
     board.ok("ON 3 60000")
     board.lit(3)
     for pattern, error in REFUSED.items():
         words = pattern.format(
-            leds=told.leds,
-            hold_ms=told.max_hold_ms + 1,
-            hold_us=1000 * told.max_hold_ms + 1,
-            late_us=1000 * told.max_hold_ms - 999_999,
-            steps=told.steps,
-            too_many=told.steps + 1,
+            leds=identity.leds,
+            hold_ms=identity.max_hold_ms + 1,
+            hold_us=1000 * identity.max_hold_ms + 1,
+            late_us=1000 * identity.max_hold_ms - 999_999,
+            steps=identity.steps,
+            too_many=identity.steps + 1,
         )
         assert board.ask(words) == f"E{error} {words}"
     board.no_edge(0.05)
@@ -270,13 +270,13 @@ def _(board: BoardUnderTest) -> None:
 
 @check("the limits themselves are accepted")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    last, hold_us = told.leds - 1, 1000 * told.max_hold_ms
+    identity = board.identity
+    last, hold_us = identity.leds - 1, 1000 * identity.max_hold_ms
     for words in (
-        f"ON {last} {told.max_hold_ms}",
+        f"ON {last} {identity.max_hold_ms}",
         "ON 0 1",
         f"LEVEL {last} 4095",
-        f"STEP {told.steps - 1} {last} 1000000 {hold_us - 1_000_000} 1000000",
+        f"STEP {identity.steps - 1} {last} 1000000 {hold_us - 1_000_000} 1000000",
         f"STEP 0 - 0 {hold_us} 0",
         "STEP 0 0 0 10 0",
     ):

@@ -1,4 +1,4 @@
-"""FLASH: light, pulse and darkness in time, what is reported, what is refused meanwhile."""
+"""FLASH: times of LED and pulse, the report, and commands that are refused meanwhile."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.rig.conformance.board import ANSWER_S, BoardUnderTest
 PULSE_US = 200
 
 
-@check("a flash is lit, settles, triggers and goes dark as declared")
+@check("a flash turns on, settles, triggers and turns off as declared")
 def _(board: BoardUnderTest) -> None:
     for settle_us, hold_us in ((2000, 6000), (0, 5000), (20_000, 1000), (300, 200_000)):
         seq = board.send(f"FLASH 7 {settle_us} {hold_us}")
@@ -34,7 +34,7 @@ def _(board: BoardUnderTest) -> None:
         board.after(flash.up, flash.off, hold_us)
 
 
-@check("a flash says how long its pulse came after the one before it")
+@check("a flash reports the time since the previous pulse")
 def _(board: BoardUnderTest) -> None:
     board.reset()
     assert board.ok("FLASH 7 0 1000").split()[1] == "-"
@@ -60,7 +60,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("the answer to FLASH comes at its end")
+@check("FLASH is answered at its end")
 def _(board: BoardUnderTest) -> None:
     seq = board.send("FLASH 7 0 1500000")
     board.lit(7)
@@ -68,7 +68,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq).startswith("OK FLASH 7")
 
 
-@check("a flash that ends while the next command arrives is told, and as what it was")
+@check("a flash that ends while the next command arrives is reported correctly")
 def _(board: BoardUnderTest) -> None:
     hold_us = 3000
     board.ok(f"FLASH 7 0 {hold_us}")
@@ -87,15 +87,15 @@ def _(board: BoardUnderTest) -> None:
             if len(answers) == 2:
                 break
         assert set(answers) == {first, second}, f"{words}: {answers}"
-        told = answers[first]
-        assert told[:3] == ["OK", "FLASH", "7"], f"{words}: {told}"
-        board.after(0, int(told[4]), hold_us)
+        reply = answers[first]
+        assert reply[:3] == ["OK", "FLASH", "7"], f"{words}: {reply}"
+        board.after(0, int(reply[4]), hold_us)
         assert answers[second][0] in ("OK", "E5"), answers
         board.ok("OFF")
         board.drain()
 
 
-@check("a flash replaces what burns")
+@check("a flash replaces the LED that is on")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 3 60000")
     board.lit(3)
@@ -106,11 +106,11 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a running flash refuses what would disturb it, and goes on")
+@check("a running flash refuses commands that would disturb it, and continues")
 def _(board: BoardUnderTest) -> None:
     board.ok("STEP 0 3 0 1000 0")
     seq = board.send("FLASH 7 500000 1000000")
-    # Wrong arguments are told first, all else after.
+    # Wrong arguments are reported first, all other errors after that.
     for words in ("ON 3 100", "LEVEL 3 9", "FLASH 3 0 10", "STEP 0 3 0 10 0", "RUN 1 T"):
         assert board.ask(words) == f"E5 {words}"
     for words in ("ON 3 0", "ON 99 100", "LEVEL 3 9999", "STEP 99 3 0 10 0", "RUN 99 T"):
@@ -126,7 +126,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq).startswith("OK FLASH 7 ")
 
 
-@check("OFF ends a flash, which is not answered then")
+@check("OFF ends a flash, which is then not answered")
 def _(board: BoardUnderTest) -> None:
     board.send("FLASH 7 0 5000000")
     on = board.lit(7)
@@ -147,7 +147,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge(1.3)
 
 
-@check("a flash tells how long the camera exposed")
+@check("a flash reports how long the camera exposed")
 def _(board: BoardUnderTest) -> None:
     seq = board.send("FLASH 7 0 2000000")
     board.lit(7)
@@ -160,7 +160,7 @@ def _(board: BoardUnderTest) -> None:
     assert 198_000 <= int(active) <= 1_600_000
 
 
-@check("an exposure that the light did not cover is told")
+@check("an exposure that the light did not cover is reported")
 def _(board: BoardUnderTest) -> None:
     seq = board.send("FLASH 7 0 2000000")
     board.lit(7)
@@ -180,7 +180,7 @@ def _(board: BoardUnderTest) -> None:
         board.wait(200)
         board.active(up)
     active = board.answer(seq).split()[5]
-    # Twice 200 ms, and no more than all but the other two.
+    # Twice 200 ms, and at most the total time without the other two waits.
     assert 396_000 <= int(active) <= 2_600_000
-    # The next flash does not inherit it.
+    # It does not count for the next flash.
     assert board.ok("FLASH 7 0 1000").split()[3] == "-"

@@ -1,4 +1,4 @@
-"""Lines: what is read, what is ignored, what is counted, and that no damage is ever obeyed."""
+"""Lines: which are read, ignored or counted, and that damaged lines are never carried out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line, signed
 
 ON = b">00A1 ON 7 1000"
-# What each is, line ends left out: damaged, counted, not answered.
+# Damaged lines by kind, without line ends: each is counted and not answered.
 DAMAGED = {
     "no checksum": ON,
     "wrong checksum": signed(ON)[:-1] + b"!",
@@ -35,17 +35,17 @@ DAMAGED = {
 }
 
 
-@check("damaged lines are counted, not answered and not obeyed")
+@check("damaged lines are counted, not answered and not carried out")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for number, (what, text) in enumerate(DAMAGED.items(), 1):
         board.write(text + b"\n")
         counted = board.status().faults - before
-        assert counted == number, f"{what}: counted {counted}, wanted {number}"
+        assert counted == number, f"{what}: counted {counted}, expected {number}"
     board.no_edge()
 
 
-@check("no single flipped bit is obeyed")
+@check("no line with a single flipped bit is carried out")
 def _(board: BoardUnderTest) -> None:
     whole = line(0x00A1, "ON 7 1000")
     before, damaged = board.status().faults, 0
@@ -53,7 +53,7 @@ def _(board: BoardUnderTest) -> None:
         text = bytearray(whole)
         text[bit // 8] ^= 1 << bit % 8
         board.write(bytes(text))
-        # A flipped bit can make a line end, and then a piece may be empty.
+        # A flipped bit can create a line end, and then a piece may be empty.
         damaged += sum(piece not in (b"", b"\r") for piece in bytes(text).split(b"\n"))
         if bit % 8 == 7:
             assert board.status().faults - before == damaged, bytes(text)
@@ -68,7 +68,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().faults == before
 
 
-@check("lines that are too long are ignored and spoil nothing")
+@check("lines that are too long are ignored and have no effect on others")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for length in (65, 66, 80, 256, 257, 1000):
@@ -80,7 +80,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("the longest command is answered whole")
+@check("the longest command is answered completely")
 def _(board: BoardUnderTest) -> None:
     for words in ("X" * 53, " ".join(["9" * 8] * 5) + " 77777777"):
         seq = board.next_seq()
@@ -95,7 +95,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq).startswith("OK STATUS")
 
 
-@check("more than one carriage return before the line end damages a line")
+@check("a line with more than one carriage return before its end is damaged")
 def _(board: BoardUnderTest) -> None:
     before = board.status().faults
     for number, end in enumerate((b"\r\r\n", b"\r\r\r\n"), 1):
@@ -115,11 +115,11 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("half a line from before a reset is forgotten")
+@check("half a line from before a reset is discarded")
 def _(board: BoardUnderTest) -> None:
     whole = line(board.next_seq(), "ON 7 1000")
     board.write(whole[:9])
-    # It has arrived before the reset, else it would be lost on the way.
+    # Wait until it has arrived before the reset, otherwise it would be lost.
     time.sleep(0.1)
     board.order("reset")
     board.write(whole[9:])
@@ -128,7 +128,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a line may come byte by byte")
+@check("a line may arrive byte by byte")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     for byte in line(seq, "LEVEL 3 4095"):
@@ -137,7 +137,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.answer(seq) == "OK LEVEL 3 4095"
 
 
-@check("half a line does not spoil the next")
+@check("half a line does not damage the next line")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     board.write(b">00A1 ON 8 50\n" + line(seq, "STATUS"))
@@ -153,7 +153,7 @@ def _(board: BoardUnderTest) -> None:
         assert board.answer(seq).startswith("OK ID" if seq % 2 else "OK STATUS")
 
 
-@check("the whole range of sequence numbers is answered")
+@check("the full range of sequence numbers is answered")
 def _(board: BoardUnderTest) -> None:
     for seq in (0xFFFE, 0xFFFF, 0x0000, 0x0001, 0xABCD, 0x0A0A):
         assert board.ask("LEVEL 3 4095", seq) == "OK LEVEL 3 4095"

@@ -1,4 +1,4 @@
-"""Repetition: the same line again is answered again, and nothing is done again."""
+"""Repetition: a repeated line is answered again but not carried out again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _(board: BoardUnderTest) -> None:
         time.sleep(0.1)
         assert board.ask("ON 7 600", seq) == first
     board.after(on, board.lit(), 600_000)
-    # Nor does it light the LED again when it is dark.
+    # It does not turn the LED on again either.
     assert board.ask("ON 7 600", seq) == first
     board.no_edge()
     assert board.ok("OFF") == "-"
@@ -40,7 +40,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ask("BLINK", seq) == board.ask("BLINK", seq) == "E1 BLINK"
 
 
-@check("the same number with another command is no repetition")
+@check("another command with the same number is not a repetition")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     assert board.ok("ON 7 5000", seq) == "7 5000"
@@ -49,7 +49,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF", seq) == "8"
 
 
-@check("the same command with another number is no repetition")
+@check("the same command with another number is not a repetition")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000", 0x0101)
     assert board.ok("OFF", 0x0102) == "7"
@@ -57,7 +57,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF", 0x0102) == "-"
 
 
-@check("what only asks is answered afresh and leaves the memory alone")
+@check("queries are answered with current values and do not change the memory")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     board.ok("ON 7 300", seq)
@@ -87,7 +87,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("a repeated FLASH that is over is answered at once and not done again")
+@check("a repeated FLASH that has ended is answered at once and not done again")
 def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     first = board.ask("FLASH 7 1000 2000", seq)
@@ -97,7 +97,7 @@ def _(board: BoardUnderTest) -> None:
     board.no_edge()
 
 
-@check("the answer to a FLASH is kept while STATUS is asked")
+@check("the answer to a FLASH is kept during STATUS queries")
 def _(board: BoardUnderTest) -> None:
     seq = board.send("FLASH 7 0 300000")
     for _ in range(3):

@@ -18,14 +18,14 @@ def did(board: BoardUnderTest, index: int) -> list[str]:
 
 
 def wait_for(board: BoardUnderTest, state: str) -> None:
-    """Ask until the board is in a state, which also keeps its watchdog quiet."""
+    """Send STATUS until the board is in a state, which also keeps its watchdog from acting."""
     ends_s = time.monotonic() + 10
     while (status := board.status()).state != state:
         assert time.monotonic() < ends_s, status
         time.sleep(0.02)
 
 
-@check("a sequence runs in time and tells what every step did")
+@check("a sequence keeps its times and reports every step")
 def _(board: BoardUnderTest) -> None:
     declared = [(1, 2000, 6000, 50_000), (35, 1000, 4000, 100_000), (0, 0, 30_000, 20_000)]
     declared = [(led % board.identity.leds, *times) for led, *times in declared]
@@ -50,7 +50,7 @@ def _(board: BoardUnderTest) -> None:
         assert words[4] == "-"
 
 
-@check("a step is told when it has ended, not before")
+@check("a step is reported when it has ended, not before")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 700000 700000", "2 0 700000 0")
     board.ok("RUN 2 T")
@@ -75,15 +75,15 @@ def _(board: BoardUnderTest) -> None:
     assert did(board, 0)[:2] == ["0", "-"]
 
 
-@check("every step that there is room for runs, each with its own LED")
+@check("the maximum number of steps runs, each with its own LED")
 def _(board: BoardUnderTest) -> None:
-    told = board.identity
-    leds = [(7 * index) % told.leds for index in range(told.steps)]
+    identity = board.identity
+    leds = [(7 * index) % identity.leds for index in range(identity.steps)]
     load(board, *(f"{led} 200 800 3000" for led in leds))
-    assert board.ok(f"RUN {told.steps} T") == str(told.steps)
+    assert board.ok(f"RUN {identity.steps} T") == str(identity.steps)
     starts = [board.flash(led).on for led in leds]
     assert starts == sorted(starts)
-    assert [did(board, index)[1] for index in range(told.steps)] == [str(led) for led in leds]
+    assert [did(board, index)[1] for index in range(identity.steps)] == [str(led) for led in leds]
     assert board.status().state == "IDLE"
 
 
@@ -112,7 +112,7 @@ def _(board: BoardUnderTest) -> None:
     board.flash(1)
 
 
-@check("a running sequence refuses what would disturb it, and goes on")
+@check("a running sequence refuses commands that would disturb it, and continues")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 700000 600000", "2 0 100000 0")
     board.ok("RUN 2 T")
@@ -164,7 +164,7 @@ def _(board: BoardUnderTest) -> None:
         board.wait(shortest_us // 1000)
         board.active(False)
         off = board.lit()
-        assert shortest_us <= off - on < 19_000_000, "the light did not go out with the exposure"
+        assert shortest_us <= off - on < 19_000_000, "the LED did not turn off with the exposure"
         ends.append((on, off))
     board.after(ends[0][1], ends[1][0], 20_000)
     wait_for(board, "IDLE")
@@ -175,7 +175,7 @@ def _(board: BoardUnderTest) -> None:
         assert 0.99 * shortest_us <= int(words[4]) <= int(words[3])
 
 
-@check("an exposure that began before the trigger paces nothing")
+@check("an exposure that began before the trigger does not pace the sequence")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 1000000 300000 0", "2 0 1000 0")
     board.active(True)
@@ -190,7 +190,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().state == "HALT"
 
 
-@check("an exposure-active input that stays up has no edge")
+@check("an exposure-active input that stays high has no edge")
 def _(board: BoardUnderTest) -> None:
     load(board, "1 0 300000 0", "2 0 1000 0")
     board.active(True)
@@ -201,7 +201,7 @@ def _(board: BoardUnderTest) -> None:
     board.active(True)
     board.wait(20)
     board.active(False)
-    # It was up before the trigger, so its fall paces nothing.
+    # It was high before the trigger, so its fall does not count.
     board.lit()
     board.no_edge()
     assert board.status().state == "HALT"

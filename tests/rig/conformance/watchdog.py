@@ -1,4 +1,4 @@
-"""The watchdog: no LED burns on for a host that has died, no declared flash is cut."""
+"""The watchdog: no LED stays on after the host has died, and no declared flash is cut off."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def watchdog_us(board: BoardUnderTest) -> int:
     return board.identity.watchdog_ms * 1000
 
 
-@check("silence puts out what ON has lit")
+@check("silence turns off an LED that ON turned on")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok(f"ON 7 {board.identity.max_hold_ms}")
@@ -22,7 +22,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.ok("OFF") == "-"
 
 
-@check("a hold that ends before the silence is long is no case for the watchdog")
+@check("the watchdog does not act on a hold that has ended before")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok("ON 7 300")
@@ -31,15 +31,15 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before
 
 
-@check("a host that speaks keeps its light")
+@check("a host that sends commands keeps its LED on")
 def _(board: BoardUnderTest) -> None:
     before = board.status()
     light = f"ON 7 {board.identity.max_hold_ms}"
     seq = board.next_seq()
     board.ok(light, seq)
-    # Each of these is a sign of life: a repetition, what only asks, a refusal.
+    # Each of these is a sign of life: a repetition, queries, a refusal.
     for words, number in ((light, seq), ("ID", None), ("DID 0", None), ("BLINK", None)):
-        # As often as it takes for the board's clock to pass the time of the watchdog.
+        # Repeat until the watchdog time has passed on the board's clock.
         signs, passed_ms = 5, 0
         while passed_ms <= board.identity.watchdog_ms:
             start_ms = board.status().uptime_ms
@@ -47,7 +47,7 @@ def _(board: BoardUnderTest) -> None:
                 time.sleep(0.25)
                 board.ask(words, number)
             status = board.status()
-            assert (status.led, status.trips) == ("7", before.trips), f"{words} keeps no light"
+            assert (status.led, status.trips) == ("7", before.trips), f"{words} is no sign of life"
             passed_ms = status.uptime_ms - start_ms
             signs *= 2
     on = board.lit(7)
@@ -55,7 +55,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before.trips + 1
 
 
-@check("damaged lines are no sign of life")
+@check("damaged lines are not a sign of life")
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000")
     on = board.lit(7)
@@ -75,7 +75,7 @@ def _(board: BoardUnderTest) -> None:
     assert board.status().trips == before
 
 
-@check("a silent host's sequence finishes the step that burns and lights no other")
+@check("a sequence of a silent host finishes the current step and turns on no other LED")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     for index in range(4):
@@ -89,7 +89,7 @@ def _(board: BoardUnderTest) -> None:
     assert (status.state, status.done, status.trips) == ("HALT", 3, before + 1)
 
 
-@check("a silent host's sequence that is dark lights nothing more")
+@check("a sequence of a silent host that is in a gap turns on no other LED")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok("STEP 0 1 0 100000 1000000")
@@ -101,7 +101,7 @@ def _(board: BoardUnderTest) -> None:
     assert (status.state, status.done, status.trips) == ("HALT", 1, before + 1)
 
 
-@check("a sequence whose host speaks runs to its end")
+@check("a sequence whose host sends commands runs to its end")
 def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     for index in range(3):

@@ -1,6 +1,6 @@
-"""Two boards get the same random items; whatever they do differently is reported.
+"""Feeds two boards the same random items and reports every difference.
 
-The boards are programs behind ptys whose clocks stand still between orders, so nothing depends on
-how busy the machine is. `tests.rig.differential.compare` is the entry; what may differ is listed in
-`tests.rig.differential.difference`.
+The boards are programs behind ptys whose clocks stop between orders, so nothing depends on the load
+of the computer. The entry point is `tests.rig.differential.compare`;
+`tests.rig.differential.difference` lists the allowed differences.
 """

@@ -1,4 +1,4 @@
-"""Feeds two boards the same items and collects in what they differ."""
+"""Feeds two boards the same items and collects their differences."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from tests.rig.differential.items import STEPS, Item, Items
 from tests.rig.differential.program import BYTE_US, Event, Program, Step
 
 VIRTUAL = [sys.executable, "-P", str(Path(__file__).with_name("virtual_board.py"))]
-# A board has started, and has read what was on its line, after this.
+# After this time a board has started and has read all bytes on its line.
 _START_US = 200_000
 _MOST_WAITS = 100
 
 
 @dataclass
 class Comparison:
-    """What came of it.
+    """Result of a comparison.
 
     Parameters
     ----------
     items, replies
-        How many there were; replies of the virtual board.
+        Number of items, and of replies of the virtual board.
     raced
-        How many items differ in what nobody can decide: an edge or the watchdog was due within the
-        tolerance of the second or a later line of a write, so either may have come first.
+        Number of items whose differences do not count: an edge or the watchdog was due within the
+        tolerance of the second or a later line of a write, so either may have been first.
     differing
-        Of each item that differs: its number, the item and what differs.
+        For each item that differs: its number, the item and the differences.
     dark
-        Whether both boards were dark after the last `OFF`.
+        Whether all LEDs of both boards were off after the last `OFF`.
     """
 
     items: int = 0
@@ -43,7 +43,7 @@ class Comparison:
 
 
 class _Board:
-    """One of the two: its program, and what is lit on it."""
+    """One of the two boards: its program, and the state of its LEDs and trigger."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
@@ -53,7 +53,7 @@ class _Board:
         self._program.order(text)
 
     def step(self, data: bytes, until_us: int, *, burst: bool = False) -> Step:
-        """Do a step; lights that were on before it come first among its events."""
+        """Do a step; the events begin with the lights that were on before it."""
         before = [{**event, "us": 0} for event in self._on.values()]
         step = self._program.step(data, until_us, burst=burst)
         for event in step.events:
@@ -66,7 +66,7 @@ class _Board:
 
 
 class _Pair:
-    """The virtual board and another one at the same time of their clocks."""
+    """The virtual board and another board, with equal times on their clocks."""
 
     def __init__(self, virtual: Program, other: Program, tolerance: Tolerance) -> None:
         self.boards = _Board(virtual), _Board(other)
@@ -77,13 +77,13 @@ class _Pair:
         self.step(b"\n", _START_US)
 
     def order(self, text: str) -> tuple[Step, Step]:
-        """Give both an order; after a reset they take their time to start."""
+        """Send both boards an order; after a reset, wait until they have started."""
         for board in self.boards:
             board.order(text)
         return self.step(b"", _START_US if text == "reset" else 0)
 
     def step(self, data: bytes, pass_us: int, *, burst: bool = False) -> tuple[Step, Step]:
-        """Send both the same bytes, and let time pass after the last one."""
+        """Send both boards the same bytes, and let time pass after the last one."""
         self._now_us += pass_us + (0 if burst else BYTE_US * len(data))
         virtual, other = (board.step(data, self._now_us, burst=burst) for board in self.boards)
         assert virtual.next_us is not None
@@ -93,7 +93,7 @@ class _Pair:
         return virtual, other
 
     def settle(self, ahead_us: int) -> list[tuple[Step, Step]]:
-        """Let time pass until nothing has just been due, nor is due within a time from now."""
+        """Let time pass until nothing was due just before or is due within ``ahead_us``."""
         steps: list[tuple[Step, Step]] = []
         margin_us = self._tolerance.late_us
         for _ in range(_MOST_WAITS):
@@ -106,7 +106,7 @@ class _Pair:
         return steps
 
     def do(self, item: Item) -> tuple[Step, Step, bool]:
-        """Return what both did, and whether something was due as a line arrived."""
+        """Return the steps of both boards, and whether something was due when a line arrived."""
         begun = self.settle(BYTE_US * len(item.data) + 3 * self._tolerance.late_us)
         if item.order:
             begun.append(self.order(item.order))
@@ -122,14 +122,14 @@ class _Pair:
         return virtual, other, raced or unsettled
 
     def _raced(self, arrivals_us: list[int], due_us: tuple[tuple[int, int], ...]) -> bool:
-        """Return whether something was due nearly when a line arrived, the first one aside."""
+        """Return whether something was due close to the arrival of a line other than the first."""
         pairs = zip(arrivals_us[1:], due_us[1:], strict=True)
         margin_us = self._tolerance.late_us
         return any(abs(one - at) <= margin_us for at, due in pairs for one in due)
 
 
 def _joined(steps: tuple[Step, ...]) -> Step:
-    """Return steps as one; only the first tells what was on before."""
+    """Return steps as one; only the first one lists the lights that were on before."""
     first, *later = steps
     for step in later:
         new = tuple(event for event in step.events if event["us"] > 0)
@@ -147,18 +147,18 @@ def compare(
     bursts: bool = True,
     steps: int = STEPS,
 ) -> Comparison:
-    """Feed the virtual board and another one the same items.
+    """Feed the virtual board and another board the same items.
 
-    After an item in which they differ, and after one that was raced, both are reset.
+    After an item that differs or was raced, both boards are reset.
 
     Parameters
     ----------
     command
-        Starts the other board, stepped.
+        Command that starts the other board in stepped mode.
     seed, items
-        Of `Items`, and how many of them.
+        Seed of `Items`, and number of items.
     tolerance
-        Of the other board.
+        Tolerance of the other board.
     longest, bursts
         See `Items`.
     steps

@@ -1,4 +1,4 @@
-"""What two boards did in the same item, and in what they may differ.
+"""Differences between two boards in the same item.
 
 They may differ
 
@@ -7,11 +7,12 @@ They may differ
   `active` of `DID`, and the times of edges, by `Tolerance.late_us` and 0.1 % of the time,
 - by a pause of less than `Tolerance.pause_us` between two lights of the same LED, and of less than
   `Tolerance.low_us` between two pulses,
-- where several commands arrive at the same instant, by 0.3 ms for each of them, and by lights
-  shorter than that: the virtual board obeys all of them at that instant, a processor needs time.
+- if several commands arrive at the same instant, by 0.3 ms for each of them, and by lights
+  shorter than that: the virtual board carries out all of them at that instant, but a processor
+  needs time.
 
-Everything else is the same: which lines are answered, in what order, every other word, which LEDs
-are lit and how bright, how often the trigger line rises. No board ever lights two LEDs.
+Everything else must be equal: which lines are answered, in which order, every other word, which
+LEDs are on and how bright, how often the trigger line rises. No board ever turns on two LEDs.
 """
 
 from __future__ import annotations
@@ -21,25 +22,26 @@ from dataclasses import dataclass, replace
 
 from tests.rig.differential.program import BYTE_US, Event, Step, whole
 
-# Of a reply to one of these: which words after it are measured, and which are the board's own.
+# Indices of the words after the verb of a reply that are measured, and that are board-specific.
 _MEASURED = {"STATUS": (0,), "FLASH": (1, 2, 3), "DID": (2, 3, 4)}
 _OWN = {"ID": (0, 6), "STATUS": (4,)}
-# What a processor needs at most for a line that is already there.
+# Longest time that a processor needs for a line that has already arrived.
 _LINE_US = 300
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far the times of a board may be from those of the virtual board, us.
+    """Tolerances for the times of a board relative to the virtual board, us.
 
     Parameters
     ----------
     late_us
-        An edge or a measured time.
+        Tolerance of an edge or a measured time.
     pause_us, low_us
-        Between two lights of the same LED, and between two pulses, that the virtual board joins.
+        Longest pause between two lights of the same LED, and between two pulses, that the virtual
+        board joins.
     reply_us
-        How long the other board takes to send a reply at most; 0 if it sends in the background.
+        Longest time that the other board takes to send a reply; 0 if it sends in the background.
     """
 
     late_us: int
@@ -50,7 +52,7 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class _Span:
-    """What was on from when to when, us: ``(leds, levels)``, or the trigger line."""
+    """A state, ``(leds, levels)`` or the trigger line, with its start and end, us."""
 
     what: object
     start_us: int
@@ -58,23 +60,23 @@ class _Span:
 
 
 def violations(step: Step) -> list[str]:
-    """Return a line for each thing that no board may do: a damaged reply, two LEDs at once."""
+    """Return a line for each violation of the protocol: a damaged reply, two LEDs at once."""
     damaged = [f"a damaged reply {text!r}" for text in step.replies if not whole(text)]
     doubled = [event for event in step.events if len(event.get("lit", ())) > 1]
     return damaged + [f"more than one LED at once: {event}" for event in doubled]
 
 
 def differences(virtual: Step, other: Step, tolerance: Tolerance, *, at_once: int = 0) -> list[str]:
-    """Return a line for each thing in which two boards differ and may not.
+    """Return a line for each difference between two boards that is not allowed.
 
     Parameters
     ----------
     virtual, other
-        What each did. Lights that began before are listed as beginning at 0.
+        Steps of the two boards. Lights that began before are listed with the start 0.
     tolerance
-        Of the other board.
+        Tolerance of the other board.
     at_once
-        How many lines arrived at the same instant.
+        Number of lines that arrived at the same instant.
     """
     found = []
     late_us = tolerance.late_us + _LINE_US * at_once

@@ -1,4 +1,4 @@
-"""Random items for LED boards: commands in odd orders, several at once, in pieces, and damaged."""
+"""Random items for LED boards: commands in any order, several at once, in pieces, and damaged."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.rig.conformance.board import signed
 
 LEDS, STEPS = 36, 48
 _ENDS = (b"\n", b"\r\n", b"\r\r\n", b"\n\r", b"\r", b"\n\n", b"\r\n\r\n", b"\r\r\r\n", b"")
-# Words that are a number, are nearly one, or are none.
+# Words that are numbers, almost numbers, or no numbers.
 _NUMBERS = (
     *map(str, (0, 1, 9, 10, 35, 36, 47, 48, 49, 63, 64, 255, 256, 4095, 4096, 60_000, 60_001)),
     *map(str, (65535, 65536, 1_000_000, 1_000_001, 59_000_000, 60_000_000, 60_000_001)),
@@ -23,18 +23,18 @@ _LENGTHS = (63, 64, 65, 66, 67, 80, 128, 254, 255, 256, 257, 300)
 
 @dataclass(frozen=True)
 class Item:
-    """One write to the port, or one order, and for how long nothing follows.
+    """One write to the port, or one order, and the time after it.
 
     Parameters
     ----------
     data
-        What is written; it may end in the middle of a line, which the next item goes on with.
+        Bytes to write; they may end in the middle of a line, which the next item continues.
     order
-        ``active 0``, ``active 1``, ``reset`` or nothing; given before the write.
+        ``active 0``, ``active 1``, ``reset`` or empty; sent before the write.
     pass_us
-        From the last byte to the end of the item.
+        Time from the last byte to the end of the item.
     burst
-        The bytes arrive all at once, as from a pty, not one after the other.
+        Whether all bytes arrive at once, as from a pty, instead of one after the other.
     """
 
     data: bytes
@@ -49,9 +49,9 @@ class Items:
     Parameters
     ----------
     seed
-        Of the random numbers.
+        Seed of the random numbers.
     longest
-        Most bytes of one write.
+        Maximum number of bytes of one write.
     bursts
         Whether some items are bursts.
     """
@@ -75,7 +75,7 @@ class Items:
         count = draw.choice((0, 1, 1, 1, 1, 1, 1, 2, 2, 3, 5, 8))
         data = self._rest + b"".join(self._line() for _ in range(count))
         cut = len(data)
-        # In pieces: what is left comes with the next item.
+        # In pieces: the rest is sent with the next item.
         if draw.random() < 0.12:
             cut = draw.randrange(len(data) + 1)
         cut = min(cut, self._longest)
@@ -86,7 +86,7 @@ class Items:
         draw = self._draw
         kind = draw.random()
         if kind < 0.03:
-            # Longer than the watchdog is patient.
+            # Longer than the watchdog time.
             return draw.randrange(900_000, 2_500_000)
         if kind < 0.15:
             return draw.randrange(60_000, 900_000)
@@ -107,7 +107,7 @@ class Items:
             self._seq = (self._seq + 1) % 0x10000
         elif kind < 0.92:
             self._seq = (self._seq + 0x8000) % 0x10000
-        # Else the number of the command before.
+        # Otherwise the number of the previous command.
         return self._seq
 
     def _words(self) -> str:
@@ -145,7 +145,7 @@ class Items:
         kind = draw.random()
         if kind < 0.83:
             return words
-        # One word is another one, is missing, or is one too many.
+        # One word is changed, missing or added.
         parts = words.split()
         at = draw.randrange(len(parts))
         if kind < 0.92:
@@ -172,7 +172,7 @@ class Items:
         return draw.choice((*often, *often, draw.randrange(10, 900_000), 2_000_000, 60_000_000, 9))
 
     def _hold_ms(self) -> int:
-        # None within a millisecond of the watchdog's 900: either may act first then.
+        # No hold within a millisecond of the watchdog's 900 ms, when either may act first.
         draw = self._draw
         return draw.choice((1, 2, 20, draw.randrange(1, 880), 5000, 60_000, 0, 60_001))
 
@@ -184,14 +184,14 @@ def _flipped(draw: random.Random, body: bytes) -> bytes:
 
 
 def _inserted(draw: random.Random, body: bytes) -> bytes:
-    """Return the line with a byte that does not belong there, under a checksum that fits it."""
+    """Return the line with an invalid extra byte and a correct checksum."""
     at = draw.randrange(len(body) + 1)
     byte = draw.choice(b" \t\0\r*>!~\x7f\x80\xff\x1b_")
     return signed(body[:at] + bytes((byte,)) + body[at:])
 
 
 def _padded(draw: random.Random, body: bytes) -> bytes:
-    """Return a line of a length that is just allowed, or not."""
+    """Return a line with a length close to the limit."""
     length = draw.choice(_LENGTHS)
     return signed(body + b" " + b"7" * max(1, length - len(body) - 6))
 

@@ -1,4 +1,4 @@
-"""A board program whose clock stands still between orders, and what it does in a step."""
+"""A board program whose clock stops between orders, and the result of a step."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ BYTE_US = 94
 
 @dataclass(frozen=True)
 class Step:
-    """What a board did in a step.
+    """Replies and events of a board in a step.
 
     Parameters
     ----------
     replies
-        The lines that it sent, without line ends.
+        The lines that the board sent, without line ends.
     events
         Its edges, in order: ``{"us", "lit", "levels"}`` and ``{"us", "trigger"}``.
     next_us
-        When the virtual board has something to do next; None of other boards.
+        When the next action of the virtual board is due; None for other boards.
     due_us
-        For each line that the virtual board received: when it had something to do last, and next.
+        For each line that the virtual board received: times of its last and its next action.
     """
 
     replies: tuple[bytes, ...]
@@ -42,27 +42,27 @@ class Step:
 
 
 class Program:
-    """Starts a stepped board program and talks to it over its port.
+    """Starts a stepped board program and communicates with it over its port.
 
     Parameters
     ----------
     command
-        Starts the program (see ``rig/firmware/host/board.cpp``).
+        Command that starts the program (see ``rig/firmware/host/board.cpp``).
     """
 
     def __init__(self, command: list[str]) -> None:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         assert self._process.stdout is not None
-        self._told = self._process.stdout.fileno()
+        self._output = self._process.stdout.fileno()
         self._rest = b""
         self._fd = os.open(self._event()["port"], os.O_RDWR | os.O_NOCTTY)
         tty.setraw(self._fd)
         self._half_reply = b""
 
     def step(self, data: bytes, until_us: int, *, burst: bool = False) -> Step:
-        """Send bytes, let the board's clock go on to a time, and return what it did.
+        """Send bytes, advance the board's clock to a time, and return the board's actions.
 
-        The bytes arrive at the speed of a serial line, or (``burst``) all at once.
+        The bytes arrive at the speed of a serial line, or all at once if ``burst`` is set.
         """
         os.write(self._fd, data)
         self.order(f"{'burst' if burst else 'step'} {len(data)} {until_us}")
@@ -79,7 +79,7 @@ class Program:
         return Step(tuple(lines), tuple(events), event.get("next"), due_us)
 
     def order(self, text: str) -> None:
-        """Give an order: ``active 1``, ``active 0`` or ``reset``."""
+        """Send an order: ``active 1``, ``active 0`` or ``reset``."""
         assert self._process.stdin is not None
         self._process.stdin.write(text.encode() + b"\n")
         self._process.stdin.flush()
@@ -110,8 +110,8 @@ class Program:
 
     def _event(self) -> Event:
         while b"\n" not in self._rest:
-            assert select.select([self._told], [], [], _PATIENCE_S)[0], "the program is stuck"
-            data = os.read(self._told, 65536)
+            assert select.select([self._output], [], [], _PATIENCE_S)[0], "the program is stuck"
+            data = os.read(self._output, 65536)
             assert data, "the program has ended"
             self._rest += data
         text, _, self._rest = self._rest.partition(b"\n")
@@ -120,6 +120,6 @@ class Program:
 
 
 def whole(reply: bytes) -> bool:
-    """Return whether a reply has the right checksum."""
+    """Return whether a reply has the correct checksum."""
     body, _, crc = reply.partition(b"*")
     return crc == b"%04X" % binascii.crc_hqx(body, 0xFFFF)

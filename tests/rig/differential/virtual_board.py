@@ -1,10 +1,10 @@
-"""The virtual board behind a pty, with a clock that stands still between orders.
+"""The virtual board behind a pty, with a clock that stops between orders.
 
 python virtual_board.py STEPS, the number of steps of a sequence that the board stores.
 
 A program with the orders of ``board-host stepped`` (see ``rig/firmware/host/board.cpp``). Its
-answer also says when it has something to do next, ``"next": US``, and for each line that it
-received, when it had something to do before, and would have had next: ``"due": [[US, US], ...]``.
+answer also has the time of its next action, ``"next": US``, and for each line that it received, the
+times of the last action before it and the next one after it: ``"due": [[US, US], ...]``.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from simulator._board.firmware import BoardFirmware
 from simulator._board.outputs import ActiveInput, BoardOutputs
 
 _US = 1000
-# What a byte takes on the line, as in the host's board.
+# Time of a byte on the line, as in the host board.
 _BYTE_NS = 94 * _US
 
 
 class SteppedBoard:
-    """The virtual board, at a time that orders set.
+    """The virtual board with a clock that orders set.
 
     Parameters
     ----------
     folder
-        For its bench state.
+        Folder for its bench state.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -44,10 +44,10 @@ class SteppedBoard:
         self._board = FaultyBoard(BoardFirmware(36, self._outputs, self._active, 0), self._outputs)
         self._fd, self._slave = os.openpty()
         tty.setraw(self._slave)
-        _tell({"port": os.ttyname(self._slave)})
+        _print({"port": os.ttyname(self._slave)})
 
     def obey(self, order: str) -> None:
-        """Follow one line of orders."""
+        """Carry out one order."""
         match order.split():
             case ["step", size, until_us]:
                 pieces = [bytes((byte,)) for byte in self._read(int(size))]
@@ -79,9 +79,9 @@ class SteppedBoard:
         said += self._pass(until_ns)
         os.write(self._fd, said)
         for event in self._outputs.events(self._now_ns):
-            _tell(event)
-        told = {"us": self._now_ns // _US, "stepped": len(said)}
-        _tell({**told, "next": self._next_ns() // _US, "due": due})
+            _print(event)
+        stepped = {"us": self._now_ns // _US, "stepped": len(said)}
+        _print({**stepped, "next": self._next_ns() // _US, "due": due})
 
     def _next_ns(self) -> int:
         return min(self._board.next_ns(self._now_ns), self._outputs.next_event_ns(self._now_ns))
@@ -97,7 +97,7 @@ class SteppedBoard:
         return said
 
 
-def _tell(what: object) -> None:
+def _print(what: object) -> None:
     sys.stdout.write(json.dumps(what) + "\n")
     sys.stdout.flush()
 

@@ -1,20 +1,20 @@
-/* The AVR image of the LED board in simavr, with the rig around it: serial line to a pty, two TLC5947, trigger, camera.
+/* The AVR image of the LED board in simavr, with a simulated rig: serial line to a pty, two TLC5947, trigger, camera.
  *
  * bridge IMAGE.elf atmega328p|atmega2560
  *
- * It prints {"port": PATH} and then a line whenever the set of LEDs that give light, or the trigger line, changes:
+ * It prints {"port": PATH} and then a line when the set of LEDs that are on, or the trigger line, changes:
  * {"us": T, "lit": [LED, ...], "levels": [BRIGHTNESS, ...]} and {"us": T, "trigger": 0 or 1}; T is simulated time. On
- * its standard input it takes the lines `active 0`, `active 1` and `reset`, and it ends when that closes. The line
- * `stack` lets it tell how much RAM nothing has ever written: {"us": T, "untouched": BYTES}. It never runs faster than
- * the clock on the wall.
+ * its standard input it accepts the lines `active 0`, `active 1` and `reset`, and it ends when that is closed. For the
+ * line `stack` it prints the size of the RAM that was never written: {"us": T, "untouched": BYTES}. It never runs
+ * faster than real time.
  *
  * bridge IMAGE.elf MCU stepped
  *
- * Simulated time stands still between orders. The order `step BYTES US` waits until so many bytes have arrived at the
- * port, sends them to the board at the speed of the serial line, goes on until US, and prints {"us": T, "stepped": BYTES}
- * with the number of bytes that the board has sent.
+ * Simulated time stops between orders. The order `step BYTES US` waits until this number of bytes has arrived at the
+ * port, sends them to the board at the speed of the serial line, continues until US, and prints
+ * {"us": T, "stepped": BYTES} with the number of bytes that the board has sent.
  *
- * A test tool: it is linked with libsimavr (GPL-3) where the tests run, and is part of no package. */
+ * A test tool: it is linked with libsimavr (GPL-3) on the computer that runs the tests, and is part of no package. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -33,7 +33,7 @@
 #include <time.h>
 #include <unistd.h>
 
-/* simavr reckons with eleven bits of 8 x 17 cycles to a byte. */
+/* simavr uses eleven bits of 8 x 17 cycles per byte. */
 enum { MHZ = 16, CHANNELS = 48, BITS = 12, SLICE_US = 250, BYTE_CYCLES = 11 * 8 * 17, UNTOUCHED = 0xA5 };
 enum { SIN, SCLK, XLAT, BLANK, TRIGGER, WIRES };
 
@@ -61,11 +61,11 @@ static uint16_t latches[CHANNELS];
 static int exposing, stepped;
 static char lit_before[1100];
 
-static void tell(const char *what) {
+static void report(const char *what) {
     printf("{\"us\": %llu, %s}\n", (unsigned long long)(avr->cycle / MHZ), what);
 }
 
-static void tell_lit(void) {
+static void report_lit(void) {
     char leds[512] = "", levels[512] = "", now[sizeof lit_before];
     for (int k = 0; k < CHANNELS && !level_of[BLANK]; k++) {
         if (latches[k] == 0)
@@ -76,7 +76,7 @@ static void tell_lit(void) {
     snprintf(now, sizeof now, "\"lit\": [%s], \"levels\": [%s]", leds, levels);
     if (strcmp(now, lit_before) == 0)
         return;
-    tell(now);
+    report(now);
     memcpy(lit_before, now, sizeof now);
 }
 
@@ -93,7 +93,7 @@ static void rising(int wire) {
         }
 }
 
-/* What the wires carry now. An undriven BLANK is pulled up, every other undriven wire down. */
+/* Update the levels of the wires. An undriven BLANK is pulled up, every other undriven wire down. */
 static void settle(void) {
     for (int wire = 0; wire < WIRES; wire++) {
         const pin_t pin = wiring->out[wire];
@@ -105,9 +105,9 @@ static void settle(void) {
         if (level)
             rising(wire);
         if (wire == TRIGGER)
-            tell(level ? "\"trigger\": 1" : "\"trigger\": 0");
+            report(level ? "\"trigger\": 1" : "\"trigger\": 0");
     }
-    tell_lit();
+    report_lit();
 }
 
 static void port_written(struct avr_irq_t *irq, uint32_t value, void *port) {
@@ -130,7 +130,7 @@ static void drive_active(void) {
     avr_raise_irq(irq, (uint32_t)exposing);
 }
 
-/* A reset of any cause lets go of every pin. */
+/* A reset of any cause releases all pins. */
 static void (*reset_core)(struct avr_t *);
 static void let_go(struct avr_t *of) {
     if (reset_core)
@@ -161,7 +161,7 @@ static void send_byte(void) {
 
 static void exchange(void) {
     if (to_host_n > 0) {
-        /* Nobody reads: lost, as on a wire. */
+        /* If the host does not read, bytes are lost, as on a wire. */
         if (write(wire_fd, to_host, to_host_n) < 0 && errno != EAGAIN)
             exit(1);
         to_host_n = 0;
@@ -172,8 +172,8 @@ static void exchange(void) {
     fflush(stdout);
 }
 
-/* The longest stretch of RAM that nothing ever wrote lies between the data and the deepest stack. */
-static void tell_stack(void) {
+/* The longest stretch of RAM that was never written is between the data and the deepest stack. */
+static void report_stack(void) {
     int longest = 0;
     for (int at = avr->ioend + 1, from = at; at <= avr->ramend; at++) {
         if (avr->data[at] != UNTOUCHED)
@@ -183,7 +183,7 @@ static void tell_stack(void) {
     }
     char text[64];
     snprintf(text, sizeof text, "\"untouched\": %d", longest);
-    tell(text);
+    report(text);
 }
 
 static int run_until(avr_cycle_count_t end) {
@@ -210,7 +210,7 @@ static void step(size_t bytes, unsigned long long until_us) {
         exit(1);
     char text[64];
     snprintf(text, sizeof text, "\"stepped\": %zu", to_host_n);
-    tell(text);
+    report(text);
     exchange();
 }
 
@@ -223,7 +223,7 @@ static void obey(const char *order) {
         exposing = order[7] == '1';
         drive_active();
     } else if (strcmp(order, "stack") == 0) {
-        tell_stack();
+        report_stack();
     } else if (strcmp(order, "reset") == 0) {
         char lost[256];
         while (read(wire_fd, lost, sizeof lost) > 0) {
@@ -291,7 +291,7 @@ static void start(const char *image, const char *mcu) {
         fprintf(stderr, "the bridge: cannot run %s on %s\n", image, mcu);
         exit(1);
     }
-    /* After power-on the latches and shift registers of the drivers hold anything: here everything, the worst. */
+    /* After power-on the latches and shift registers of the drivers hold arbitrary values: here all ones, the worst. */
     memset(latches, 0xFF, sizeof latches);
     memset(chain, 1, sizeof chain);
     level_of[BLANK] = 1;
@@ -315,7 +315,7 @@ static void start(const char *image, const char *mcu) {
         avr_irq_t *directed = avr_io_getirq(avr, port, IOPORT_IRQ_DIRECTION_ALL);
         avr_irq_register_notify(written, port_written, name);
         avr_irq_register_notify(directed, direction_written, name);
-        /* simavr keeps back a write of the value before, also where a reset came between. */
+        /* simavr suppresses a write of the previous value, even after a reset. */
         written->flags &= (uint8_t)~IRQ_FLAG_FILTERED;
         directed->flags &= (uint8_t)~IRQ_FLAG_FILTERED;
     }
@@ -347,7 +347,7 @@ int main(int argc, char **argv) {
             return 1;
         exchange();
         int64_t ahead_us = began_us + (int64_t)(avr->cycle / MHZ) - wall_us();
-        /* Time that this machine lost is not made up for: the host must never seem slower than it is. */
+        /* Time that this computer lost is not made up for: the host must never seem slower than it is. */
         if (ahead_us < -1000) {
             began_us -= ahead_us;
             ahead_us = 0;

@@ -1,9 +1,9 @@
-"""Builds the board programs that tests talk to: the firmware for Linux, and for AVR in simavr.
+"""Builds the board programs for tests: the firmware for Linux, and for AVR in simavr.
 
 Each function returns the command that starts the program. A program prints ``{"port": PATH}``,
 then one line ``{"us": T, "lit": [LED, ...]}`` or ``{"us": T, "trigger": 0 or 1}`` for every edge;
-its standard input takes the lines ``active 0``, ``active 1`` and ``reset``; it ends when that
-closes.
+its standard input accepts the lines ``active 0``, ``active 1`` and ``reset``; it ends when its
+standard input is closed.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ LIBELF = Path("/usr/include/libelf.h")
 
 
 def host(folder: Path, firmware: Path = FIRMWARE) -> list[str]:
-    """Build the firmware as a Linux program; skips where there is no g++."""
+    """Build the firmware as a Linux program; skip the test if there is no g++."""
     need("g++")
     _make(folder, firmware, "host")
     return [str(folder / "board-host")]
 
 
 def avr(folder: Path, mcu: str = "atmega328p", firmware: Path = FIRMWARE) -> list[str]:
-    """Build the image of a processor and simavr's bridge; skips where a part of that is absent."""
+    """Build the image of a processor and simavr's bridge; skip the test if a tool is missing."""
     need_avr()
     return _in_simavr(folder, firmware, f"board-{mcu}.elf", mcu)
 
 
 def sketch(folder: Path) -> list[str]:
-    """Build the Arduino sketch for an Uno, and simavr's bridge; skips like `avr`."""
+    """Build the Arduino sketch for an Uno, and simavr's bridge; skip the test as `avr` does."""
     need_avr()
     if not ARDUINO.exists():
         pytest.skip(f"the sketch needs arduino-core-avr: no {ARDUINO}")
@@ -44,7 +44,7 @@ def sketch(folder: Path) -> list[str]:
 
 
 def changed(folder: Path, file: str, old: str, new: str) -> Path:
-    """Copy the firmware's sources with a change, of text that stands there exactly once."""
+    """Copy the firmware's sources and replace a text that must occur exactly once."""
     shutil.copytree(FIRMWARE, folder)
     source = folder / file
     text = source.read_text(encoding="utf-8")
@@ -54,20 +54,20 @@ def changed(folder: Path, file: str, old: str, new: str) -> Path:
 
 
 def need(program: str) -> None:
-    """Skip the test where a program is absent."""
+    """Skip the test if a program is missing."""
     if shutil.which(program) is None:
         pytest.skip(f"the firmware needs {program}: not found")
 
 
 def need_avr() -> None:
-    """Skip the test where the AVR compiler or its library is absent."""
+    """Skip the test if the AVR compiler or its library is missing."""
     need("avr-g++")
     if not AVR_LIBC.exists():
         pytest.skip(f"the AVR image needs avr-libc: no {AVR_LIBC}")
 
 
 def run(*command: str | Path) -> str:
-    """Run a command of a build and return what it printed; its complaint where it fails."""
+    """Run a build command and return its output; raise an error with the output if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     if done.returncode != 0:
         raise AssertionError(f"{command[0]} failed:\n{done.stdout}{done.stderr}")

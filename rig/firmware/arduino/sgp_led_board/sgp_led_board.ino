@@ -1,6 +1,6 @@
-// The LED board's firmware as an Arduino sketch. The folder is put together by `make arduino` in rig/firmware; the wiring
-// is in docs/build-the-rig.md. The bare image of rig/firmware/avr is smaller and its edges are sharper; this one is for
-// those who have only the IDE, or another board of the kind.
+// The LED board's firmware as an Arduino sketch. `make arduino` in rig/firmware creates the folder; docs/build-the-rig.md
+// has the wiring. The bare image of rig/firmware/avr is smaller and its edges are more precise; the sketch is for
+// users who have only the IDE, or another board of the Arduino family.
 
 #include "src/board.h"
 #include "src/firmware.h"
@@ -73,7 +73,7 @@ void board_alive() {
 }
 
 void setup() {
-    // High before it is an output, so that the pull-up's darkness has no gap.
+    // High before it is an output, so that the LEDs stay off without a gap.
     digitalWrite(BLANK, HIGH);
     static const uint8_t OUTPUTS[] = {BLANK, TRIGGER, SIN, SCLK, XLAT};
     for (const uint8_t pin : OUTPUTS)
@@ -84,7 +84,7 @@ void setup() {
     xlat_out.start(XLAT);
     blank_out.start(BLANK);
     trigger_out.start(TRIGGER);
-    // The drivers' latches hold anything after power-on.
+    // After power-on the drivers' latches hold arbitrary values.
     for (uint8_t channel = 0; channel < BOARD_CHANNELS; channel++)
         board_shift(0);
     xlat_out.high();
