@@ -161,9 +161,7 @@ class GentlCamera:
             0.1 <= frame_rate_hz <= 1e6,
             f"frame_rate_hz is {frame_rate_hz}, it must be within 0.1..1e6",
         )
-        self._check(
-            0 <= readout_us <= 1e7, f"readout_us is {readout_us}, it must be within 0..1e7"
-        )
+        self._check(0 <= readout_us <= 1e7, f"readout_us is {readout_us}, it must be within 0..1e7")
         self._check(
             1 <= most_buffers <= 256, f"most_buffers is {most_buffers}, it must be within 1..256"
         )

@@ -1,4 +1,4 @@
-"""Truth beside a session, in the formats that measured results have too."""
+"""Files with the ground truth of a session, in the formats of measured results."""
 
 from __future__ import annotations
 
@@ -34,38 +34,38 @@ def save_truth(
     exposures_us: Sequence[float],
     facts: Mapping[str, Any] | None = None,
 ) -> dict[str, Path]:
-    """Write everything that is true of a recorded scene into a folder.
+    """Write the ground truth of a recorded scene to a folder.
 
-    ``lights.json``, and ``camera.json`` where there is a perspective camera. Where an object is in
+    The files are ``lights.json``, and ``camera.json`` for a perspective camera. If an object is in
     view: ``normals.exr``, ``height.exr`` and ``depth.exr`` (mm), ``albedo.exr``, ``mask.png``,
-    ``shadows/L00.png`` and so on (white: no light from this LED), and ``cramer_rao.exr``, the least
-    rms angle in degrees by which an unbiased estimate of the normal can be off. ``sphere_0.png``
-    and so on are the masks of the spheres in view. ``scene.toml`` makes the scene again, with
-    ``scene.lights.json`` and, of a mesh, ``scene.ply``. ``truth.json`` holds spheres, mirrored
+    ``shadows/L00.png`` and so on (white: no light from this LED), and ``cramer_rao.exr``, the
+    smallest rms angular error in degrees of an unbiased estimate of the normal. ``sphere_0.png``
+    and so on are the masks of the spheres in view. ``scene.toml`` recreates the scene, with
+    ``scene.lights.json`` and, for a mesh, ``scene.ply``. ``truth.json`` contains spheres, mirrored
     LEDs, dead LEDs, sensor and exposure scale; it is written last.
 
     Parameters
     ----------
     folder
-        Made where it is missing. Files of these names are replaced.
+        Folder for the files; made if it does not exist. Files of these names are replaced.
     rendering
-        What was recorded.
+        Rendering that was recorded.
     exposures_us
-        Of the images of each light, for the Cramer-Rao bound.
+        Exposure times of the images of each light, for the Cramer-Rao bound.
     facts
-        What else to tell in ``truth.json``, such as seeds: anything JSON can hold.
+        Additional entries of ``truth.json``, for example seeds; values must be valid in JSON.
 
     Returns
     -------
     dict
-        Name to path; ``shadows`` is a folder.
+        Paths by name; ``shadows`` is a folder.
 
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If a file cannot be written.
     DataError
-        If an exposure is not positive, or the scene holds what a scene file cannot.
+        If an exposure time is not positive, or scene files have no kind for a part of the scene.
     """
     folder, truth = Path(folder), rendering.truth
     make_folder(folder)
@@ -118,7 +118,7 @@ def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArr
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     shadows = truth.shadows
     if dead:
-        # What a dead LED shows is as dark as a shadow.
+        # An image of a dead LED is as dark as a shadow.
         whole = (len(truth.lights), height, width)
         shadows = np.zeros(whole, np.bool_) if shadows is None else shadows.copy()
         shadows[dead] = True
@@ -147,7 +147,7 @@ def _values(rendering: Rendering) -> dict[str, Any]:
             {
                 "centre_mm": centre.tolist(),
                 "radius_mm": float(radius),
-                # An LED that is not mirrored into the camera has no place: null.
+                # An LED that is not mirrored into the camera has no position: null.
                 "highlights_px": [
                     place.tolist() if np.isfinite(place).all() else None for place in places
                 ],

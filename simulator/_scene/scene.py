@@ -137,9 +137,7 @@ class Scene:
     def _check_spheres(self) -> None:
         for i, sphere in enumerate(self.spheres):
             if sphere.centre_mm[2] < sphere.radius_mm - 1e-9:
-                raise DataError(
-                    f"sphere {i} intersects the board: raise its centre to its radius"
-                )
+                raise DataError(f"sphere {i} intersects the board: raise its centre to its radius")
             if self._covers(sphere):
                 raise DataError(f"sphere {i} overlaps the object: move it outward")
         for (i, a), (j, b) in combinations(enumerate(self.spheres), 2):
