@@ -145,9 +145,9 @@ Tree = tuple[Array, Array, Counts, Counts, Counts]
 def _search(
     origin: Array, direction: Array, tree: Tree, reach: float, any_will_do: bool, stack: Counts
 ) -> tuple[float, int, float, float]:
-    """Return t, triangle (-1: none) and the weights of its first two corners."""
+    """Return t, index of the triangle (-1: no hit) and weights of its first two corners."""
     corners, bounds, first, count, axis = tree
-    # The ray's own frame: z along its greatest component, x and y sheared so that it is the z axis.
+    # Frame of the ray: z along its largest component, x and y sheared so that the ray is on z.
     kz = 0
     for c in range(1, 3):
         if abs(direction[c]) > abs(direction[kz]):
@@ -169,7 +169,7 @@ def _search(
             far = (bounds[node, c + 3] - origin[c]) * inverse[c]
             if inverse[c] < 0.0:
                 near, far = far, near
-            # A component of 0 gives inf or, on the very face of a slab, nan: comparisons with
+            # A component of 0 gives inf, or nan exactly on the face of a slab. Comparisons with
             # nan are false, which keeps the box.
             if near > enter:
                 enter = near
