@@ -52,13 +52,13 @@ class _Verb:
     """Arguments and action of a command.
 
     ``arguments`` has a letter for each argument: n number, l LED or no LED, p pace. ``act`` returns
-    the words of the reply, or None if the reply is sent later. ``asks``: the command is a query.
-    ``refused``: the command is refused while a flash or a sequence runs.
+    the words of the reply, or None if the reply is sent later. ``query``: the command
+    changes nothing. ``refused``: it is refused while a flash or a sequence runs.
     """
 
     arguments: str
     act: Callable[..., _Words | None]
-    asks: bool = False
+    query: bool = False
     refused: bool = False
 
 
@@ -80,9 +80,9 @@ class BoardFirmware:
         self._outputs = outputs
         self._active = active
         self._verbs = {
-            "ID": _Verb("", self._id, asks=True),
-            "STATUS": _Verb("", self._status, asks=True),
-            "DID": _Verb("n", self._did, asks=True),
+            "ID": _Verb("", self._id, query=True),
+            "STATUS": _Verb("", self._status, query=True),
+            "DID": _Verb("n", self._did, query=True),
             "OFF": _Verb("", self._off),
             "ON": _Verb("nn", self._on, refused=True),
             "LEVEL": _Verb("nn", self._level, refused=True),
@@ -116,7 +116,7 @@ class BoardFirmware:
             return due
         self.light.heard(now_ns)
         verb = self._verbs.get(command.verb)
-        if verb is not None and verb.asks:
+        if verb is not None and verb.query:
             return due + (self._answer(command, verb) or b"")
         # The same command with the same number is a repetition: send the reply again, do not act.
         if self._last is None or self._last[0] != command:

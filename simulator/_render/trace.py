@@ -132,7 +132,7 @@ def _follow(
                 ox, oy, oz = px - spheres[j, 0], py - spheres[j, 1], pz - spheres[j, 2]
                 b = ox * dx + oy * dy + oz * dz
                 root = b * b - (ox * ox + oy * oy + oz * oz - spheres[j, 3] ** 2)
-                # b < 0: the sphere lies ahead. It also keeps a ray from meeting the sphere
+                # b < 0: the sphere is ahead. This also keeps a ray from hitting the sphere
                 # that it has just left.
                 if root > 0.0 and b < 0.0 and -b - math.sqrt(root) < best:
                     best, hit = -b - math.sqrt(root), j

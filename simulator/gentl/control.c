@@ -38,7 +38,7 @@ __attribute__((constructor)) static void find_library(void)
 
 const char *control_library(void) { return library_path; }
 
-static void beside(const char *name, char *path, size_t size)
+static void path_in_folder(const char *name, char *path, size_t size)
 {
     const char *library = control_library();
     const char *slash = strrchr(library, '/');
@@ -99,7 +99,7 @@ static const char *complaint(const struct control *c)
 static const void *map_file(int slot, const char *name, size_t size)
 {
     char path[PATH_MAX];
-    beside(name, path, sizeof path);
+    path_in_folder(name, path, sizeof path);
     struct stat about;
     const int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0 || fstat(fd, &about) != 0) {
@@ -136,7 +136,7 @@ static bool map_files(struct files *files)
 struct control *control_open(struct files *files)
 {
     char path[PATH_MAX];
-    beside("camera.control", path, sizeof path);
+    path_in_folder("camera.control", path, sizeof path);
     memset(files, 0, sizeof *files);
     control_fd = open(path, O_RDWR | O_CLOEXEC);
     if (control_fd < 0 && errno == ENOENT && access(control_library(), F_OK) == 0) {

@@ -123,10 +123,10 @@ GC_API GC_ERROR EventGetDataInfo(HANDLE event, const void *data, size_t data_siz
     (void)event;
     if (!data || data_size < sizeof(EVENT_NEW_BUFFER_DATA))
         return fail(GC_ERR_INVALID_PARAMETER, "the data of the event is too short");
-    const EVENT_NEW_BUFFER_DATA *told = data;
+    const EVENT_NEW_BUFFER_DATA *filled = data;
     switch (what) {
-    case EVENT_DATA_ID: return answer_pointer(ANSWER, told->buffer);
-    case EVENT_DATA_VALUE: return answer_pointer(ANSWER, told->user_pointer);
+    case EVENT_DATA_ID: return answer_pointer(ANSWER, filled->buffer);
+    case EVENT_DATA_VALUE: return answer_pointer(ANSWER, filled->user_pointer);
     default: return fail(GC_ERR_NOT_AVAILABLE, "no event data info %d", (int)what);
     }
 }
