@@ -1,4 +1,4 @@
-"""Pixel formats, bit for bit from the producer through harvesters to an array."""
+"""Pixel formats, bit by bit from the producer via harvesters to an array."""
 
 import contextlib
 import time
@@ -50,7 +50,7 @@ def grab(acquirer, name):
         component = buffer.payload.components[0]
         size = component.height, component.width
         if name.endswith("10Packed"):
-            # harvesters 1.4.3 takes it for 10 bits a sample and cuts the rest off; it has 12.
+            # harvesters 1.4.3 assumes 10 bits per sample and truncates the rest; the format has 12.
             raw = buffer.module.raw_buffer
             pixels = samples(bytes(raw), name, size[0] * size[1]).reshape(size)
         else:
@@ -73,7 +73,7 @@ def test_every_format_arrives_bit_for_bit(cfa):
 
 
 def samples(data: bytes, name: str, count: int) -> np.ndarray:
-    """Samples of a packed format by its definition, one at a time (PFNC 2.4; GigE Vision 2)."""
+    """Unpack samples one by one according to the definition (PFNC 2.4; GigE Vision 2)."""
     if not name.endswith("Packed"):
         bits = int(name.rstrip("p")[-2:])
         number = int.from_bytes(data, "little")
@@ -117,12 +117,12 @@ def test_packed_formats_of_any_size_follow_their_definition(name, size, cfa):
         pytest.param(16, "Mono16", id="16 bits"),
     ],
 )
-def test_a_camera_starts_with_the_format_that_holds_its_samples_whole(bits, name):
+def test_a_camera_starts_with_the_format_of_its_bit_depth(bits, name):
     frame = np.random.default_rng(5).integers(0, 2**bits, SIZE, np.uint16)
     with camera(frame, bits) as made, acquirer_of(made) as acquirer:
         assert acquirer.remote_device.node_map.PixelFormat.value == name
         np.testing.assert_array_equal(grab(acquirer, name), frame)
-        # A wider format holds the same values at its low end.
+        # A wider format has the same values in its low bits.
         np.testing.assert_array_equal(grab(acquirer, "Mono16"), frame)
 
 
@@ -138,7 +138,7 @@ def test_a_part_of_the_sensor(name):
         np.testing.assert_array_equal(grab(acquirer, name), expected)
 
 
-def test_frames_of_five_megapixels_come_at_the_rate_of_the_camera():
+def test_frames_of_five_megapixels_arrive_at_the_rate_of_the_camera():
     frame = np.random.default_rng(7).integers(0, 2**12, (2048, 2448), np.uint16)
     noise = NoiseModel(1.0, 0.0, 0.0, 12)
     made = GentlCamera(
@@ -156,6 +156,6 @@ def test_frames_of_five_megapixels_come_at_the_rate_of_the_camera():
             frames.append(device.take(5.0))
         busy = time.process_time() - busy
         assert (first.pixels == frame).all()
-        # 10 frames take half a second; a fifth of a core is the limit.
+        # 10 frames take half a second; the limit is a fifth of a core.
         assert busy < 0.1
         assert device.library is library

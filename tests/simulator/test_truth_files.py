@@ -1,4 +1,4 @@
-"""Truth beside a session: every file is read back by the ordinary readers, value for value."""
+"""Ground truth of a session: the ordinary readers read all values of all files."""
 
 import json
 from dataclasses import replace
@@ -40,12 +40,12 @@ def test_maps(truth, saved):
     np.testing.assert_array_equal(read_mask(folder / "mask.png"), truth.mask)
     height, depth = (read_image(folder / f"{name}.exr") for name in ("height", "depth"))
     np.testing.assert_allclose(height, truth.height_mm, atol=1e-6)
-    # The bench camera hangs 600 mm above the board, and height is counted from there.
+    # The bench camera is 600 mm above the board, and heights are relative to the board.
     np.testing.assert_allclose(depth + height, np.where(truth.mask, 600.0, np.nan), atol=1e-4)
     assert all(path.exists() for path in made.values())
 
 
-def test_shadows_are_white_and_named_by_their_light(rendering, tmp_path):
+def test_shadows_are_white_and_named_after_their_light(rendering, tmp_path):
     shadows = np.zeros((4, 64, 80), np.bool_)
     for light, shadow in enumerate(shadows):
         shadow[10 * light : 10 * light + 7, 20:50] = True
@@ -57,15 +57,15 @@ def test_shadows_are_white_and_named_by_their_light(rendering, tmp_path):
         np.testing.assert_array_equal(picture, np.where(shadow, 255, 0))
 
 
-def test_the_bound_knows_the_exposures_and_the_dead_leds(rendering, truth, saved, tmp_path):
+def test_the_bound_depends_on_exposure_times_and_dead_leds(rendering, truth, saved, tmp_path):
     bound = read_image(saved[0] / "cramer_rao.exr")[truth.mask]
     assert (bound > 0).all()
-    # Where shot noise rules, four times the light halves the error; where read noise rules, it
+    # If shot noise dominates, four times the light halves the error; if read noise dominates, it
     # quarters it.
     save_truth(tmp_path / "long", rendering, exposures_us=(4 * EXPOSURES_US[0],))
     gain = bound / read_image(tmp_path / "long" / "cramer_rao.exr")[truth.mask]
     assert 1.9 < np.median(gain[np.isfinite(gain)]) < 4.0
-    # Without one of four lights, three remain: worse, but known. Without two, nothing is known.
+    # With three of four lights, the bound is larger but finite; with two, it is infinite.
     for dead, known in (((1,), True), ((1, 2), False)):
         folder = tmp_path / f"without{len(dead)}"
         scene = replace(rendering.scene, lamps=Lamps(dead=dead))
@@ -105,7 +105,7 @@ def test_spheres_and_sensor(truth, saved):
         np.testing.assert_array_equal(mask, truth.sphere_masks[index])
 
 
-def test_a_highlight_out_of_sight_is_null(rendering, truth, tmp_path):
+def test_a_highlight_that_is_not_visible_is_null(rendering, truth, tmp_path):
     places = truth.highlights_px.copy()
     places[1, 2] = np.nan
     save_truth(tmp_path, changed(rendering, highlights_px=places), exposures_us=EXPOSURES_US)
@@ -114,7 +114,7 @@ def test_a_highlight_out_of_sight_is_null(rendering, truth, tmp_path):
     assert None not in spheres[0]["highlights_px"]
 
 
-def test_without_an_object_there_are_no_maps_of_it(tmp_path):
+def test_without_an_object_there_are_no_maps(tmp_path):
     rendering = render(scene_named("spheres", width=80, height=64, leds=3))
     made = save_truth(tmp_path, rendering, exposures_us=EXPOSURES_US)
     names = {path.name for path in tmp_path.iterdir()}
@@ -124,7 +124,7 @@ def test_without_an_object_there_are_no_maps_of_it(tmp_path):
     assert {path.name for path in made.values()} == names - {"scene.lights.json"}
 
 
-def test_parallel_rays_have_neither_depth_nor_camera(rendering, tmp_path):
+def test_an_orthographic_lens_has_neither_depth_nor_camera(rendering, tmp_path):
     parallel = changed(rendering, lens=Lens.orthographic(80, 64, 2.5, 600.0))
     assert parallel.truth.depth_mm is None
     made = save_truth(tmp_path, parallel, exposures_us=EXPOSURES_US)
@@ -132,19 +132,19 @@ def test_parallel_rays_have_neither_depth_nor_camera(rendering, tmp_path):
     assert {"height", "normals", "cramer_rao"} <= made.keys()
 
 
-def test_points_are_seen_at_their_own_pixels(truth):
+def test_points_project_to_their_pixels(truth):
     rows, columns = np.nonzero(truth.mask)
     points = truth.points_mm[truth.mask]
     np.testing.assert_allclose(points[:, 2], truth.height_mm[truth.mask], atol=1e-9)
-    # By the pinhole: focal length times offset over depth, y up in the scene and down in the image.
+    # Pinhole: focal length times offset over depth; y is up in the scene and down in the image.
     K, depth = truth.camera.K, 600.0 - points[:, 2]
     np.testing.assert_allclose(K[0, 2] + K[0, 0] * points[:, 0] / depth, columns, atol=1e-9)
     np.testing.assert_allclose(K[1, 2] - K[1, 1] * points[:, 1] / depth, rows, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["coin", "sphere", "scales", "step-gauge", "tilted-plane"])
-def test_the_truth_explains_the_picture(name):
-    """Normals solved from the planes at the true points, by the light model of `Lights`."""
+def test_the_truth_agrees_with_the_images(name):
+    """Solve the normals from the planes at the true points with the light model of `Lights`."""
     rendering = render(scene_named(name, width=120, height=96, leds=16))
     truth = rendering.truth
     lit = ~truth.shadows[:, truth.mask]
@@ -168,7 +168,7 @@ def test_the_truth_explains_the_picture(name):
     ("exposures_us", "error", "words"),
     [
         pytest.param((), DataError, "exposures", id="no exposure"),
-        pytest.param((0.0,), DataError, "exposures", id="an exposure of nothing"),
+        pytest.param((0.0,), DataError, "exposures", id="zero exposure"),
         pytest.param(EXPOSURES_US, StorageError, "file", id="a file in the way"),
     ],
 )
