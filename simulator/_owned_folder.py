@@ -110,13 +110,13 @@ def _own(folder: Path) -> int | None:
 
 def _remove_if_abandoned(name: str, place: int) -> None:
     with _opened(name, place) as folder:
-        found = os.fstat(folder)
-        if found.st_uid != os.geteuid() or stat.S_IMODE(found.st_mode) & 0o022:
+        info = os.fstat(folder)
+        if info.st_uid != os.geteuid() or stat.S_IMODE(info.st_mode) & 0o022:
             return
         try:
             lock = os.open(_LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
         except FileNotFoundError:
-            if time.time() - found.st_mtime > _HALF_MADE_S:
+            if time.time() - info.st_mtime > _HALF_MADE_S:
                 os.rmdir(name, dir_fd=place)  # only if it is empty
             return
         try:
@@ -124,7 +124,7 @@ def _remove_if_abandoned(name: str, place: int) -> None:
             # Check that the name still refers to this folder, and the folder to this lock file.
             here = os.stat(_LOCK, dir_fd=folder, follow_symlinks=False)
             there = os.stat(name, dir_fd=place, follow_symlinks=False)
-            if os.path.samestat(os.fstat(lock), here) and os.path.samestat(found, there):
+            if os.path.samestat(os.fstat(lock), here) and os.path.samestat(info, there):
                 shutil.rmtree(name, dir_fd=place)
         finally:
             os.close(lock)

@@ -96,7 +96,7 @@ def simulated_rig(
         closing.callback(virtual.close)
         device: Camera
         if wanted != "inside" and lacking is None:
-            made = GentlCamera(
+            gentl_camera = GentlCamera(
                 seen,
                 size=(height, width),
                 noise=noise,
@@ -110,9 +110,11 @@ def simulated_rig(
                 sensor_seed=sensor_seed,
                 frame_rate_hz=frame_rate_hz,
             )
-            opened.callback(made.close)
-            closing.callback(made.close)
-            device = open_genicam(made.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth))
+            opened.callback(gentl_camera.close)
+            closing.callback(gentl_camera.close)
+            device = open_genicam(
+                gentl_camera.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth)
+            )
         else:
             inside = VirtualCamera(
                 seen,

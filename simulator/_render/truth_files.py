@@ -47,7 +47,7 @@ def save_truth(
     Parameters
     ----------
     folder
-        Folder for the files; made if it does not exist. Files of these names are replaced.
+        Folder for the files; created if it does not exist. Files of these names are replaced.
     rendering
         Rendering that was recorded.
     exposures_us
@@ -69,25 +69,25 @@ def save_truth(
     """
     folder, truth = Path(folder), rendering.truth
     make_folder(folder)
-    made = _save_maps(folder, truth) if truth.mask.any() else {}
-    if made:
-        made["cramer_rao"] = folder / "cramer_rao.exr"
-        write_exr(made["cramer_rao"], _bound_deg(rendering, exposures_us))
+    paths = _save_maps(folder, truth) if truth.mask.any() else {}
+    if paths:
+        paths["cramer_rao"] = folder / "cramer_rao.exr"
+        write_exr(paths["cramer_rao"], _bound_deg(rendering, exposures_us))
     for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
-        made[f"sphere_{index}"] = folder / f"sphere_{index}.png"
-        write_png(made[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
-    made["lights"] = folder / "lights.json"
-    write_lights(made["lights"], truth.lights, {"method": "simulated"})
+        paths[f"sphere_{index}"] = folder / f"sphere_{index}.png"
+        write_png(paths[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
+    paths["lights"] = folder / "lights.json"
+    write_lights(paths["lights"], truth.lights, {"method": "simulated"})
     if truth.camera is not None:
-        made["camera"] = folder / "camera.json"
-        write_camera(made["camera"], truth.camera)
-    made["scene"] = folder / "scene.toml"
-    write_scene(made["scene"], rendering.scene)
-    made["truth"] = folder / "truth.json"
+        paths["camera"] = folder / "camera.json"
+        write_camera(paths["camera"], truth.camera)
+    paths["scene"] = folder / "scene.toml"
+    write_scene(paths["scene"], rendering.scene)
+    paths["truth"] = folder / "truth.json"
     values = _values(rendering) | dict(facts or {})
     text = json.dumps(values, indent=1, allow_nan=False)
-    write_durably(made["truth"], f"{text}\n".encode())
-    return made
+    write_durably(paths["truth"], f"{text}\n".encode())
+    return paths
 
 
 def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
@@ -97,19 +97,19 @@ def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
         "depth": truth.depth_mm,
         "albedo": truth.albedo,
     }
-    made = {}
+    paths = {}
     for name, values in maps.items():
         if values is not None:
-            made[name] = folder / f"{name}.exr"
-            write_exr(made[name], values.astype(np.float32))
-    made["mask"] = folder / "mask.png"
-    write_png(made["mask"], _picture(truth.mask))
+            paths[name] = folder / f"{name}.exr"
+            write_exr(paths[name], values.astype(np.float32))
+    paths["mask"] = folder / "mask.png"
+    write_png(paths["mask"], _picture(truth.mask))
     if truth.shadows is not None:
-        made["shadows"] = folder / "shadows"
-        make_folder(made["shadows"])
+        paths["shadows"] = folder / "shadows"
+        make_folder(paths["shadows"])
         for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
-            write_png(made["shadows"] / f"{light}.png", _picture(shadow))
-    return made
+            write_png(paths["shadows"] / f"{light}.png", _picture(shadow))
+    return paths
 
 
 def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArray[np.float32]:

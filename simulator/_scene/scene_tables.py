@@ -23,7 +23,7 @@ _LARGEST = 1e12
 _CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **given: Any) -> Any:
+def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **defaults: Any) -> Any:
     """Call a class or function with the keys of a table, checked against its signature.
 
     Parameters
@@ -34,7 +34,7 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **gi
         Keys and values of the table.
     where
         Name of the table, for messages.
-    **given
+    **defaults
         Values of parameters that are not in the table; ignored if ``maker`` has no parameter of
         that name.
 
@@ -46,7 +46,7 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **gi
     """
     model = _model(maker)
     keys = model.model_fields
-    values = {name: value for name, value in given.items() if name in keys} | dict(values)
+    values = {name: value for name, value in defaults.items() if name in keys} | dict(values)
     try:
         read = model.model_validate(values)
     except ValidationError as error:
@@ -77,7 +77,7 @@ def check_range(read: BaseModel, where: str) -> None:
                 raise DataError(f"[{where}]: key {key!r}: {number:g} is larger than {_LARGEST:g}")
 
 
-def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **given: Any) -> Any:
+def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **defaults: Any) -> Any:
     """Build an object of the kind that the key ``kind`` of a table names.
 
     Raises
@@ -90,7 +90,7 @@ def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **given: Any
     if not isinstance(kind, str) or kind not in kinds:
         fault = "kind is missing" if kind is None else f"unknown kind {kind!r}"
         raise DataError(f"[{where}]: {fault}: use one of {', '.join(kinds)}")
-    return build(kinds[kind], rest, where, **given)
+    return build(kinds[kind], rest, where, **defaults)
 
 
 def table(value: Any) -> dict[str, Any]:

@@ -122,16 +122,16 @@ class TriangleTree:
         NDArray
             ``(n,)`` True if there is a hit at 0 < t < reach.
         """
-        found = np.zeros(len(origins), np.bool_)
+        hit = np.zeros(len(origins), np.bool_)
         _any(
             np.ascontiguousarray(origins, np.float64),
             np.ascontiguousarray(directions, np.float64),
             self._arrays,
             STACK,
             float(reach),
-            found,
+            hit,
         )
-        return found
+        return hit
 
     @property
     def _arrays(self) -> Tree:

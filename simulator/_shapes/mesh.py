@@ -169,8 +169,8 @@ class MeshBody:
                     self.faces[:, c], angle * self.face_normals[:, axis], len(total)
                 )
         length = np.linalg.norm(total, axis=1, keepdims=True)
-        known = length > 1e-9
-        return np.where(known, total / np.where(known, length, 1.0), [0.0, 0.0, 1.0])
+        defined = length > 1e-9
+        return np.where(defined, total / np.where(defined, length, 1.0), [0.0, 0.0, 1.0])
 
     def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
         """Return which positions of the board the mesh covers, seen vertically from above."""

@@ -91,15 +91,15 @@ GC_API GC_ERROR TLGetInterfaceInfo(HANDLE tl, const char *id, int32_t what, INFO
                                    void *buffer, size_t *size)
 {
     CHECK(tl, SYSTEM);
-    const GC_ERROR known = check_id(id, INTERFACE_ID);
-    return known ? known : interface_info(what, ANSWER);
+    const GC_ERROR checked = check_id(id, INTERFACE_ID);
+    return checked ? checked : interface_info(what, ANSWER);
 }
 
 GC_API GC_ERROR TLOpenInterface(HANDLE tl, const char *id, HANDLE *interface)
 {
     CHECK(tl, SYSTEM);
-    const GC_ERROR known = check_id(id, INTERFACE_ID);
-    return known ? known : module_open(INTERFACE, interface);
+    const GC_ERROR checked = check_id(id, INTERFACE_ID);
+    return checked ? checked : module_open(INTERFACE, interface);
 }
 
 GC_API GC_ERROR TLUpdateInterfaceList(HANDLE tl, bool8_t *changed, uint64_t timeout_ms)
@@ -180,8 +180,8 @@ GC_API GC_ERROR IFGetDeviceInfo(HANDLE interface, const char *id, int32_t what,
                                 INFO_DATATYPE *type, void *buffer, size_t *size)
 {
     CHECK(interface, INTERFACE);
-    const GC_ERROR known = check_id(id, camera_serial());
-    return known ? known : device_info(what, ANSWER);
+    const GC_ERROR checked = check_id(id, camera_serial());
+    return checked ? checked : device_info(what, ANSWER);
 }
 
 GC_API GC_ERROR IFOpenDevice(HANDLE interface, const char *id, int32_t access, HANDLE *device)

@@ -37,11 +37,11 @@ void stream_move(struct buffer *buffer, enum place to)
 
 struct buffer *stream_oldest(enum place place)
 {
-    struct buffer *found = NULL;
+    struct buffer *oldest = NULL;
     for (uint32_t i = 0; i < announced; i++)
-        if (buffers[i]->place == place && (!found || buffers[i]->since < found->since))
-            found = buffers[i];
-    return found;
+        if (buffers[i]->place == place && (!oldest || buffers[i]->since < oldest->since))
+            oldest = buffers[i];
+    return oldest;
 }
 
 size_t stream_count(enum place place)

@@ -238,15 +238,15 @@ class Bench:
         self.opened: list[tuple[Library, GentlCamera]] = []
 
     def open(self, planes, *, buffers: int = 4, **options) -> Device:
-        made = GentlCamera(planes, bench_state_path=self.path, **options)
-        library = Library(made.cti)
-        self.opened.append((library, made))
+        camera = GentlCamera(planes, bench_state_path=self.path, **options)
+        library = Library(camera.cti)
+        self.opened.append((library, camera))
         return Device(library, buffers)
 
     def close(self) -> None:
-        for library, made in self.opened:
+        for library, camera in self.opened:
             library.close()
-            made.close()
+            camera.close()
         self.writer.close()
 
 

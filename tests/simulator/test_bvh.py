@@ -55,10 +55,10 @@ def test_closest_equals_brute_force(count):
 @pytest.mark.parametrize("reach", [0.3, 1.0, math.inf])
 def test_blocked_equals_brute_force(reach):
     corners, (origins, directions) = _random_triangles(120, seed=8), _rays(500, seed=2)
-    found = TriangleTree.grow(corners).blocked(origins, directions, reach)
+    result = TriangleTree.grow(corners).blocked(origins, directions, reach)
     expected = _brute(corners, origins, directions).min(axis=1) < reach
-    np.testing.assert_array_equal(found, expected)
-    assert 25 < found.sum() < 475
+    np.testing.assert_array_equal(result, expected)
+    assert 25 < result.sum() < 475
 
 
 @settings(max_examples=25, deadline=None)

@@ -199,8 +199,8 @@ def _reflected(lens, sphere, pixels):
 @pytest.mark.parametrize("lens", LENSES)
 def test_ray_of_the_highlight_hits_the_led_with_every_lens(lens):
     bench = _bench(lens)
-    found = find_highlights(bench).pixels
-    for sphere, pixels in zip(bench.spheres, found, strict=True):
+    result = find_highlights(bench).pixels
+    for sphere, pixels in zip(bench.spheres, result, strict=True):
         start, way = _reflected(lens, sphere, pixels)
         toward = bench.lights.positions_mm - start
         assert np.linalg.norm(np.cross(toward, way), axis=1).max() < 1e-6
@@ -221,10 +221,10 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
     dome = dome_lights(9, seed=3)
     lights = replace(dome, axes=dome.axes + turn, mu=np.full(9, mu))
     bench = _bench(lens, lights=lights, led_radius_mm=radius)
-    found, fine = find_highlights(bench), 120
+    result, fine = find_highlights(bench), 120
     for s, n in ((0, 5), (3, 0), (3, 7)):
         sphere, led, axis = bench.spheres[s], lights.positions_mm[n], lights.axes[n]
-        spots = found.spots[s, n]
+        spots = result.spots[s, n]
         middle, half = spots.mean(axis=0), 0.8 * np.ptp(spots, axis=0).max()
         step = half * ((np.arange(2 * fine) + 0.5) / fine - 1)
         pixels = middle + np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
@@ -238,8 +238,8 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
         at_origin = (-(led @ axis) / np.sqrt(squared)) ** mu
         radiance = bench.irradiance[n] * squared / at_origin / (np.pi * radius**2)
         expected = np.pi * sphere.reflectance * radiance * weight.sum() * (half / fine) ** 2
-        assert found.signal[s, n] == pytest.approx(expected, rel=2e-3)
-        drawn = np.average(spots, axis=0, weights=found.shares[s, n])
+        assert result.signal[s, n] == pytest.approx(expected, rel=2e-3)
+        drawn = np.average(spots, axis=0, weights=result.shares[s, n])
         np.testing.assert_allclose(
             drawn, np.average(pixels, axis=0, weights=weight), atol=0.003 * max(half, 1)
         )
@@ -248,16 +248,16 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
 @pytest.mark.parametrize("lens", LENSES)
 def test_drawn_centroid_is_at_the_mirror_point_with_every_lens(lens):
     bench = _bench(lens)
-    found, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
-    draw_highlights(bench, found, planes)
+    result, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
+    draw_highlights(bench, result, planes)
     y, x = np.mgrid[: lens.size[0], : lens.size[1]]
     for s, sphere in enumerate(bench.spheres):
         window = lens.window(sphere.centre_mm, sphere.radius_mm)
         for n, plane in enumerate(planes):
             spot = plane[window].astype(float)
             place = [(spot * v[window]).sum() / spot.sum() for v in (x, y)]
-            np.testing.assert_allclose(place, found.pixels[s, n], atol=0.02)
-            assert spot.sum() == pytest.approx(found.signal[s, n], rel=1e-4)
+            np.testing.assert_allclose(place, result.pixels[s, n], atol=0.02)
+            assert spot.sum() == pytest.approx(result.signal[s, n], rel=1e-4)
 
 
 @pytest.mark.parametrize("lens", LENSES[1:])
@@ -278,15 +278,15 @@ def test_orthographic_view_of_distant_lights_in_closed_form():
     directions = np.array([[0.0, 0, 1], [0.3, -0.5, 0.6], [-0.9, 0.1, 0.1], [0.5, 0.5, 0.05]])
     lights = Lights(directions=directions, intensities=np.array([1.0, 2, 3, 4]))
     sphere = ChromeSphere((12.0, -7.0, 30.0), 25.0, reflectance=0.7)
-    found = find_highlights(
+    result = find_highlights(
         _bench(Lens.orthographic(401, 301, 0.25, 99.0), lights=lights, spheres=(sphere,))
     )
     half = lights.directions + np.array([0, 0, 1])
     half /= np.linalg.norm(half, axis=1)[:, None]
     pixels = (half[:, :2] * 25 + [12, -7]) / [0.25, -0.25] + [200, 150]
-    np.testing.assert_allclose(found.pixels[0], pixels, atol=1e-9)
+    np.testing.assert_allclose(result.pixels[0], pixels, atol=1e-9)
     expected = np.pi * lights.intensities[:, 0] * 0.7 * (25 / 0.25) ** 2 / 4
-    np.testing.assert_allclose(found.signal[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(result.signal[0], expected, rtol=1e-6)
 
 
 def test_distant_lights_are_the_limit_of_far_leds():
@@ -323,7 +323,7 @@ def test_a_hill_hides_the_highlights_of_the_leds_behind_it():
         SCENE, body=hill, spheres=(sphere,), lights=Lights(positions_mm=low), led_radius_mm=1e-3
     )
     free = find_highlights(scene)
-    found = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
+    result = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
     points, _ = mirror_points(scene.lens, sphere, low, near=True)
     way = (low - points) / np.linalg.norm(low - points, axis=1)[:, None]
     to_middle = np.array([0, 0, 45.0 - ball]) - points
@@ -332,8 +332,8 @@ def test_a_hill_hides_the_highlights_of_the_leds_behind_it():
     assert np.abs(past).min() > 0.5
     hidden = (past < 0) & (along > 0)
     assert 3 <= hidden.sum() <= 13
-    np.testing.assert_array_equal(np.isnan(found.signal[0]), hidden | np.isnan(free.signal[0]))
-    np.testing.assert_array_equal(found.pixels[0, ~hidden], free.pixels[0, ~hidden])
+    np.testing.assert_array_equal(np.isnan(result.signal[0]), hidden | np.isnan(free.signal[0]))
+    np.testing.assert_array_equal(result.pixels[0, ~hidden], free.pixels[0, ~hidden])
 
 
 def test_a_highlight_that_the_distortion_folds_into_the_image_is_omitted():

@@ -37,8 +37,8 @@ def test_three_orthogonal_lights_around_the_normal():
     amount, albedo = 8000.0, 0.5
     variance = variance_e(NOISE, amount * albedo / np.sqrt(3))
     expected = np.degrees(np.sqrt(2 * variance) / (amount * albedo))
-    found = bound(np.ones(3) / np.sqrt(3), Lights(directions=np.eye(3)), albedo=albedo)
-    assert found == pytest.approx(expected, rel=1e-5)
+    result = bound(np.ones(3) / np.sqrt(3), Lights(directions=np.eye(3)), albedo=albedo)
+    assert result == pytest.approx(expected, rel=1e-5)
 
 
 def ring(count, elevation_deg):
@@ -72,7 +72,7 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
     per_dn = noise.electrons_per_dn / 10 ** (gain_db / 20)
     variance = electrons + noise.read_noise_e**2 + per_dn**2 / 12
     expected = np.degrees(2 * np.sqrt(variance / count) / (scale * np.cos(rise) * albedo))
-    found = bound(
+    result = bound(
         (0, 0, 1),
         Lights(directions=ring(count, 40)),
         albedo=albedo,
@@ -81,7 +81,7 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
         gain_db=gain_db,
         background_per_us=background,
     )
-    assert found == pytest.approx(expected, rel=1e-5)
+    assert result == pytest.approx(expected, rel=1e-5)
 
 
 def test_every_repeat_counts_and_saturated_brackets_do_not():
@@ -113,8 +113,8 @@ def test_a_near_light_equals_a_distant_one_of_the_same_irradiance():
     same = Lights(
         directions=toward, intensities=intensities * fall_off(point) / fall_off(np.zeros(3))
     )
-    found = bound(normal, lights, points_mm=point[None, None])
-    assert found == pytest.approx(bound(normal, same), rel=1e-5)
+    result = bound(normal, lights, points_mm=point[None, None])
+    assert result == pytest.approx(bound(normal, same), rel=1e-5)
 
 
 def test_mosaic_pixels_see_the_intensity_of_their_channel():
@@ -122,7 +122,7 @@ def test_mosaic_pixels_see_the_intensity_of_their_channel():
     colours = np.array([[0.5, 1.0, 0.25]]) * np.ones((6, 1))
     lights = Lights(directions=directions, intensities=colours)
     normals = np.tile(np.float32([0, 0, 1]), (1, 3, 1))
-    found = cramer_rao_deg(
+    result = cramer_rao_deg(
         normals,
         # Only the albedo of a pixel's own channel matters.
         np.where(np.eye(3, dtype=bool), 0.5, 0.9)[None],
@@ -136,14 +136,14 @@ def test_mosaic_pixels_see_the_intensity_of_their_channel():
         bound((0, 0, 1), Lights(directions=directions, intensities=np.full(6, i)))
         for i in (0.5, 1.0, 0.5)
     ]
-    np.testing.assert_allclose(found, alone, rtol=1e-6)
+    np.testing.assert_allclose(result, alone, rtol=1e-6)
 
 
 def test_a_monochrome_pixel_sees_the_mean_of_intensity_times_albedo():
     directions = ring(6, 45)
     colours = np.linspace(0.4, 1.6, 18).reshape(6, 3)
     albedo = np.array([0.9, 0.3, 0.6])
-    found = cramer_rao_deg(
+    result = cramer_rao_deg(
         np.float32([[[0, 0, 1]]]),
         albedo[None, None],
         Lights(directions=directions, intensities=colours),
@@ -152,7 +152,7 @@ def test_a_monochrome_pixel_sees_the_mean_of_intensity_times_albedo():
         exposures_us=(8000.0,),
     )[0, 0]
     grey = Lights(directions=directions, intensities=(colours @ albedo) / 3 / 0.6)
-    assert found == pytest.approx(bound((0, 0, 1), grey, albedo=0.6), rel=1e-6)
+    assert result == pytest.approx(bound((0, 0, 1), grey, albedo=0.6), rel=1e-6)
 
 
 def test_lights_that_do_not_reach_the_point_give_no_information():
@@ -212,8 +212,8 @@ def test_an_efficient_estimator_reaches_the_bound(normal, albedo, exposure_us, c
     assert (directions @ normal > 0).all()
     photons = albedo * exposure_us * np.tile(directions @ normal, (trials, 1))
     grey = sensor_image(photons.astype(np.float32), NOISE, key=(11,))
-    found = estimate(grey.astype(np.float64), NOISE, exposure_us, directions)
-    error = np.arctan2(np.linalg.norm(np.cross(found, normal), axis=1), found @ normal)
+    result = estimate(grey.astype(np.float64), NOISE, exposure_us, directions)
+    error = np.arctan2(np.linalg.norm(np.cross(result, normal), axis=1), result @ normal)
     rms = np.degrees(np.sqrt(np.mean(error**2)))
     least = bound(normal, Lights(directions=directions), albedo=albedo, exposure_us=(exposure_us,))
     # The relative error of the mean square of two normal errors is at most 1 / sqrt(trials); that
@@ -287,7 +287,7 @@ def test_the_bound_holds_in_a_rendered_scene():
     ],
 )
 def test_invalid_input_is_refused(changed, message):
-    given = {
+    arguments = {
         "normals": np.ones((2, 3, 3), np.float32),
         "albedo": np.ones((2, 3), np.float32),
         "lights": Lights(directions=np.eye(3)),
@@ -296,4 +296,4 @@ def test_invalid_input_is_refused(changed, message):
         "exposures_us": (1.0,),
     }
     with pytest.raises(DataError, match=message):
-        cramer_rao_deg(**{**given, **changed})
+        cramer_rao_deg(**{**arguments, **changed})

@@ -145,10 +145,10 @@ def test_two_leds_at_once_add_up_and_a_dimmed_one_counts_less(bench):
 
 
 def test_leds_without_a_plane_are_dark(bench):
-    made = even(1, 3)
-    planes = made["planes"]
-    made["planes"] = lambda led: None if led in (None, 1) else planes(led)
-    device = bench.camera(**made)
+    options = even(1, 3)
+    planes = options["planes"]
+    options["planes"] = lambda led: None if led in (None, 1) else planes(led)
+    device = bench.camera(**options)
     device.set("ExposureTime", 1000.0)
     for led, value in ((1, 20), (2, 3020), (3, 20), (1000, 20)):
         bench.light(led)
@@ -170,8 +170,8 @@ def test_an_exposure_with_more_led_changes_than_the_ring_gives_no_frame(bench):
 
 def test_rows_of_a_rolling_shutter_are_exposed_one_after_the_other(bench):
     rows, readout_us, exposure_us = 100, 20_000.0, 5000.0
-    made = even(1, 1, (rows, 3))
-    device = bench.camera(**made, shutter="rolling", readout_us=readout_us)
+    options = even(1, 1, (rows, 3))
+    device = bench.camera(**options, shutter="rolling", readout_us=readout_us)
     assert device.get("SensorShutterMode") == "Rolling"
     assert device.get("SensorReadoutTime") == readout_us
     device.set("ExposureTime", exposure_us)

@@ -27,10 +27,10 @@ def camera(frame, bits, cfa=None):
 
 
 @contextlib.contextmanager
-def acquirer_of(made):
+def acquirer_of(opened):
     harvester = Harvester()
     try:
-        harvester.add_file(str(made.cti), check_existence=True, check_validity=True)
+        harvester.add_file(str(opened.cti), check_existence=True, check_validity=True)
         harvester.update()
         acquirer = harvester.create()
         yield acquirer
@@ -64,7 +64,7 @@ def grab(acquirer, name):
 @pytest.mark.parametrize("cfa", MOSAICS)
 def test_every_format_arrives_bit_for_bit(cfa):
     frame = np.random.default_rng(3).integers(0, 2**16, SIZE, np.uint16)
-    with camera(frame, 16, cfa) as made, acquirer_of(made) as acquirer:
+    with camera(frame, 16, cfa) as opened, acquirer_of(opened) as acquirer:
         names = acquirer.remote_device.node_map.PixelFormat.symbolics
         assert names == tuple(MOSAICS[cfa] + suffix for suffix in SUFFIXES)
         for name, bits in zip(names, SUFFIXES.values(), strict=True):
@@ -79,12 +79,12 @@ def samples(data: bytes, name: str, count: int) -> np.ndarray:
         number = int.from_bytes(data, "little")
         return np.array([number >> (bits * i) & (2**bits - 1) for i in range(count)])
     low = int(name.removesuffix("Packed")[-2:]) - 8
-    found = []
+    result = []
     for i in range(0, len(data), 3):
         first, both, second = data[i : i + 3]
-        found.append(first << low | both & (2**low - 1))
-        found.append(second << low | both >> 4 & (2**low - 1))
-    return np.array(found[:count])
+        result.append(first << low | both & (2**low - 1))
+        result.append(second << low | both >> 4 & (2**low - 1))
+    return np.array(result[:count])
 
 
 @pytest.mark.parametrize("name", ["10p", "12p", "10Packed", "12Packed"])
@@ -93,8 +93,8 @@ def samples(data: bytes, name: str, count: int) -> np.ndarray:
 def test_packed_formats_of_any_size_follow_their_definition(name, size, cfa):
     frame = np.random.default_rng(4).integers(0, 2**12, size, np.uint16)
     with (
-        camera(frame, 12, cfa) as made,
-        gentl.Library(made.cti) as library,
+        camera(frame, 12, cfa) as opened,
+        gentl.Library(opened.cti) as library,
         gentl.Device(library) as device,
     ):
         device.set("TriggerMode", "On")
@@ -119,7 +119,7 @@ def test_packed_formats_of_any_size_follow_their_definition(name, size, cfa):
 )
 def test_a_camera_starts_with_the_format_of_its_bit_depth(bits, name):
     frame = np.random.default_rng(5).integers(0, 2**bits, SIZE, np.uint16)
-    with camera(frame, bits) as made, acquirer_of(made) as acquirer:
+    with camera(frame, bits) as opened, acquirer_of(opened) as acquirer:
         assert acquirer.remote_device.node_map.PixelFormat.value == name
         np.testing.assert_array_equal(grab(acquirer, name), frame)
         # A wider format has the same values in its low bits.
@@ -129,7 +129,7 @@ def test_a_camera_starts_with_the_format_of_its_bit_depth(bits, name):
 @pytest.mark.parametrize("name", ["Mono8", "Mono12p", "Mono16"])
 def test_a_part_of_the_sensor(name):
     frame = np.random.default_rng(6).integers(0, 2**16, SIZE, np.uint16)
-    with camera(frame, 16) as made, acquirer_of(made) as acquirer:
+    with camera(frame, 16) as opened, acquirer_of(opened) as acquirer:
         nodes = acquirer.remote_device.node_map
         nodes.Width.value, nodes.Height.value = 8, 5
         assert (nodes.OffsetX.max, nodes.OffsetY.max) == (12, 7)
@@ -141,11 +141,11 @@ def test_a_part_of_the_sensor(name):
 def test_frames_of_five_megapixels_arrive_at_the_rate_of_the_camera():
     frame = np.random.default_rng(7).integers(0, 2**12, (2048, 2448), np.uint16)
     noise = NoiseModel(1.0, 0.0, 0.0, 12)
-    made = GentlCamera(
+    opened = GentlCamera(
         lambda led: frame, size=frame.shape, leds=0, noise=noise, precomposed=True,
         frame_rate_hz=20.0,
     )  # fmt: skip
-    with made, gentl.Library(made.cti) as library, gentl.Device(library) as device:
+    with opened, gentl.Library(opened.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 5000.0)
         device.start()
         first = device.fetch()

@@ -249,8 +249,8 @@ def test_memory_stays_flat_over_a_thousand_times_open_and_close():
 
 def test_memory_stays_flat_over_thousands_of_frames():
     noise = NoiseModel(2.5, 4.0, 64.0, 12)
-    made = GentlCamera(lambda led: None, size=(48, 64), leds=0, noise=noise, frame_rate_hz=1e4)
-    with made as camera, gentl.Library(camera.cti) as library, gentl.Device(library) as device:
+    virtual = GentlCamera(lambda led: None, size=(48, 64), leds=0, noise=noise, frame_rate_hz=1e4)
+    with virtual as camera, gentl.Library(camera.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 100.0)
         device.start()
         for _ in range(200):

@@ -200,9 +200,9 @@ def test_window_contains_every_pixel_whose_ray_hits_the_ball(lens, centre, radiu
     miss = np.linalg.norm(np.cross(rays, origins - centre), axis=-1) / np.linalg.norm(rays, axis=-1)
     rows, columns = (np.flatnonzero((miss < radius).any(axis=a)) for a in (1, 0))
     window = lens.window(centre, radius)
-    for found, span, most in zip((rows, columns), window, lens.size, strict=True):
-        assert max(found[0] - 3, 0) <= span.start <= found[0]
-        assert found[-1] + 1 <= span.stop <= min(found[-1] + 4, most)
+    for result, span, most in zip((rows, columns), window, lens.size, strict=True):
+        assert max(result[0] - 3, 0) <= span.start <= result[0]
+        assert result[-1] + 1 <= span.stop <= min(result[-1] + 4, most)
 
 
 @pytest.mark.parametrize("lens", LENSES)

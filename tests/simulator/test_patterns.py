@@ -55,8 +55,8 @@ def test_checker_repeats_every_second_square(x, y, square):
     if near > 1e-9:
         at, there = np.array([[x], [y]]), np.array([[x + 2 * square], [y - 4 * square]])
         np.testing.assert_array_equal(checker.evaluate(*at), checker.evaluate(*there))
-        beside = np.array([[x + square], [y]])
-        np.testing.assert_array_equal(checker.evaluate(*at), 1 - checker.evaluate(*beside))
+        neighbour = np.array([[x + square], [y]])
+        np.testing.assert_array_equal(checker.evaluate(*at), 1 - checker.evaluate(*neighbour))
 
 
 @pytest.mark.parametrize(
@@ -116,10 +116,10 @@ def test_opencv_detects_the_charuco_corners_at_their_positions(columns, rows):
         part = board.evaluate(x * pixel_mm, y * pixel_mm)
         picture[row] = part.reshape(fine, width, fine).mean(axis=(0, 2))
     picture = np.round(255 * cv2.GaussianBlur(picture, (0, 0), 1.0)).astype(np.uint8)
-    known = cv2.aruco.CharucoBoard(
+    board = cv2.aruco.CharucoBoard(
         (columns, rows), 4.0, 3.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
     )
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(known).detectBoard(picture)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
     assert ids is not None
     np.testing.assert_array_equal(np.sort(ids.ravel()), np.arange((columns - 1) * (rows - 1)))
     expected = board.corners_mm[ids.ravel()] / pixel_mm * [1, -1] + middle

@@ -40,8 +40,8 @@ def test_oren_nayar_as_published(light, eye, sigma):
     alpha, beta = max(light[0], eye[0]), min(light[0], eye[0])
     lobe = max(0.0, math.cos(light[1] - eye[1])) * math.sin(alpha) * math.tan(beta)
     expected = 1 - 0.5 * squared / (squared + 0.33) + 0.45 * squared / (squared + 0.09) * lobe
-    found = reflectance(OrenNayar(sigma), 0.7, UP, _direction(*light), _direction(*eye))
-    assert found == pytest.approx(0.7 * expected, rel=1e-9)
+    result = reflectance(OrenNayar(sigma), 0.7, UP, _direction(*light), _direction(*eye))
+    assert result == pytest.approx(0.7 * expected, rel=1e-9)
 
 
 @settings(max_examples=60, deadline=None)
@@ -72,8 +72,8 @@ def test_smooth_limits_are_lambertian():
     eye, light = _direction(0.7, 1.0), _direction(1.1, 4.0)
     for material in (Lambert(), OrenNayar(0.0), Ggx(1.0, 0.0)):
         normal_light = light if not isinstance(material, Ggx) else UP
-        found = reflectance(material, 0.4, UP, normal_light, UP if normal_light is UP else eye)
-        assert found == pytest.approx(0.4, abs=1e-9)
+        result = reflectance(material, 0.4, UP, normal_light, UP if normal_light is UP else eye)
+        assert result == pytest.approx(0.4, abs=1e-9)
 
 
 @pytest.mark.parametrize("material", MATERIALS)
@@ -115,9 +115,9 @@ def test_lambert_reflects_its_albedo():
 def test_gloss_peaks_at_the_mirror_direction():
     eye = _direction(0.5, 0.0)
     tilt = np.linspace(0.0, 1.2, 241)
-    found = reflectance(Ggx(0.1, 0.5), 0.2, UP, _direction(tilt, np.pi), eye)
-    assert tilt[np.argmax(found)] == pytest.approx(0.5, abs=0.02)
-    assert found.max() > 5 * np.median(found)
+    result = reflectance(Ggx(0.1, 0.5), 0.2, UP, _direction(tilt, np.pi), eye)
+    assert tilt[np.argmax(result)] == pytest.approx(0.5, abs=0.02)
+    assert result.max() > 5 * np.median(result)
 
 
 def test_rough_paint_brightens_back_toward_the_light():

@@ -99,14 +99,14 @@ def test_each_pixel_of_a_mosaic_has_its_own_channel(cfa, lights):
 def test_monochrome_camera_sees_the_mean_of_the_colours():
     wheel = ColourWheel(50.0)
     scene = _scene(Coin(50.0), NEAR, pattern=wheel)
-    found = render(scene)
+    result = render(scene)
     white = render(
         replace(scene, pattern=Even(1.0), lights=replace(NEAR, intensities=np.ones((3, 3))))
     )
-    mask, points = found.truth.mask, found.truth.points_mm
+    mask, points = result.truth.mask, result.truth.points_mm
     albedo = wheel.evaluate(points[mask][:, 0], points[mask][:, 1])
     expected = white.planes[:, mask] * (COLOURS @ albedo.T) / 3
-    np.testing.assert_allclose(found.planes[:, mask], expected, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(result.planes[:, mask], expected, rtol=1e-5, atol=1e-8)
 
 
 def test_a_chrome_sphere_in_a_mosaic_mirrors_colours():
@@ -206,12 +206,12 @@ def _ggx(material, cos_light, cos_eye, between):
 def test_material_shapes_the_object_and_not_the_board(material, formula, lens, lights):
     """The ratio to a Lambertian rendering is the reflectance of the material, point by point."""
     scene = _scene(SphericalCap(45.0, 30.0), lights, lens, pattern=Even(0.6), board=Even(0.3))
-    matte, found = (
+    matte, result = (
         render(replace(scene, material=Lambert())),
         render(replace(scene, material=material)),
     )
-    mask, truth = found.truth.mask, found.truth
-    np.testing.assert_array_equal(found.planes[:, ~mask], matte.planes[:, ~mask])
+    mask, truth = result.truth.mask, result.truth
+    np.testing.assert_array_equal(result.planes[:, ~mask], matte.planes[:, ~mask])
     points, normals = truth.points_mm[mask], truth.normals[mask].astype(float)
     to_eye = np.array([0, 0, 1.0]) if lens is PARALLEL else np.array([0, 0, 500.0]) - points
     to_eye = to_eye / np.linalg.norm(to_eye, axis=-1, keepdims=True)
@@ -224,21 +224,21 @@ def test_material_shapes_the_object_and_not_the_board(material, formula, lens, l
         between = np.broadcast_to((to_light * to_eye).sum(-1), lit.shape)[lit]
         diffuse, gloss = formula(material, *cosines, between)
         np.testing.assert_allclose(
-            found.planes[k, mask][lit],
+            result.planes[k, mask][lit],
             matte.planes[k, mask][lit] * (diffuse + gloss / 0.6),
             rtol=2e-4,
         )
 
 
 def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
-    told = []
+    progress = []
     scene = _scene(
         Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
-    whole = render(scene, lambda done, total: told.append((done, total)))
+    whole = render(scene, lambda done, total: progress.append((done, total)))
     monkeypatch.setattr("simulator._render.render._POINTS", 450)
-    parts = render(scene, lambda done, total: told.append((done, total)))
-    assert told == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
+    parts = render(scene, lambda done, total: progress.append((done, total)))
+    assert progress == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
     np.testing.assert_array_equal(parts.planes, whole.planes)
     np.testing.assert_array_equal(parts.truth.shadows, whole.truth.shadows)
     np.testing.assert_array_equal(parts.truth.normals, whole.truth.normals)

@@ -177,9 +177,9 @@ def scenes() -> dict[str, Scene]:
 @pytest.mark.parametrize("name", scenes())
 def test_a_scene_written_and_read_gives_the_same_images(tmp_path, name):
     scene = scenes()[name]
-    made = write_scene(tmp_path / "scene.toml", scene)
-    assert all(path.is_file() for path in made)
-    again = read_scene(made[0])
+    paths = write_scene(tmp_path / "scene.toml", scene)
+    assert all(path.is_file() for path in paths)
+    again = read_scene(paths[0])
     assert (again.noise, again.lamps, again.spheres) == (scene.noise, scene.lamps, scene.spheres)
     first, second = render(scene), render(again)
     np.testing.assert_array_equal(first.planes, second.planes)
@@ -259,9 +259,9 @@ def test_a_mesh_is_written_in_its_final_position(write, tmp_path):
             f"[lights]\nkind='dome'\ncount=3\n{SMALL}"
         )
     )
-    made = write_scene(tmp_path / "other.toml", scene)
-    assert {path.name for path in made} == {"other.toml", "other.lights.json", "other.ply"}
-    again = read_scene(made[0])
+    paths = write_scene(tmp_path / "other.toml", scene)
+    assert {path.name for path in paths} == {"other.toml", "other.lights.json", "other.ply"}
+    again = read_scene(paths[0])
     np.testing.assert_allclose(again.body.vertices_mm, scene.body.vertices_mm, atol=1e-4)
     assert again.body.smooth == scene.body.smooth
 
@@ -412,10 +412,10 @@ def test_the_documentation_has_all_kinds_with_keys_and_defaults(kinds, heading):
     rows = dict(re.findall(r"^\| `([a-z-]+)` \|.*\| (.*?) ?\|$", section, re.MULTILINE))
     assert rows.keys() == kinds.keys()
     for kind, maker in kinds.items():
-        said = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
+        documented_keys = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
         keys = inspect.signature(maker).parameters
-        assert list(said) == list(keys), kind
-        for name, text in said.items():
+        assert list(documented_keys) == list(keys), kind
+        for name, text in documented_keys.items():
             default = keys[name].default
             if default is inspect.Parameter.empty:
                 assert text == "", (kind, name)

@@ -51,10 +51,10 @@ def _board_points(lens):
     return 500.0 * rays + [0, 0, 500.0]
 
 
-def _off_by_more_than_a_pixel(found, expected, where):
+def _off_by_more_than_a_pixel(result, expected, where):
     """Pixels that are wrong although all their neighbours should be alike."""
     alike = maximum_filter(expected, 3) == minimum_filter(expected, 3)
-    return (found != expected) & alike & where
+    return (result != expected) & alike & where
 
 
 def _segment_gap(start, end):
@@ -73,12 +73,12 @@ def test_step_casts_its_shadow_on_the_board(lens):
     radius, height = 45.0, 7.0
     truth = render(_scene(Plane(radius, height), _leds(*LOW_LEDS), lens)).truth
     points = _board_points(lens)[..., :2]
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         below_the_top = points + height / led[2] * (np.array(led[:2]) - points)
         expected = _segment_gap(points, below_the_top) < radius
         outside = ~maximum_filter(truth.mask, 3) & (np.hypot(*np.moveaxis(points, -1, 0)) > radius)
         assert (expected & outside).sum() > 300
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
 @LENSES
@@ -86,13 +86,13 @@ def test_hemisphere_casts_its_shadow_on_the_board(lens):
     radius = 40.0
     truth = render(_scene(SphericalCap(radius, radius), _leds(*LOW_LEDS), lens)).truth
     points = _board_points(lens)
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         way = np.array(led) - points
         t = np.clip(-(points * way).sum(-1) / (way**2).sum(-1), 0, 1)
         expected = np.linalg.norm(points + t[..., None] * way, axis=-1) < radius
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 300
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
 @LENSES
@@ -141,10 +141,10 @@ def test_convex_cap_has_only_attached_shadow(height):
     truth = render(_scene(SphericalCap(50.0, height), _leds(*leds))).truth
     sphere = (50.0**2 + height**2) / (2 * height)
     normals = (truth.points_mm - [0, 0, height - sphere]) / sphere
-    for led, found in zip(leds, truth.shadows, strict=True):
+    for led, result in zip(leds, truth.shadows, strict=True):
         facing = ((np.array(led, float) - truth.points_mm) * normals).sum(-1)
         clear = truth.mask & (np.abs(facing) > 1e-9)
-        np.testing.assert_array_equal(found[clear], facing[clear] <= 0)
+        np.testing.assert_array_equal(result[clear], facing[clear] <= 0)
 
 
 def _searched(body, points, led, fine=500):
@@ -176,14 +176,14 @@ def test_relief_shadows_itself_like_the_exact_surface(body, led):
     assert truth.mask.all()
     expected = np.ones(truth.size, bool)
     expected[ask] = _searched(body, points[ask], np.array(led))
-    found = truth.shadows[0]
+    result = truth.shadows[0]
     cast = expected & ask
     assert cast.sum() > 150
     # A lit streak narrower than a pixel may end one pixel too late.
-    assert _off_by_more_than_a_pixel(found, expected, ask).sum() <= 2
+    assert _off_by_more_than_a_pixel(result, expected, ask).sum() <= 2
     # Points that are lit by the exact surface are never dark, even next to an edge.
-    assert not (found & ~expected).any()
-    assert (found & cast).sum() > 0.9 * cast.sum()
+    assert not (result & ~expected).any()
+    assert (result & cast).sum() > 0.9 * cast.sum()
 
 
 def test_dark_points_receive_no_light():
@@ -230,9 +230,9 @@ def test_penumbra_of_a_straight_edge():
     over_edge = x + (-half - x) * led[2] / height
     cut = np.clip((over_edge - led[0]) / radius, -1, 1)
     expected = 0.5 + (np.arcsin(cut) + cut * np.sqrt(1 - cut**2)) / np.pi
-    beside = x < -half - 1.0
-    assert ((expected > 0.05) & (expected < 0.95) & beside).sum() > 10
-    np.testing.assert_allclose((soft / free)[beside], expected[beside], atol=0.03)
+    left = x < -half - 1.0
+    assert ((expected > 0.05) & (expected < 0.95) & left).sum() > 10
+    np.testing.assert_allclose((soft / free)[left], expected[left], atol=0.03)
 
 
 def _ball(radius, centre):
@@ -244,7 +244,7 @@ def test_mesh_of_a_ball_casts_the_shadow_of_a_sphere():
     radius, centre = 15.0, np.array([5.0, -8.0, 17.0])
     truth = render(_scene(_ball(radius, centre), _leds(*LOW_LEDS))).truth
     points = _board_points(PERSPECTIVE)
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         way, axis = points - led, centre - led
         angle = np.arctan2(np.linalg.norm(np.cross(way, axis), axis=-1), way @ axis)
         expected = angle < np.arctan2(radius, np.sqrt(axis @ axis - radius**2))
@@ -252,17 +252,17 @@ def test_mesh_of_a_ball_casts_the_shadow_of_a_sphere():
         expected &= (way**2).sum(-1) > axis @ axis - radius**2
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 100
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
 def test_mesh_shadows_itself_where_it_faces_away():
     truth = render(_scene(_ball(30.0, np.array([0.0, 0.0, 30.0])), _leds(*LOW_LEDS))).truth
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         facing = ((np.array(led) - truth.points_mm) * truth.normals).sum(-1)
         distance = np.linalg.norm(np.array(led) - truth.points_mm, axis=-1)
         # Facets are flat: their horizon differs by about a degree from the smooth one.
         clear = truth.mask & (np.abs(facing) > 0.04 * distance)
-        np.testing.assert_array_equal(found[clear], facing[clear] < 0)
+        np.testing.assert_array_equal(result[clear], facing[clear] < 0)
 
 
 def test_box_mesh_casts_the_shadow_of_a_step():
@@ -271,10 +271,10 @@ def test_box_mesh_casts_the_shadow_of_a_step():
     truth = render(_scene(body, _leds(*LOW_LEDS), PARALLEL)).truth
     points = _board_points(PARALLEL)[..., :2]
     assert not truth.shadows[:, minimum_filter(truth.mask, 3)].any()
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         share = np.linspace(0, 7.0 / led[2], 200)
         ways = points[..., None, :] + share[:, None] * (np.array(led[:2]) - points)[..., None, :]
         expected = np.any((np.abs(ways[..., 0]) < 40) & (np.abs(ways[..., 1]) < 30), axis=-1)
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 200
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()

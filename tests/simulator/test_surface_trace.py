@@ -32,7 +32,7 @@ def _slanting(count, seed=0, height=200.0):
 def _first_by_brute_force(surface, origins, directions, samples=8001):
     """Sample each ray densely between the heights of the field and take the first crossing."""
     top, bottom = surface.bounds.top_mm + 0.1, surface.bounds.bottom_mm - 0.1
-    found = np.full(len(origins), np.nan)
+    result = np.full(len(origins), np.nan)
     for i, (start, way) in enumerate(zip(origins, directions, strict=True)):
         t = np.linspace((top - start[2]) / way[2], (bottom - start[2]) / way[2], samples)
         x, y, z = (start[a] + t * way[a] for a in range(3))
@@ -45,8 +45,8 @@ def _first_by_brute_force(surface, origins, directions, samples=8001):
         crossing = np.flatnonzero((gap[:-1] >= 0) & (gap[1:] < 0))
         if crossing.size:
             k = crossing[0]
-            found[i] = t[k] + (t[k + 1] - t[k]) * gap[k] / (gap[k] - gap[k + 1])
-    return found
+            result[i] = t[k] + (t[k + 1] - t[k]) * gap[k] / (gap[k] - gap[k + 1])
+    return result
 
 
 STEEP = [

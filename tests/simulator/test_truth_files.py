@@ -34,7 +34,7 @@ def changed(rendering, **fields) -> Rendering:
 
 
 def test_maps(truth, saved):
-    folder, made = saved
+    folder, paths = saved
     np.testing.assert_array_equal(read_image(folder / "normals.exr"), truth.normals)
     np.testing.assert_array_equal(read_image(folder / "albedo.exr"), truth.albedo)
     np.testing.assert_array_equal(read_mask(folder / "mask.png"), truth.mask)
@@ -42,7 +42,7 @@ def test_maps(truth, saved):
     np.testing.assert_allclose(height, truth.height_mm, atol=1e-6)
     # The bench camera is 600 mm above the board, and heights are relative to the board.
     np.testing.assert_allclose(depth + height, np.where(truth.mask, 600.0, np.nan), atol=1e-4)
-    assert all(path.exists() for path in made.values())
+    assert all(path.exists() for path in paths.values())
 
 
 def test_shadows_are_white_and_named_after_their_light(rendering, tmp_path):
@@ -66,14 +66,14 @@ def test_the_bound_depends_on_exposure_times_and_dead_leds(rendering, truth, sav
     gain = bound / read_image(tmp_path / "long" / "cramer_rao.exr")[truth.mask]
     assert 1.9 < np.median(gain[np.isfinite(gain)]) < 4.0
     # With three of four lights, the bound is larger but finite; with two, it is infinite.
-    for dead, known in (((1,), True), ((1, 2), False)):
+    for dead, finite in (((1,), True), ((1, 2), False)):
         folder = tmp_path / f"without{len(dead)}"
         scene = replace(rendering.scene, lamps=Lamps(dead=dead))
         save_truth(folder, replace(rendering, scene=scene), exposures_us=EXPOSURES_US)
         less = read_image(folder / "cramer_rao.exr")[truth.mask]
         values = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
         assert values["dead_leds"] == list(dead)
-        assert np.isfinite(less).any() == known
+        assert np.isfinite(less).any() == finite
         assert (less >= bound * (1 - 1e-6)).all()
 
 
@@ -116,20 +116,20 @@ def test_a_highlight_that_is_not_visible_is_null(rendering, truth, tmp_path):
 
 def test_without_an_object_there_are_no_maps(tmp_path):
     rendering = render(scene_named("spheres", width=80, height=64, leds=3))
-    made = save_truth(tmp_path, rendering, exposures_us=EXPOSURES_US)
+    paths = save_truth(tmp_path, rendering, exposures_us=EXPOSURES_US)
     names = {path.name for path in tmp_path.iterdir()}
     spheres = {f"sphere_{i}.png" for i in range(4)}
     others = {"truth.json", "lights.json", "camera.json", "scene.toml", "scene.lights.json"}
     assert names == others | spheres
-    assert {path.name for path in made.values()} == names - {"scene.lights.json"}
+    assert {path.name for path in paths.values()} == names - {"scene.lights.json"}
 
 
 def test_an_orthographic_lens_has_neither_depth_nor_camera(rendering, tmp_path):
     parallel = changed(rendering, lens=Lens.orthographic(80, 64, 2.5, 600.0))
     assert parallel.truth.depth_mm is None
-    made = save_truth(tmp_path, parallel, exposures_us=EXPOSURES_US)
-    assert not {"depth", "camera"} & made.keys()
-    assert {"height", "normals", "cramer_rao"} <= made.keys()
+    paths = save_truth(tmp_path, parallel, exposures_us=EXPOSURES_US)
+    assert not {"depth", "camera"} & paths.keys()
+    assert {"height", "normals", "cramer_rao"} <= paths.keys()
 
 
 def test_points_project_to_their_pixels(truth):
@@ -153,15 +153,15 @@ def test_the_truth_agrees_with_the_images(name):
     vectors = truth.lights.vectors_at(truth.points_mm[truth.mask])
     vectors *= truth.lights.intensities[:, :1, None]
     squared = np.einsum("nki,nkj,nk->kij", vectors, vectors, lit)
-    known = (lit.sum(axis=0) >= 4) & (np.linalg.cond(squared) < 1e4)
-    assert known.mean() > 0.99
-    right = np.einsum("nki,nk->ki", vectors, signal)[known]
-    solved = np.linalg.solve(squared[known], right[..., None])[..., 0]
-    true = truth.normals[truth.mask][known]
+    solvable = (lit.sum(axis=0) >= 4) & (np.linalg.cond(squared) < 1e4)
+    assert solvable.mean() > 0.99
+    right = np.einsum("nki,nk->ki", vectors, signal)[solvable]
+    solved = np.linalg.solve(squared[solvable], right[..., None])[..., 0]
+    true = truth.normals[truth.mask][solvable]
     sine = np.linalg.norm(np.cross(solved, true), axis=1)
     assert np.degrees(np.arctan2(sine, (solved * true).sum(axis=1))).max() < 1e-4
     albedo = np.linalg.norm(solved, axis=1) / truth.electrons_per_us
-    np.testing.assert_allclose(albedo, truth.albedo[truth.mask][known], rtol=1e-5)
+    np.testing.assert_allclose(albedo, truth.albedo[truth.mask][solvable], rtol=1e-5)
 
 
 @pytest.mark.parametrize(

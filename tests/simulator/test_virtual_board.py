@@ -34,11 +34,11 @@ class Desk:
     def at_ms(self, ms):
         """Advance the time, wake the board whenever it is due, and return its replies."""
         until_ns = round(ms * MS)
-        said = b""
+        sent = b""
         while self.now_ns < until_ns:
             self.now_ns = min(until_ns, max(self.now_ns + 1, self.board.next_ns(self.now_ns)))
-            said += self.board.advance(self.now_ns)
-        return [decode_reply(line) for line in said.splitlines()]
+            sent += self.board.advance(self.now_ns)
+        return [decode_reply(line) for line in sent.splitlines()]
 
     def send(self, *words, seq=None):
         """Send a command now; return the bytes of the immediate reply."""
@@ -48,10 +48,10 @@ class Desk:
 
     def ask(self, *words, seq=None):
         """Send a command now; return the words of the reply, or None if there is no reply."""
-        said = self.send(*words, seq=seq)
-        if not said:
+        answer = self.send(*words, seq=seq)
+        if not answer:
             return None
-        reply = decode_reply(said.rstrip())
+        reply = decode_reply(answer.rstrip())
         assert (reply.seq, reply.verb) == (self.seq, words[0])
         return " ".join(reply.args) if reply.error is None else f"E{reply.error}"
 
@@ -378,7 +378,7 @@ FLASHED = ["7 - 8000 -"]
 
 
 @pytest.mark.parametrize(
-    ("fault", "told", "triggers", "burned"),
+    ("fault", "replies", "triggers", "leds"),
     [
         pytest.param({"kind": "drop-command"}, [], [], {3}, id="drop-command"),
         pytest.param({"kind": "corrupt-command", "value": 9}, [], [], {3}, id="corrupt-command"),
@@ -400,26 +400,26 @@ FLASHED = ["7 - 8000 -"]
         pytest.param({"kind": "double-trigger"}, FLASHED, [12, 12.3], {3, 7}, id="double-trigger"),
     ],
 )
-def test_each_fault_has_its_effect(desk, fault, told, triggers, burned):
+def test_each_fault_has_its_effect(desk, fault, replies, triggers, leds):
     desk.ask("ON", "3", "100")
     desk.at_ms(10)
     desk.board.set_faults([BoardFault(**fault)])
     desk.send("FLASH", "7", "2000", "6000")
-    assert [" ".join(reply.args) for reply in desk.at_ms(100)] == told
+    assert [" ".join(reply.args) for reply in desk.at_ms(100)] == replies
     assert desk.triggers() == triggers
-    assert {led for led, _, _ in desk.lit()} == burned
-    assert [end for led, _, end in desk.lit() if led == 9] == [18] * (9 in burned)
+    assert {led for led, _, _ in desk.lit()} == leds
+    assert [end for led, _, end in desk.lit() if led == 9] == [18] * (9 in leds)
 
 
 @pytest.mark.parametrize("way", ["corrupt", "lose-byte", "double-byte"])
 @pytest.mark.parametrize("at", range(24))
 def test_a_damaged_reply_is_never_read_as_another_reply(desk, way, at):
     desk.board.set_faults([BoardFault(kind=f"{way}-reply", value=at)])
-    said = (
+    received = (
         desk.send("ON", "7", "1000", seq=1) + desk.send("STATUS", seq=2) + desk.send("OFF", seq=3)
     )
     read = []
-    for line in LineBuffer().feed(said):
+    for line in LineBuffer().feed(received):
         with contextlib.suppress(LineError):
             read.append(decode_reply(line))
     sent = [

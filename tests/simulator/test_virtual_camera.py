@@ -344,8 +344,8 @@ class Picture:
         def residual(shift):
             return (1000 * self.value(x - shift[0], y - shift[1]) - seen).ravel()
 
-        found = optimize.least_squares(residual, (0.0, 0.0))
-        return found.x, np.sqrt(np.mean(found.fun**2))
+        result = optimize.least_squares(residual, (0.0, 0.0))
+        return result.x, np.sqrt(np.mean(result.fun**2))
 
 
 def test_shake_moves_frames_by_its_standard_deviation(room):
