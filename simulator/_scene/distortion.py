@@ -26,7 +26,7 @@ def distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
 
 
 def undistorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return the undistorted positions, to 1e-12; NaN if there is none inside the fold."""
+    """Return the undistorted positions, to 1e-12; NaN where no solution is inside the fold."""
     out = np.zeros((x.size, 2))
     _undistort(x.ravel(), y.ravel(), coefficients, _fold(coefficients), out)
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)

@@ -94,7 +94,7 @@ def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **defaults: 
 
 
 def table(value: Any) -> dict[str, Any]:
-    """Return a dataclass as a table, without fields that are None or have their default value.
+    """Return a dataclass as a table, without None and without default values.
 
     Seeds are always included; otherwise a reader would use the seed of its own scene.
     """

@@ -214,8 +214,8 @@ def test_window_of_a_ball_outside_the_image_is_empty(lens):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        pytest.param(lambda: Lens(), "has no pixels", id="nothing"),
-        pytest.param(lambda: Lens.orthographic(0, 5, 1, 1), "has no pixels", id="no-width"),
+        pytest.param(lambda: Lens(), "pixels is invalid", id="nothing"),
+        pytest.param(lambda: Lens.orthographic(0, 5, 1, 1), "pixels is invalid", id="no-width"),
         pytest.param(lambda: Lens.orthographic(5, 5, -1, 1), "pixel_mm is -1", id="pixel"),
         pytest.param(lambda: Lens.orthographic(5, 5, 1, np.nan), "height_mm is nan", id="height"),
         pytest.param(lambda: Lens.of(bench_camera(), width=3), "one or the other", id="both"),

@@ -26,7 +26,7 @@ def _body(name, **more):
         pytest.skip("SGP_DATA is not set")
     path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
     if not path.exists():
-        pytest.skip(f"{path} is not there")
+        pytest.skip(f"{path} does not exist")
     return MeshBody.read(path, radius_mm=80.0, **more)
 
 
@@ -251,8 +251,8 @@ def test_quads_are_triangulated(tmp_path):
             "vertex 4 is not finite",
             id="inf",
         ),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES + 1), "vertex that is not there", id="range"),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES - 1), "vertex that is not there", id="minus"),
+        pytest.param(lambda: MeshBody(PYRAMID, SIDES + 1), "vertex that does not exist", id="range"),
+        pytest.param(lambda: MeshBody(PYRAMID, SIDES - 1), "vertex that does not exist", id="minus"),
         pytest.param(
             lambda: MeshBody(PYRAMID, np.vstack([SIDES, [0, 0, 1]])),
             "1 of 5 faces have no area, the first one is face 4",

@@ -149,7 +149,7 @@ def test_only_the_camera_inside_can_run_without_waiting():
     with simulated_rig(planes, CONFIG, **options) as rig:
         assert isinstance(rig.camera, VirtualCamera)
         assert rig.camera.info.model == "virtual camera"
-    with pytest.raises(RigConfigError, match="take the camera inside"):
+    with pytest.raises(RigConfigError, match="use the camera 'inside'"):
         simulated_rig(planes, CONFIG, camera="gentl", **options)
 
 
@@ -305,7 +305,7 @@ def test_the_driver_accepts_a_sensor_seed_and_shake():
         pytest.param({"sensor_seed": -1}, "option 'sensor_seed'", id="sensor seed"),
         pytest.param({"shake_px": -0.1}, "option 'shake_px'", id="shake"),
         pytest.param({"camera": "outside"}, "option 'camera'", id="camera"),
-        pytest.param({"camera": "gentl"}, "take the camera inside", id="camera without real time"),
+        pytest.param({"camera": "gentl"}, "use the camera 'inside'", id="camera without real time"),
         pytest.param({"wiring": {"swap": [[0, 1]]}}, r"\[wiring\]: unknown key", id="wiring"),
         pytest.param({"wiring": {"always": [4]}}, r"wrongly wired LEDs \[4\] must", id="wired LED"),
         pytest.param({"wiring": {"double": [[0, 0]]}}, "listed only once", id="wired twice"),
