@@ -28,7 +28,7 @@ _LOOK_NS = 1_000_000
 
 @dataclass
 class Flash:
-    """One flash of an LED; the LED is None for a flash without light."""
+    """One flash of an LED, or a flash without light (``led`` None)."""
 
     led: int | None
     start_ns: int
@@ -39,7 +39,7 @@ class Flash:
 
 @dataclass(frozen=True)
 class FlashRecord:
-    """Times of a flash that has ended, in us; ``active_us`` is None if no exposure was seen."""
+    """Times of a flash that has ended, in us; ``active_us``: None if no exposure was seen."""
 
     led: int | None
     trigger_us: int

@@ -78,6 +78,6 @@ class ControlFile:
         self.fields.size = SIZE
 
     def close(self) -> None:
-        """Close the file; ``fields`` is None afterwards."""
+        """Close the file and set ``fields`` to None."""
         self.fields = None
         self._map.close()

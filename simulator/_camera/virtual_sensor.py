@@ -22,7 +22,7 @@ Planes = Callable[[int | None], npt.NDArray[np.float32]]
 class Exposure:
     """One exposure; ``lamps_ns`` is its start on the clock of `Lamps`.
 
-    ``end_ns`` is None if the exposure lasts until its frame is fetched.
+    ``end_ns``: None if the exposure lasts until its frame is fetched.
     """
 
     start_ns: int
