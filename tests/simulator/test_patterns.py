@@ -116,10 +116,10 @@ def test_opencv_detects_the_charuco_corners_at_their_positions(columns, rows):
         part = board.evaluate(x * pixel_mm, y * pixel_mm)
         picture[row] = part.reshape(fine, width, fine).mean(axis=(0, 2))
     picture = np.round(255 * cv2.GaussianBlur(picture, (0, 0), 1.0)).astype(np.uint8)
-    board = cv2.aruco.CharucoBoard(
+    grid = cv2.aruco.CharucoBoard(
         (columns, rows), 4.0, 3.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
     )
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(grid).detectBoard(picture)
     assert ids is not None
     np.testing.assert_array_equal(np.sort(ids.ravel()), np.arange((columns - 1) * (rows - 1)))
     expected = board.corners_mm[ids.ravel()] / pixel_mm * [1, -1] + middle
@@ -136,7 +136,7 @@ def test_opencv_detects_the_charuco_corners_at_their_positions(columns, rows):
         pytest.param(lambda: Checker(square_mm=0.0), "square_mm is 0.0", id="no-square"),
         pytest.param(lambda: Gradient(length_mm=-5.0), "length_mm is -5.0", id="length"),
         pytest.param(lambda: Gradient(angle_deg=float("inf")), "angle_deg is inf", id="angle"),
-        pytest.param(lambda: Paint(0.5, 0.2), "0.5..0.2", id="paint-order"),
+        pytest.param(lambda: Paint(0.5, 0.2), "low 0.5, high 0.2", id="paint-order"),
         pytest.param(lambda: ColourWheel(radius_mm=0.0), "radius_mm is 0.0", id="wheel"),
         pytest.param(lambda: ChArUco(1, 5), "must be 2 or more", id="one-column"),
         pytest.param(lambda: ChArUco(30, 30), "at most 500", id="too-many"),

@@ -48,8 +48,8 @@ def _lights(*positions, **more):
         pytest.param(lambda: ChromeSphere((0, 0, 5), -5), "radius of -5", id="negative-sphere"),
         pytest.param(lambda: ChromeSphere((0, 0), 5), "three finite", id="flat-sphere"),
         pytest.param(lambda: ChromeSphere((0, 0, 5), 5, 1.2), "reflectance", id="bright-sphere"),
-        pytest.param(lambda: Paint(0.5, 0.2), "0.5..0.2", id="paint-order"),
-        pytest.param(lambda: Paint(0.5, 1.2), "0.5..1.2", id="paint-range"),
+        pytest.param(lambda: Paint(0.5, 0.2), "low 0.5, high 0.2", id="paint-order"),
+        pytest.param(lambda: Paint(0.5, 1.2), "low 0.5, high 1.2", id="paint-range"),
         pytest.param(
             lambda: replace(COIN, lights=_lights((0, 0, 5.0))),
             "LED L00 is below the surface",
