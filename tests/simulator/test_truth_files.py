@@ -167,8 +167,8 @@ def test_the_truth_agrees_with_the_images(name):
 @pytest.mark.parametrize(
     ("exposures_us", "error", "words"),
     [
-        pytest.param((), DataError, "exposures", id="no exposure"),
-        pytest.param((0.0,), DataError, "exposures", id="zero exposure"),
+        pytest.param((), DataError, "exposure times", id="no exposure"),
+        pytest.param((0.0,), DataError, "exposure times", id="zero exposure"),
         pytest.param(EXPOSURES_US, StorageError, "file", id="a file in the way"),
     ],
 )
