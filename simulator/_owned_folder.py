@@ -62,7 +62,7 @@ class OwnedFolder:
             if lock is not None:
                 break
         else:
-            raise OSError(f"{where}: a temporary folder there was removed again and again")
+            raise OSError(f"{where}: no temporary folder could be locked in {_ATTEMPTS} attempts")
         self._remove = weakref.finalize(self, _remove, self.path, lock, os.getpid())
 
     @property
