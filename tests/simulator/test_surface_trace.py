@@ -236,7 +236,7 @@ def test_shadow_grid_contains_the_heights():
 
 @pytest.mark.parametrize(
     ("step", "message"),
-    [(0.0, "step of 0"), (math.nan, "step of nan"), (-1.0, "-1"), (1e-4, "larger step")],
+    [(0.0, "is 0.0 mm"), (math.nan, "is nan mm"), (-1.0, "-1"), (1e-4, "larger step")],
 )
 def test_an_invalid_shadow_step_is_reported_in_one_line(step, message):
     with pytest.raises(DataError, match=message) as caught:
