@@ -1,10 +1,10 @@
-"""A rig made of numbers: scenes, renderer, sensor, virtual LED board and virtual camera.
+"""Simulated rig: scenes, renderer, sensor, virtual LED board and virtual camera.
 
-All of it is loaded when a name is first asked for: the process of the virtual board needs none of
-the renderer, and starts in a fraction of the time.
+Modules are imported when one of their names is first used: the process of the virtual board does
+not need the renderer and starts in a fraction of the time.
 """
 
 import lazy_loader
 
-# The names are listed in __init__.pyi; each is loaded when it is first used.
+# The names are listed in __init__.pyi.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

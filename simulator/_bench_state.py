@@ -1,33 +1,35 @@
-"""Light and trigger line of the bench, in a small file that processes share.
+"""State of light and trigger line of the bench, in a small file that processes share.
 
-The virtual board writes light and trigger pulses, a virtual camera reads them and writes when it
-exposed. Layout, little-endian, times CLOCK_MONOTONIC in nanoseconds, for readers in any language:
+The virtual board writes light and trigger pulses. A virtual camera reads them and writes its
+exposures. The layout, for readers in any language, is little-endian; times are CLOCK_MONOTONIC in
+nanoseconds:
 
 ==========  ========================================================================
-byte        what
+byte        content
 ==========  ========================================================================
 0           8 bytes ``SGPBENCH``
 8           u32 version 2
 12          u32 R = 64, length of the ring of lit periods
 16          u64 board's change counter, odd while the board is writing
-24          u64 count of lit periods
-32          u64 count of trigger pulses
+24          u64 number of lit periods so far
+32          u64 number of trigger pulses so far
 40          u32 T = 64, length of the ring of trigger pulses
 44          u32 X = 64, length of the ring of exposures
 48          u64 camera's change counter, odd while the camera is writing
-56          u64 count of exposures
+56          u64 number of exposures so far
 64          R x (i32 LED; i32 dimming; i64 start; i64 end): lit period k at slot k mod R
-then        T x (i64 number, from 0; i64 time): trigger pulses; time 2^63-1: withdrawn
+then        T x (i64 number, from 0; i64 time): trigger pulses; time 2^63-1: cancelled
 then        X x (i64 start; i64 end): exposures of the camera
 ==========  ========================================================================
 
-The light of a period is that of the LED times ``1 - dimming / 4095``. A reader copies the file, and
-copies again if the counter of the writer it reads from was odd or has moved.
+The light of a period is that of the LED times ``1 - dimming / 4095``. A reader copies the file; if
+the change counter of the writer was odd or has changed, the reader copies the file again.
 
-The board writes ahead of time: the end of a light when it begins, and the light and pulse of a
-flash or step when it is certain, some before they happen. It brings ends forward and withdraws
-pulses when it is told to stop. Like timers set in hardware they need nobody awake to be exact, and
-a board that has died is dark by then.
+The board writes ahead of time: it writes the end of a light when the light begins, and the light
+and pulse of a flash or step as soon as they are certain, sometimes before they happen. When the
+board receives a command to stop, it moves these ends forward and cancels the pulses. Like hardware
+timers, the written times are exact even if no process runs then, and an LED turns off in time even
+if the board's process has died.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from rig import RigError
 RING = 64
 FULL_LEVEL = 4095
 NEVER_NS = 2**63 - 1
-# A change takes microseconds, unless its process is put to sleep amid it.
+# A change takes microseconds, unless its process is suspended in the middle of it.
 _WRITER_PATIENCE_S = 0.5
 _MAGIC = b"SGPBENCH"
 _VERSION = 2
@@ -64,7 +66,7 @@ SIZE = _EXPOSURES_AT + RING * _PAIR.size
 
 @dataclass(frozen=True)
 class LitPeriod:
-    """One LED burning from ``start_ns`` up to ``end_ns``, which may still lie ahead.
+    """Period in which one LED is on, from ``start_ns`` to ``end_ns``; may be in the future.
 
     ``level`` is its brightness, 0 to 4095.
     """
@@ -77,7 +79,7 @@ class LitPeriod:
 
 @dataclass(frozen=True)
 class TriggerPulse:
-    """One rising edge of the trigger line, which may still lie ahead."""
+    """One rising edge of the trigger line, which may be in the future."""
 
     number: int
     time_ns: int
@@ -85,14 +87,14 @@ class TriggerPulse:
 
 @dataclass(frozen=True)
 class Exposure:
-    """One exposure of the camera, whose end may still lie ahead."""
+    """One exposure of the camera, whose end may be in the future."""
 
     start_ns: int
     end_ns: int
 
 
 class BenchWriter:
-    """The board's side: states what burns and when it triggers. There is one writer per file."""
+    """Writes the board's part: lit periods and trigger pulses. A file has one `BenchWriter`."""
 
     def __init__(self, path: Path) -> None:
         header = _HEADER.pack(_MAGIC, _VERSION, RING, 0, 0, 0, RING, RING, 0, 0)
@@ -104,27 +106,27 @@ class BenchWriter:
         self._triggers = 0
 
     def light(self, led: int, start_ns: int, end_ns: int, level: int = FULL_LEVEL) -> int:
-        """Let an LED burn from ``start_ns`` to ``end_ns``; return the number of the period."""
+        """Record that an LED is on from ``start_ns`` to ``end_ns``; return the period's number."""
         number = self._lit
         self._lit += 1
         self._write({_period_at(number): _PERIOD.pack(led, FULL_LEVEL - level, start_ns, end_ns)})
         return number
 
     def end(self, period: int, end_ns: int) -> None:
-        """Move the end of a lit period, of the last `RING` ones, not before its start."""
+        """Move the end of one of the last `RING` lit periods, at the earliest to its start."""
         at = _period_at(period)
         led, dimming, start_ns, _ = _PERIOD.unpack_from(self._map, at)
         self._write({at: _PERIOD.pack(led, dimming, start_ns, max(start_ns, end_ns))})
 
     def pulse(self, time_ns: int) -> int:
-        """Pulse the trigger line at a time; return the number of the pulse."""
+        """Record a trigger pulse at a time; return the number of the pulse."""
         number = self._triggers
         self._triggers += 1
         self._write({_trigger_at(number): _PAIR.pack(number, time_ns)})
         return number
 
     def put_out(self, now_ns: int) -> None:
-        """Let nothing burn from now on, and withdraw the pulses that have not been."""
+        """Turn all LEDs off from now on, and cancel the pulses that are in the future."""
         changed = {}
         for number in range(max(0, self._lit - RING), self._lit):
             at = _period_at(number)
@@ -139,7 +141,7 @@ class BenchWriter:
             self._write(changed)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._map.close()
 
     def _write(self, changed: dict[int, bytes]) -> None:
@@ -152,12 +154,12 @@ class BenchWriter:
 
 
 class BenchState:
-    """What burns, what was triggered, and when the camera exposed.
+    """Reads lit periods, trigger pulses and exposures, and writes the camera's part.
 
     Raises
     ------
     RigError
-        If the file is absent or is no bench state.
+        If the file is missing or is not a bench state.
     """
 
     def __init__(self, path: Path) -> None:
@@ -173,7 +175,7 @@ class BenchState:
 
     @property
     def changes(self) -> int:
-        """How often the board has changed light or trigger."""
+        """Number of changes of light or trigger by the board."""
         changes: int = _BOARD_COUNTERS.unpack_from(self._map, _BOARD_AT)[0] // 2
         return changes
 
@@ -182,7 +184,7 @@ class BenchState:
         return self._periods()[0]
 
     def triggers(self) -> tuple[TriggerPulse, ...]:
-        """Return the trigger pulses that are still in the ring, without those withdrawn."""
+        """Return the trigger pulses that are still in the ring, without cancelled ones."""
         data, (_, _, count) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
         pulses = (TriggerPulse(*pair) for pair in _ring(data, _PAIR, _TRIGGERS_AT, count))
         return tuple(pulse for pulse in pulses if pulse.time_ns != NEVER_NS)
@@ -193,33 +195,33 @@ class BenchState:
         return tuple(Exposure(*pair) for pair in _ring(data, _PAIR, _EXPOSURES_AT, count))
 
     def expose(self, start_ns: int, end_ns: int) -> None:
-        """State an exposure as soon as it begins. There is one camera per file that does."""
+        """Record an exposure as soon as it begins. Only one camera per file does so."""
         changes, count = _CAMERA_COUNTERS.unpack_from(self._map, _CAMERA_AT)
-        changes += changes % 2  # A camera that died while it wrote leaves it odd.
+        changes += changes % 2  # odd if the camera died while it wrote
         _CAMERA_COUNTERS.pack_into(self._map, _CAMERA_AT, changes + 1, count)
         _PAIR.pack_into(self._map, _EXPOSURES_AT + count % RING * _PAIR.size, start_ns, end_ns)
         _CAMERA_COUNTERS.pack_into(self._map, _CAMERA_AT, changes + 2, count + 1)
 
     def led(self, now_ns: int) -> int | None:
-        """Return the LED that burns at a time of the monotonic clock."""
+        """Return the LED that is on at a time of the monotonic clock; None if all are off."""
         for period in self.periods():
             if period.start_ns <= now_ns < period.end_ns:
                 return period.led
         return None
 
     def lit_ns(self, start_ns: int, end_ns: int) -> dict[int, int]:
-        """Return for how long each LED burned between two times, LEDs that did not left out.
+        """Return how long each LED was on between two times, without LEDs that were off.
 
-        The time of a dimmed LED is that of full brightness that gives as much light.
+        For a dimmed LED, it is the time at full brightness that gives the same light.
 
         Raises
         ------
         RigError
-            If the light changed so often since ``start_ns`` that the ring has forgotten it.
+            If the light changed so often since ``start_ns`` that the ring no longer contains it.
         """
         periods, count = self._periods()
         if count > RING and periods[0].start_ns > start_ns:
-            raise RigError(f"{self._path}: more than {RING} LEDs lit during one exposure")
+            raise RigError(f"{self._path}: more than {RING} LEDs were on during one exposure")
         lit: dict[int, int] = {}
         for period in periods:
             overlap = min(end_ns, period.end_ns) - max(start_ns, period.start_ns)
@@ -229,7 +231,7 @@ class BenchState:
         return lit
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._map.close()
 
     def __enter__(self) -> Self:
@@ -239,7 +241,7 @@ class BenchState:
         self.close()
 
     def _periods(self) -> tuple[tuple[LitPeriod, ...], int]:
-        """Return the lit periods in the ring, and how many there have been."""
+        """Return the lit periods in the ring, and the number of all lit periods so far."""
         data, (_, lit, _) = self._snapshot(_BOARD_COUNTERS, _BOARD_AT)
         periods = tuple(
             LitPeriod(led, start_ns, end_ns, FULL_LEVEL - dimming)
@@ -248,14 +250,14 @@ class BenchState:
         return periods, lit
 
     def _snapshot(self, counters: struct.Struct, at: int) -> tuple[bytes, tuple[int, ...]]:
-        """Return a copy of the file in which no change of this writer is half done."""
+        """Return a copy of the file without a partial change of this writer."""
         ends_s = time.monotonic() + _WRITER_PATIENCE_S
         while True:
             data = self._map[:]
             counts = counters.unpack_from(data, at)
             if counts[0] % 2 == 0 and counters.unpack_from(self._map, at)[0] == counts[0]:
                 return data, counts
-            # A writer that died in the middle of a change left what it will ever leave.
+            # The writer died in the middle of a change: waiting longer is useless.
             if time.monotonic() > ends_s:
                 return data, counts
 

@@ -1,7 +1,7 @@
-"""Random numbers by counter: the same for the same key, whoever asks, in whatever order.
+"""Counter-based random numbers: they depend only on key and counter, not on the order of calls.
 
-SplitMix64 (Steele, Lea and Flood 2014) as a hash. The virtual camera has the same in C
-(`simulator/gentl/dice.h`), so that both draw the same frames; change both.
+SplitMix64 (Steele, Lea and Flood 2014) is used as a hash. `simulator/gentl/dice.h` has the same
+functions in C, so that both virtual cameras make the same frames; change both together.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ MIX_2 = 0x94D049BB133111EB
 
 
 def stream(*key: int) -> int:
-    """Return the state of the stream of random numbers that whole numbers name.
+    """Return the state of the stream of random numbers for a key.
 
     Parameters
     ----------
     key
-        Each 0 to 2**64 - 1; their order counts.
+        Integers, each 0 to 2**64 - 1; their order matters.
 
     Returns
     -------
     int
-        64 bits.
+        State of 64 bits.
     """
     state = 0
     for part in key:
@@ -34,7 +34,7 @@ def stream(*key: int) -> int:
 
 
 def bits(state: int, counter: int) -> int:
-    """Return the 64 random bits at a place of a stream."""
+    """Return the 64 random bits at a position of a stream."""
     x = (state + (counter + 1) * GOLDEN) & _MASK
     x = ((x ^ (x >> 30)) * MIX_1) & _MASK
     x = ((x ^ (x >> 27)) * MIX_2) & _MASK
@@ -42,14 +42,14 @@ def bits(state: int, counter: int) -> int:
 
 
 def uniform(state: int, counter: int) -> float:
-    """Return a number evenly between 0 and 1, neither included."""
+    """Return a uniform random number between 0 and 1, both excluded."""
     return ((bits(state, counter) >> 12) + 0.5) * 2.0**-52
 
 
 def normal_pair(state: int, counter: int) -> tuple[float, float]:
     """Return two independent standard normal numbers (Box and Muller).
 
-    They take the places ``counter`` and ``counter + 1`` of the stream.
+    They use the positions ``counter`` and ``counter + 1`` of the stream.
     """
     radius = math.sqrt(-2.0 * math.log(uniform(state, counter)))
     turn = 2.0 * math.pi * uniform(state, counter + 1)

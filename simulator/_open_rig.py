@@ -1,4 +1,4 @@
-"""Rigs that look at rendered scenes."""
+"""Simulated rigs whose camera sees a rendered scene."""
 
 from __future__ import annotations
 
@@ -22,34 +22,35 @@ _Pixels = Annotated[int, Field(ge=1, le=16384)]
 
 
 class RigOptions(BaseModel):
-    """The ``options`` of a rig file whose driver is ``simulated``.
+    """Options of a rig file with the driver ``simulated``.
 
     Parameters
     ----------
     scene
-        What lies under the camera: a name of ``SCENES``, or the path of a scene file, which ends
-        in ``.toml`` and has as many LEDs as the rig.
+        Scene under the camera: a name in ``SCENES``, or the path of a scene file, which ends in
+        ``.toml`` and has as many LEDs as the rig.
     width, height
-        Image size in pixels, both or none: 640 x 512, or what the scene file says.
+        Image size in pixels; give both or neither. The default is 640 x 512, or the size in the
+        scene file.
     seed
-        Of noise, lights, texture and paint; a scene file has its own for all but the noise, unless
-        this one is given.
+        Seed of noise, lights, texture and paint. A scene file has its own seed for all of them
+        except the noise; this seed overrides it if it is given.
     noise
-        False leaves shot and read noise out.
+        If False, frames have no shot noise and no read noise.
     realtime
-        False does not wait for exposures to pass.
+        If False, the camera does not wait for the exposure time to pass.
     sensor
         Values of `NoiseModel` that differ from the scene's.
     sensor_seed
-        Of the fixed pattern of the sensor.
+        Seed of the sensor's fixed pattern.
     lamps
         Values of `Lamps` that differ from the scene's.
     shake_px
-        Standard deviation, along each axis, of where the image lies in a frame.
+        Standard deviation, along each axis, of the image's position in a frame.
     camera
-        auto, gentl or inside: see `simulated_rig`.
+        ``auto``, ``gentl`` or ``inside``; see `simulated_rig`.
     frame_rate_hz
-        What the camera does at most; not of the camera inside.
+        Maximum frame rate of the camera; not used by the camera ``inside``.
     wiring
         Values of `Wiring`: LEDs that are swapped, double or always on.
     """
@@ -72,24 +73,24 @@ class RigOptions(BaseModel):
 
 
 def open_rig(config: RigConfig) -> Rig:
-    """Render a scene and open the simulated rig on it: the driver ``simulated``.
+    """Render a scene and open a simulated rig that sees it (driver ``simulated``).
 
     Parameters
     ----------
     config
-        LED count and, as ``options``, what `RigOptions` lists.
+        Configuration with the LED count; its ``options`` are those of `RigOptions`.
 
     Returns
     -------
     Rig
-        Open; closing it ends the virtual board's process.
+        Open rig; closing it ends the virtual board's process.
 
     Raises
     ------
     RigConfigError
-        If an option is not understood or the scene cannot be.
+        If an option is invalid or the scene cannot be built.
     RigError
-        If the rig does not come up.
+        If the rig does not start.
     """
     try:
         options = RigOptions.model_validate(config.options)
@@ -123,7 +124,7 @@ def _scene(options: RigOptions, leds: int) -> Scene:
     if options.width is not None and options.height is not None:
         size = options.width, options.height
     elif (options.width, options.height) != (None, None):
-        raise DataError("option 'width' or 'height' is missing: give both or none")
+        raise DataError("option 'width' or 'height' is missing: give both or neither")
     if options.scene.endswith(".toml"):
         seed = options.seed if "seed" in options.model_fields_set else None
         return read_scene(options.scene, size=size, seed=seed)
@@ -145,17 +146,17 @@ def rig_for(
     frame_rate_hz: float = FRAME_RATE_HZ,
     wiring: Wiring | None = None,
 ) -> Rig:
-    """Open a simulated rig on what has been rendered, so that its truth is at hand.
+    """Open a simulated rig that sees a rendering, so that the caller has its ground truth.
 
     Parameters
     ----------
     rendering
-        What the camera sees.
+        Rendering that the camera sees.
     config
-        Its LED count must be the rendering's. By default a rig called ``simulated`` that knows
-        where its LEDs are.
+        Configuration with as many LEDs as the rendering. The default is a rig called ``simulated``
+        with the LED positions of the scene.
     lamps
-        Instead of the scene's.
+        Lamps to use instead of the scene's.
     seed, noisy, realtime, shake_px, sensor_seed
         See `VirtualCamera`.
     camera, frame_rate_hz, wiring
@@ -164,31 +165,31 @@ def rig_for(
     Returns
     -------
     Rig
-        Open; closing it ends the virtual board's process.
+        Open rig; closing it ends the virtual board's process.
 
     Raises
     ------
     RigConfigError
-        If the LED counts differ, a dead or wrongly wired LED is none of them, or the camera cannot
-        do what is asked.
+        If the LED counts differ, a dead or wrongly wired LED does not exist, or the camera does
+        not support the options.
     RigError
-        If the rig does not come up.
+        If the rig does not start.
     """
     leds = len(rendering.planes)
     if config is None:
         config = RigConfig(name="simulated", driver="simulated", leds=leds)
     if config.leds != leds:
-        raise RigConfigError(f"rig {config.name} has {config.leds} LEDs, its scene {leds}")
+        raise RigConfigError(f"rig {config.name} has {config.leds} LEDs, its scene has {leds}")
     scene = rendering.scene
     if not config.led_positions_mm and scene.lights.positions_mm is not None:
         positions_mm = tuple((x, y, z) for x, y, z in scene.lights.positions_mm.tolist())
         config = config.model_copy(update={"led_positions_mm": positions_mm})
     lamps = lamps or scene.lamps
     wiring = wiring or Wiring()
-    for what, named in (("dead", lamps.dead), ("wrongly wired", wiring.leds)):
-        if any(led >= leds for led in named):
+    for fault, listed in (("dead", lamps.dead), ("wrongly wired", wiring.leds)):
+        if any(led >= leds for led in listed):
             raise RigConfigError(
-                f"rig {config.name}: {what} LEDs {list(named)} must be of 0 to {leds - 1}"
+                f"rig {config.name}: {fault} LEDs {list(listed)} must be within 0..{leds - 1}"
             )
     return simulated_rig(
         rendering.plane,

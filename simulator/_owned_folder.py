@@ -1,12 +1,12 @@
-"""Temporary folders that do not outlive their owner for long, even where it is killed.
+"""Temporary folders that are removed soon after their owner ends, even if it is killed.
 
 The owner holds a lock (flock) on a file in the folder. The system releases the lock when the owner
-ends, however it ends. Whoever makes the next folder of the same kind removes those that nobody owns
-any more.
+ends, in any way. A process that makes a folder of the same kind removes the folders whose locks are
+free.
 
-The place for temporary files may be writable for everybody. So a folder is removed only if it
-belongs to this user and nobody else may write into it, links are never followed, and the one that
-was looked at is the one that is removed.
+The folder for temporary files may be writable for all users. A folder is therefore removed only if
+it belongs to this user and no other user may write to it. Links are never followed, and the folder
+that was checked is the folder that is removed.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ except ImportError:  # Windows: folders of killed programs stay
 
 _LOCK = ".owner"
 _ATTEMPTS = 10
-# A folder without a lock file was left by a program that was killed as it made it.
+# Age at which a folder without a lock file is removed: its program was killed while it made it.
 _HALF_MADE_S = 60.0
 
 
 class OwnedFolder:
-    """A new temporary folder, which is removed on `close`, at interpreter exit, or by a successor.
+    """New temporary folder, removed by `close`, at interpreter exit, or by a later process.
 
     Parameters
     ----------
     prefix
-        Start of its name, which says what kind of folder it is.
+        Start of its name, which identifies the kind of folder.
     parent
-        Where it is made; by default the place for temporary files.
+        Folder that contains it; the default is the system's folder for temporary files.
 
     Attributes
     ----------
     path : Path
-        The folder.
+        Path of the folder.
 
     Raises
     ------
     OSError
-        If it cannot be made.
+        If the folder cannot be made.
     """
 
     def __init__(self, prefix: str, parent: Path | None = None) -> None:
@@ -62,7 +62,7 @@ class OwnedFolder:
             if lock is not None:
                 break
         else:
-            raise OSError(f"{where}: no temporary folder can be kept there")
+            raise OSError(f"{where}: no temporary folder could be locked in {_ATTEMPTS} attempts")
         self._remove = weakref.finalize(self, _remove, self.path, lock, os.getpid())
 
     @property
@@ -76,7 +76,7 @@ class OwnedFolder:
 
 
 def remove_abandoned(prefix: str, where: Path) -> None:
-    """Remove the folders of a kind whose owners have ended; what cannot be removed stays."""
+    """Remove the folders of a kind whose owners have ended; skip those that cannot be removed."""
     if fcntl is None:
         return
     with suppress(OSError), _opened(where) as place:
@@ -87,7 +87,7 @@ def remove_abandoned(prefix: str, where: Path) -> None:
 
 
 def _own(folder: Path) -> int | None:
-    """Take the lock of a new folder; None if somebody took it for abandoned."""
+    """Lock a new folder; return None if another process removed it as abandoned."""
     if fcntl is None:
         return -1
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
@@ -101,7 +101,7 @@ def _own(folder: Path) -> int | None:
             return lock
     except (BlockingIOError, FileNotFoundError):
         pass
-    except OSError:  # a file system without locks: such folders are never found abandoned
+    except OSError:  # a file system without locks: its folders are never treated as abandoned
         os.unlink(folder / _LOCK)
         return lock
     os.close(lock)
@@ -110,21 +110,21 @@ def _own(folder: Path) -> int | None:
 
 def _remove_if_abandoned(name: str, place: int) -> None:
     with _opened(name, place) as folder:
-        found = os.fstat(folder)
-        if found.st_uid != os.geteuid() or stat.S_IMODE(found.st_mode) & 0o022:
+        info = os.fstat(folder)
+        if info.st_uid != os.geteuid() or stat.S_IMODE(info.st_mode) & 0o022:
             return
         try:
             lock = os.open(_LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, dir_fd=folder)
         except FileNotFoundError:
-            if time.time() - found.st_mtime > _HALF_MADE_S:
+            if time.time() - info.st_mtime > _HALF_MADE_S:
                 os.rmdir(name, dir_fd=place)  # only if it is empty
             return
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            # Still the file that its owner would lock, in the folder of that name.
+            # Check that the name still refers to this folder, and the folder to this lock file.
             here = os.stat(_LOCK, dir_fd=folder, follow_symlinks=False)
             there = os.stat(name, dir_fd=place, follow_symlinks=False)
-            if os.path.samestat(os.fstat(lock), here) and os.path.samestat(found, there):
+            if os.path.samestat(os.fstat(lock), here) and os.path.samestat(info, there):
                 shutil.rmtree(name, dir_fd=place)
         finally:
             os.close(lock)
@@ -132,7 +132,7 @@ def _remove_if_abandoned(name: str, place: int) -> None:
 
 @contextmanager
 def _opened(path: Path | str, place: int | None = None) -> Iterator[int]:
-    # The place itself may be a link, such as /tmp on some systems; what lies in it may not.
+    # The parent may be a link, as /tmp is on some systems; the folders in it may not.
     follow = 0 if place is None else os.O_NOFOLLOW
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC | follow, dir_fd=place)
     try:
@@ -142,7 +142,8 @@ def _opened(path: Path | str, place: int | None = None) -> Iterator[int]:
 
 
 def _remove(folder: Path, lock: int, owner: int) -> None:
-    # A process that was forked from the owner has a copy of this, and does not own the folder.
+    # A process that was forked from the owner has a copy of the finalizer but does not own the
+    # folder.
     if os.getpid() == owner:
         shutil.rmtree(folder, ignore_errors=True)
     if lock >= 0:

@@ -1,4 +1,4 @@
-"""A whole rig without hardware: the real client and controller on a virtual board and camera."""
+"""A complete rig without hardware: the real client and controller on a virtual board and camera."""
 
 from __future__ import annotations
 
@@ -44,33 +44,36 @@ def simulated_rig(
     frame_rate_hz: float = FRAME_RATE_HZ,
     wiring: Wiring | None = None,
 ) -> Rig:
-    """Start a virtual board in its own process and open a rig on it; closing the rig ends all.
+    """Start a virtual board in its own process and open a rig with it and a virtual camera.
+
+    Closing the rig ends all of them.
 
     Parameters
     ----------
     planes
-        What each LED, and the ambient light, yields: see `VirtualCamera`. Have them rendered.
+        Image of each LED and of the ambient light, see `VirtualCamera`; render them beforehand.
     config
-        The rig's configuration; the board has its LED count. The camera is mounted as it says,
-        so that ``planes``, which are upright, reach the sensor turned and mirrored.
+        Configuration of the rig; the board has its LED count. ``planes`` are upright; they are
+        turned and mirrored as the mounting of the camera requires.
     size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed
         See `VirtualCamera`.
     camera
-        ``gentl``: a GenICam camera behind a GenTL producer, opened by the code of the bench.
-        ``inside``: a `VirtualCamera` in this process, which alone need not wait for exposures to
-        pass (``realtime``), and has no exposure-active output for single flashes. ``auto``: the
-        former, where it can do what is asked and there is a C compiler.
+        ``gentl``: a GenICam camera behind a GenTL producer, opened by the same code as a real
+        camera. ``inside``: a `VirtualCamera` in this process. Only this camera can run without
+        waiting for exposures (``realtime`` False); it has no exposure-active output for single
+        flashes. ``auto``: ``gentl`` if it supports the options and there is a C compiler,
+        otherwise ``inside``.
     frame_rate_hz
-        Of the GenICam camera, at most.
+        Maximum frame rate of the GenICam camera.
     wiring
-        What is wrong with the wiring of the LEDs.
+        Wiring faults of the LEDs.
 
     Raises
     ------
     RigConfigError
-        If the camera that is asked for cannot do what is asked.
+        If the requested camera does not support the options.
     RigError
-        If the board's process or the rig does not come up; nothing is left running then.
+        If the board's process or the rig does not start; all processes have ended then.
     """
     seen = _mounted((wiring or Wiring()).planes(planes), config)
     height, width, *_ = config.mounting.upright_shape(size)
@@ -79,9 +82,9 @@ def simulated_rig(
     inside_only = not realtime or odd_depth
     if camera == "gentl" and inside_only:
         raise RigConfigError(
-            f"rig {config.name}: the camera gentl has {', '.join(map(str, _DEPTHS))} bits and "
-            "waits for exposures: take the camera inside, or leave "
-            f"{'bit_depth' if odd_depth else 'realtime'} as it is"
+            f"rig {config.name}: the camera 'gentl' has {', '.join(map(str, _DEPTHS))} bits and "
+            "waits for exposures: use the camera 'inside', or keep the default of "
+            f"{'bit_depth' if odd_depth else 'realtime'}"
         )
     wanted = "inside" if inside_only else camera
     lacking = None if wanted == "inside" or camera == "gentl" else _why_not_built()
@@ -93,7 +96,7 @@ def simulated_rig(
         closing.callback(virtual.close)
         device: Camera
         if wanted != "inside" and lacking is None:
-            made = GentlCamera(
+            gentl_camera = GentlCamera(
                 seen,
                 size=(height, width),
                 noise=noise,
@@ -107,9 +110,11 @@ def simulated_rig(
                 sensor_seed=sensor_seed,
                 frame_rate_hz=frame_rate_hz,
             )
-            opened.callback(made.close)
-            closing.callback(made.close)
-            device = open_genicam(made.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth))
+            opened.callback(gentl_camera.close)
+            closing.callback(gentl_camera.close)
+            device = open_genicam(
+                gentl_camera.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth)
+            )
         else:
             inside = VirtualCamera(
                 seen,
@@ -133,7 +138,7 @@ def simulated_rig(
 
 
 def _why_not_built() -> str | None:
-    """Return why there is no GenTL producer, None where there is one."""
+    """Build the GenTL producer; return the reason if it cannot be built, otherwise None."""
     try:
         build()
     except CompilerError as error:
@@ -142,7 +147,7 @@ def _why_not_built() -> str | None:
 
 
 def _mounted(planes: Planes, config: RigConfig) -> Planes:
-    """Return upright planes as they fall on the sensor of a camera that is mounted otherwise."""
+    """Return upright planes as the sensor sees them with the mounting of the camera."""
     mounting = config.mounting
     if mounting == type(mounting)():
         return planes

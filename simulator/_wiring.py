@@ -1,4 +1,4 @@
-"""LEDs wired wrongly: which lights really burn when the board believes that one does."""
+"""Wrongly wired LEDs: the LEDs that are on when the board turns one on."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Planes = Callable[[int | None], npt.NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Wiring:
-    """What is wrong between the board and its LEDs; the default is nothing.
+    """Wiring faults between the board and its LEDs; the default has none.
 
     Parameters
     ----------
     swapped
-        Pairs of LEDs of which each burns in place of the other.
+        Pairs of LEDs that are swapped: each is on in place of the other.
     double
-        Pairs of LEDs that burn together, whichever is asked for.
+        Pairs of LEDs that are always on together.
     always
-        LEDs that burn all the time.
+        LEDs that are always on.
 
     Raises
     ------
     DataError
-        If an LED is in more than one place of these.
+        If an LED is listed more than once, or its number is negative.
     """
 
     swapped: tuple[tuple[int, int], ...] = ()
@@ -39,25 +39,26 @@ class Wiring:
     def __post_init__(self) -> None:
         if len(set(self.leds)) < len(self.leds) or any(led < 0 for led in self.leds):
             raise DataError(
-                "an LED counts from 0 and is swapped, double or always on, one of these and once"
+                "LED numbers in swapped, double and always must not be negative, and each LED may "
+                "be listed only once"
             )
 
     @property
     def leds(self) -> tuple[int, ...]:
-        """Every LED that is wired wrongly."""
+        """All LEDs that are wired wrongly."""
         pairs = (*self.swapped, *self.double)
         return (*(led for pair in pairs for led in pair), *self.always)
 
     def planes(self, planes: Planes) -> Planes:
-        """Return what the camera sees of lights that are wired so."""
+        """Return the planes that the camera sees with this wiring."""
         other = {a: b for one, two in self.swapped for a, b in ((one, two), (two, one))}
         both = {a: b for one, two in self.double for a, b in ((one, two), (two, one))}
 
         def seen(led: int | None) -> npt.NDArray[np.float32]:
             if led is None:
                 glow = planes(None)
-                for burning in self.always:
-                    glow = glow + planes(burning)
+                for lit in self.always:
+                    glow = glow + planes(lit)
                 return glow
             if led in self.always:
                 return np.zeros_like(planes(led))

@@ -1,14 +1,14 @@
-"""The virtual LED board as a process: real bytes over a pty (POSIX).
+"""The virtual LED board as a process with a serial port, a pty (POSIX).
 
 ``python -P -m simulator.board [LEDS [events]]`` writes one JSON line, ``{"port": ...,
-"bench_state": ...}``, and with ``events`` one more for every edge: ``{"us": 81, "lit": [7],
-"levels": [4095]}`` whenever an LED goes on or off, ``{"us": 81, "trigger": 1}`` for the trigger
-line. Its standard input takes lines: a JSON list of `BoardFault`, those that strike from then on;
-``active 1`` and ``active 0``, the level of the exposure-active input; ``reset``.
+"bench_state": ...}``. With ``events``, it writes one more line for every edge: ``{"us": 81, "lit":
+[7], "levels": [4095]}`` when an LED turns on or off, ``{"us": 81, "trigger": 1}`` for the trigger
+line. It reads lines from standard input: a JSON list of `BoardFault` that replaces the faults;
+``active 1`` or ``active 0``, which sets the level of the exposure-active input; ``reset``.
 
-The port is a symbolic link, which stays the same when the board is unplugged and comes back. The
-process lives until its standard input closes or its parent dies, and from then to the end of what
-is burning, as a real board would. Its files go with it.
+The port is a symbolic link. Its path stays the same when the board is unplugged and plugged in
+again. When standard input closes or the parent dies, the process ends as soon as the current flash
+or sequence has ended, as on a real board, and removes its files.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from simulator._board.outputs import ActiveInput, BoardOutputs
 from simulator._owned_folder import OwnedFolder
 
 _STDIN = 0
-# How soon a parent's death is noticed where standard input stays open.
+# Interval at which the process checks for its parent's death while standard input is open.
 _TICK_NS = 100_000_000
 
 
@@ -41,7 +41,7 @@ class _Port:
         self.fd, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self.fd, False)
-        # Last, so that nobody opens a line that is not ready.
+        # Last, so that no program opens a line that is not ready.
         link.symlink_to(os.ttyname(self._slave))
         self._link = link
 
@@ -55,9 +55,9 @@ class _Port:
 
 
 class _Process:
-    """The board, its wires, and whoever started it."""
+    """The board, its wires, and the connection to the parent process."""
 
-    def __init__(self, leds: int, folder: Path, *, tells_events: bool) -> None:
+    def __init__(self, leds: int, folder: Path, *, prints_events: bool) -> None:
         self._path = folder / "bench.state"
         self._outputs = BoardOutputs(BenchWriter(self._path))
         self._active = ActiveInput(BenchState(self._path))
@@ -66,13 +66,13 @@ class _Process:
         self._link = folder / "port"
         self._parent = os.getppid()
         self._attached = True
-        self._tells_events = tells_events
+        self._prints_events = prints_events
         self._orders = b""
 
     def run(self) -> None:
-        """Be the board until nobody needs it any more."""
+        """Run the board until the parent no longer needs it."""
         port = _Port(self._link)
-        _tell({"port": str(self._link), "bench_state": str(self._path)})
+        _print_line({"port": str(self._link), "bench_state": str(self._path)})
         while True:
             try:
                 with port:
@@ -89,18 +89,19 @@ class _Process:
         while self._attached or self._board.firmware.light.state not in ("IDLE", "HALT"):
             ready, _, _ = select.select(self._sources(fd), [], [], self._wait_s())
             data = os.read(fd, 4096) if fd in ready else b""
-            # Only now, and asked again: faults that were ordered before a command must strike it.
+            # Read after the port, with a second select: faults that were set before a command was
+            # sent must apply to it.
             if self._attached and select.select([_STDIN], [], [], 0)[0]:
                 self._obey(os.read(_STDIN, 4096))
             self._attached = self._attached and os.getppid() == self._parent
             self._board.receive(data, time.monotonic_ns())
             now_ns = time.monotonic_ns()
-            # Nobody reads and the line is full: lost, as on a wire.
+            # If no program reads and the line is full, bytes are lost, as on a wire.
             with contextlib.suppress(BlockingIOError):
                 os.write(fd, self._board.advance(now_ns))
-            if self._tells_events:
+            if self._prints_events:
                 for event in self._outputs.events(now_ns):
-                    _tell(event)
+                    _print_line(event)
 
     def _sources(self, fd: int) -> list[int]:
         return [fd, _STDIN] if self._attached else [fd]
@@ -108,7 +109,7 @@ class _Process:
     def _wait_s(self) -> float:
         now_ns = time.monotonic_ns()
         due_ns = min(now_ns + _TICK_NS, self._board.next_ns(now_ns))
-        if self._tells_events:
+        if self._prints_events:
             due_ns = min(due_ns, self._outputs.next_event_ns(now_ns))
         return max(0.0, (due_ns - now_ns) / 1e9)
 
@@ -125,22 +126,22 @@ class _Process:
                 self._board.set_faults(BoardFaults.validate_json(line))
 
 
-def serve(leds: int, *, tells_events: bool = False) -> None:
-    """Open a pty, say where it is, and be the board until nobody needs it any more."""
+def serve(leds: int, *, prints_events: bool = False) -> None:
+    """Open a pty, print its path, and run the board until the parent no longer needs it."""
     folder = OwnedFolder("sgp-board-")
     try:
         with contextlib.suppress(KeyboardInterrupt):
-            _Process(leds, folder.path, tells_events=tells_events).run()
+            _Process(leds, folder.path, prints_events=prints_events).run()
     finally:
         folder.close()
 
 
-def _tell(what: object) -> None:
-    # Nobody may be reading any more.
+def _print_line(content: object) -> None:
+    # The reader may have gone.
     with contextlib.suppress(BrokenPipeError):
-        sys.stdout.write(json.dumps(what) + "\n")
+        sys.stdout.write(json.dumps(content) + "\n")
         sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    serve(int(sys.argv[1]) if len(sys.argv) > 1 else 36, tells_events=sys.argv[2:] == ["events"])
+    serve(int(sys.argv[1]) if len(sys.argv) > 1 else 36, prints_events=sys.argv[2:] == ["events"])

@@ -1,4 +1,4 @@
-"""What can go wrong between the host and the LEDs of the virtual board."""
+"""Faults between the host and the LEDs of the virtual board."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from simulator._board.outputs import BoardOutputs
 
 _MS = 1_000_000
 _US = 1000
-# Bytes no decoder can make sense of, a line, and half a reply that spoils the one after it.
+# Bytes that cannot be decoded, a line, and half a reply that damages the reply after it.
 _BANNER = b"\xff\x00\x80boot: LED board r3\r\n<0000 OK I"
 _ECHO_US = 300
-# Where the LED stands among the arguments.
+# Index of the LED among the arguments.
 _LED_AT = {"ON": 0, "FLASH": 0, "LEVEL": 0, "STEP": 1}
 
 
 class PowerCutError(Exception):
-    """The board is to vanish now; ``back_ns`` says when it comes back, None for never."""
+    """Board disappears now and is back at ``back_ns``, or never (None)."""
 
     def __init__(self, back_ns: int | None) -> None:
         super().__init__(back_ns)
@@ -36,7 +36,7 @@ class PowerCutError(Exception):
 
 
 class BoardFault(BaseModel):
-    """One thing that goes wrong.
+    """One fault of the board or its line.
 
     Parameters
     ----------
@@ -44,22 +44,23 @@ class BoardFault(BaseModel):
         On the way to the board: drop-command, double-command, corrupt-command (one bit),
         lose-byte-command, double-byte-command. On the way back: drop-reply, double-reply,
         corrupt-reply, lose-byte-reply, double-byte-reply, delay-reply (by ``value`` ms), banner
-        (noise and a boot message before the reply). A bit or byte fault strikes byte ``value`` of
-        the line, line end included, counted round.
+        (noise and a boot message before the reply). A bit or byte fault affects byte ``value``
+        (modulo the length) of the line with its line end.
 
-        In the board: wrong-led (``value`` is lit, or loaded, instead), double-led (``value`` burns
-        as well), goes-dark (``value`` ms after the command, in spite of what was declared), reset
-        (in the middle of the command), reset-after (it has acted, and resets before it replies),
-        boot-loader (resets in place of the command, and starts after ``value`` ms without a word),
-        die (in place of the command, for good), hang-up (the same, and back on the same path after
+        In the board: wrong-led (LED ``value`` is on, or loaded, instead), double-led (LED
+        ``value`` is on as well), goes-dark (the LED turns off ``value`` ms after the command,
+        before its declared end), reset (in the middle of the command), reset-after (between acting
+        and replying), boot-loader (resets instead of acting, and is silent for ``value`` ms), die
+        (disappears instead of acting), hang-up (the same, but is back on the same path after
         ``value`` ms), lose-trigger, double-trigger (a second pulse ``value`` us after the first,
         0 for 300).
     verb
-        Strikes only commands of this verb; None for any line. Trigger faults count pulses instead.
+        Verb of the commands that are affected; None for any line. Trigger faults count pulses
+        instead of commands.
     skip
-        How many of them are spared first.
+        Number of commands or pulses before the first affected one.
     times
-        How many are struck.
+        Number of commands or pulses that are affected.
     value
         See ``kind``.
     """
@@ -101,16 +102,16 @@ _OF_TRIGGERS = ("lose-trigger", "double-trigger")
 
 
 class FaultyBoard:
-    """The board behind a line that can be made to fail.
+    """Board with faults, including faults of its line.
 
-    Time comes as an argument; nothing here sleeps or looks at a clock.
+    Time is an argument; no method sleeps or reads a clock.
 
     Parameters
     ----------
     firmware
-        What answers.
+        Firmware of the board.
     outputs
-        What it drives.
+        Outputs that the firmware drives.
     """
 
     def __init__(self, firmware: BoardFirmware, outputs: BoardOutputs) -> None:
@@ -118,48 +119,48 @@ class FaultyBoard:
         self._outputs = outputs
         outputs.wire = self._pulses
         self._seen: dict[BoardFault, int] = {}
-        # The piece of a line that has arrived so far.
+        # Start of a line whose end has not arrived.
         self._piece = b""
-        # Faults of replies that are to come, and replies on their way with the time they arrive.
+        # Faults of future replies; replies in transit with their time of arrival.
         self._reply_faults: list[tuple[Command, BoardFault]] = []
         self._due: list[tuple[int, bytes]] = []
-        # When the boot loader hands over to the firmware, None where the firmware runs.
+        # Time at which the boot loader starts the firmware; None if the firmware is running.
         self._starts_ns: int | None = None
 
     def set_faults(self, faults: Iterable[BoardFault]) -> None:
-        """Let exactly these faults strike from now on."""
+        """Replace the faults."""
         self._seen = dict.fromkeys(faults, 0)
         self._reply_faults.clear()
 
     def receive(self, data: bytes, now_ns: int) -> None:
-        """Take bytes from the host.
+        """Receive bytes from the host.
 
         Raises
         ------
         PowerCutError
-            If a fault says that the board vanishes.
+            If a fault makes the board disappear.
         """
         self._start(now_ns)
         if self._starts_ns is not None:
             return
         *lines, piece = (self._piece + data).split(b"\n")
-        # A longer piece is too long for a command whatever follows, so noise does not pile up.
+        # A longer piece is too long for a command, so noise does not accumulate.
         self._piece = piece[: MAX_COMMAND + 2]
         for line in lines:
             text = line.removesuffix(b"\r")
             command = _command(text)
-            # Faults strike what the firmware would look at.
+            # Faults apply only to lines that the firmware would decode.
             fault = self._strike(command) if 0 < len(text) <= MAX_COMMAND else None
             self._take(line, command, fault, now_ns)
 
     def reset(self, now_ns: int) -> None:
-        """Start the firmware anew; what was on its way in either direction is lost."""
+        """Restart the firmware; data in transit in either direction is lost."""
         self.firmware.boot(now_ns)
         self._piece = b""
         self._due.clear()
 
     def advance(self, now_ns: int) -> bytes:
-        """Do what is due by now, and return what arrives at the host."""
+        """Carry out all actions that are due, and return the bytes that arrive at the host."""
         self._start(now_ns)
         self._reply(self.firmware.advance(now_ns), now_ns)
         arrived = sorted((item for item in self._due if item[0] <= now_ns), key=lambda i: i[0])
@@ -167,7 +168,7 @@ class FaultyBoard:
         return b"".join(reply for _, reply in arrived)
 
     def next_ns(self, now_ns: int) -> int:
-        """Return when `advance` is due again."""
+        """Return the time at which `advance` is due again."""
         starts = [] if self._starts_ns is None else [self._starts_ns]
         due = [at for at, _ in self._due]
         return min([self.firmware.light.next_ns(now_ns), *due, *starts])
@@ -254,7 +255,7 @@ class FaultyBoard:
 
 
 def _damaged(line: bytes, kind: str, value: int, way: str) -> bytes:
-    """Return what arrives of a line with its line end."""
+    """Return the bytes that arrive of a line with its line end."""
     at = value % len(line)
     if kind == f"drop-{way}":
         return b""

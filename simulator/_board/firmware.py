@@ -1,4 +1,4 @@
-"""What the virtual board's firmware does with a line: no wire, no clock of its own."""
+"""The firmware of the virtual board, without a wire or a clock."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from rig import (
     encode_reply,
 )
 from simulator._bench_state import FULL_LEVEL
-from simulator._board.light import WATCHDOG_NS, BoardLight, Burned
+from simulator._board.light import WATCHDOG_NS, BoardLight, FlashRecord
 from simulator._board.outputs import ActiveInput, BoardOutputs
 
 NAME = "sgp-virtual-board"
@@ -40,7 +40,7 @@ _PACES = {"T": 0, "A": 1}
 
 
 class _RefusedError(Exception):
-    """The command is refused with this error."""
+    """Command is refused with this error code."""
 
     def __init__(self, code: ErrorCode) -> None:
         super().__init__(code)
@@ -49,15 +49,16 @@ class _RefusedError(Exception):
 
 @dataclass(frozen=True)
 class _Verb:
-    """How a command is read: its arguments (n number, l LED or none, p pace), and what it does.
+    """Arguments and action of a command.
 
-    ``asks``: it only asks. ``refused``: not while a flash or a sequence runs. ``act`` returns the
-    words of the reply, None where it comes later.
+    ``arguments`` has a letter for each argument: n number, l LED or no LED, p pace. ``act`` returns
+    the words of the reply, or None if the reply is sent later. ``query``: the command
+    changes nothing. ``refused``: it is refused while a flash or a sequence runs.
     """
 
     arguments: str
     act: Callable[..., _Words | None]
-    asks: bool = False
+    query: bool = False
     refused: bool = False
 
 
@@ -67,9 +68,9 @@ class BoardFirmware:
     Parameters
     ----------
     leds
-        How many LEDs there are.
+        Number of LEDs.
     outputs, active
-        What it drives and reads.
+        Outputs and exposure-active input.
     now_ns
         Monotonic time at power-on.
     """
@@ -79,9 +80,9 @@ class BoardFirmware:
         self._outputs = outputs
         self._active = active
         self._verbs = {
-            "ID": _Verb("", self._id, asks=True),
-            "STATUS": _Verb("", self._status, asks=True),
-            "DID": _Verb("n", self._did, asks=True),
+            "ID": _Verb("", self._id, query=True),
+            "STATUS": _Verb("", self._status, query=True),
+            "DID": _Verb("n", self._did, query=True),
             "OFF": _Verb("", self._off),
             "ON": _Verb("nn", self._on, refused=True),
             "LEVEL": _Verb("nn", self._level, refused=True),
@@ -92,21 +93,21 @@ class BoardFirmware:
         self.boot(now_ns)
 
     def boot(self, now_ns: int) -> None:
-        """Start anew: everything off, nothing remembered."""
+        """Restart with all LEDs off and the initial state."""
         self.light = BoardLight(self.leds, self._outputs, self._active, now_ns)
         self._lines = LineBuffer(MAX_COMMAND)
         self._now_ns = self._boot_ns = now_ns
         self._faults = 0
-        # The last command acted on or refused, and its reply, None while that is to come.
+        # The last command that was carried out or refused; its reply, None if not yet known.
         self._last: tuple[Command, bytes | None] | None = None
         self._flashing: Command | None = None
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take bytes from the line, act on the commands that they complete, return the replies."""
+        """Receive bytes, carry out the commands that they complete, and return the replies."""
         return b"".join(self._handle(line, now_ns) for line in self._lines.feed(data))
 
     def _handle(self, line: bytes, now_ns: int) -> bytes:
-        """Act on a line and return what is to be sent; a damaged line is counted, not answered."""
+        """Carry out a line and return the bytes to send; a damaged line is only counted."""
         due = self.advance(now_ns)
         try:
             command = decode_command(line)
@@ -115,23 +116,23 @@ class BoardFirmware:
             return due
         self.light.heard(now_ns)
         verb = self._verbs.get(command.verb)
-        if verb is not None and verb.asks:
+        if verb is not None and verb.query:
             return due + (self._answer(command, verb) or b"")
-        # The same command under the same number is a repetition: answered again, not done again.
+        # The same command with the same number is a repetition: send the reply again, do not act.
         if self._last is None or self._last[0] != command:
             self._last = command, None
             self._last = command, self._answer(command, verb)
         return due + (self._last[1] or b"")
 
     def advance(self, now_ns: int) -> bytes:
-        """Do what is due by now, and return the reply to a flash that has ended."""
+        """Carry out all actions that are due, and return the reply to a flash that has ended."""
         self._now_ns = now_ns
-        burned = self.light.advance(now_ns)
-        if burned is None or self._flashing is None:
+        record = self.light.advance(now_ns)
+        if record is None or self._flashing is None:
             return b""
         command, self._flashing = self._flashing, None
-        since = "-" if burned.since_us is None else str(burned.since_us)
-        words = _led_word(burned.led), since, *_burned_words(burned)
+        since = "-" if record.since_us is None else str(record.since_us)
+        words = _led_word(record.led), since, *_record_words(record)
         reply = encode_reply(Reply(command.seq, command.verb, words))
         if self._last == (command, None):
             self._last = command, reply
@@ -177,9 +178,9 @@ class BoardFirmware:
 
     def _did(self, index: int) -> _Words:
         _require(index < len(self.light.done), ErrorCode.NO_SUCH_STEP)
-        burned = self.light.done[index]
-        words = _burned_words(burned)
-        return str(index), _led_word(burned.led), str(burned.trigger_us % _WRAPS), *words
+        record = self.light.done[index]
+        words = _record_words(record)
+        return str(index), _led_word(record.led), str(record.trigger_us % _WRAPS), *words
 
     def _off(self) -> _Words:
         self._flashing = None
@@ -247,7 +248,7 @@ def _led_word(led: int | None) -> str:
     return NO_LED if led is None else str(led)
 
 
-def _burned_words(burned: Burned) -> _Words:
-    if burned.active_us is None:
-        return str(burned.lit_us), NO_LED
-    return str(burned.lit_us), f"{burned.active_us}{'+' if burned.cut_off else ''}"
+def _record_words(record: FlashRecord) -> _Words:
+    if record.active_us is None:
+        return str(record.lit_us), NO_LED
+    return str(record.lit_us), f"{record.active_us}{'+' if record.cut_off else ''}"

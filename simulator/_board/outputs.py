@@ -1,4 +1,4 @@
-"""What the virtual board drives, LEDs and trigger line, and what it reads, exposure-active."""
+"""Outputs of the virtual board, LEDs and trigger line, and its exposure-active input."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from simulator._bench_state import NEVER_NS, BenchState, BenchWriter, Exposure
 
 TRIGGER_NS = 200_000
 Event = dict[str, int | list[int]]
-# Lights, and pulses, that are kept for `BoardOutputs.events`.
+# Number of lights and of pulses that are kept for `BoardOutputs.events`.
 _KEPT = 256
 
 
 @dataclass
 class _Span:
-    """The trigger line being high."""
+    """Period in which the trigger line is high."""
 
     start_ns: int
     end_ns: int
@@ -24,7 +24,7 @@ class _Span:
 
 @dataclass
 class Light(_Span):
-    """An LED that is on, and the number of its period in the bench state."""
+    """Period in which an LED is on, and the number of this period in the bench state."""
 
     led: int
     level: int
@@ -32,21 +32,21 @@ class Light(_Span):
 
 
 class BoardOutputs:
-    """LEDs and trigger line, stated in the bench state.
+    """LEDs and trigger line, which are recorded in the bench state.
 
-    What is asked may lie ahead and is not changed any more once it has passed.
+    Times may be in the future; light and pulses no longer change once they are in the past.
 
     Parameters
     ----------
     bench
-        Where light and pulses are stated.
+        Writer of the bench state.
 
     Attributes
     ----------
     double_led
-        An LED that burns along with every one that is lit; None for sound wiring.
+        LED that is on whenever another LED is on; None if the wiring has no fault.
     wire
-        What becomes of a trigger pulse: its time to the times at which the camera sees one.
+        Function from the time of a trigger pulse to the times of the pulses that the camera sees.
     """
 
     def __init__(self, bench: BenchWriter) -> None:
@@ -55,11 +55,11 @@ class BoardOutputs:
         self.wire: Callable[[int], tuple[int, ...]] = lambda time_ns: (time_ns,)
         self._lights: deque[Light] = deque(maxlen=_KEPT)
         self._pulses: deque[_Span] = deque(maxlen=_KEPT)
-        self._told_ns = -1
-        self._told: tuple[dict[int, int], bool] | None = None
+        self._reported_ns = -1
+        self._reported: tuple[dict[int, int], bool] | None = None
 
     def light(self, led: int, start_ns: int, end_ns: int, level: int) -> tuple[Light, ...]:
-        """Turn an LED on; return what `end` takes."""
+        """Turn an LED on for a period; return its lights, the argument of `end`."""
         leds = {led} if self.double_led is None else {led, self.double_led}
         lights = tuple(
             Light(start_ns, end_ns, lit, level, self._bench.light(lit, start_ns, end_ns, level))
@@ -69,7 +69,7 @@ class BoardOutputs:
         return lights
 
     def end(self, lights: tuple[Light, ...], end_ns: int) -> None:
-        """Move the end of the lights that `light` returned, and lower the trigger line then."""
+        """Move the end of lights that `light` returned, and lower the trigger line at that time."""
         for light in lights:
             self._bench.end(light.period, end_ns)
             light.end_ns = end_ns
@@ -78,43 +78,43 @@ class BoardOutputs:
                 pulse.end_ns = min(pulse.end_ns, end_ns)
 
     def pulse(self, time_ns: int, hold_ns: int) -> None:
-        """Raise the trigger line, and lower it after 200 us or ``hold_ns`` if that is sooner."""
+        """Raise the trigger line; lower it after 200 us, or after ``hold_ns`` if that is less."""
         for seen_ns in self.wire(time_ns):
             self._bench.pulse(seen_ns)
         self._pulses.append(_Span(time_ns, time_ns + min(TRIGGER_NS, hold_ns)))
 
     def pulse_before_ns(self, time_ns: int) -> int | None:
-        """Return when the trigger line rose last before a time; None if it never did."""
+        """Return the time of the last rising edge before a time; None if there is no edge."""
         rises = (pulse.start_ns for pulse in self._pulses if pulse.end_ns > pulse.start_ns)
         return max((rise for rise in rises if rise < time_ns), default=None)
 
     def put_out(self, now_ns: int) -> None:
-        """End all light and lower the trigger line, and take back what was to come."""
+        """Turn all LEDs off, lower the trigger line, and cancel all future light and pulses."""
         self._bench.put_out(now_ns)
         for span in (*self._lights, *self._pulses):
             span.end_ns = min(span.end_ns, max(now_ns, span.start_ns))
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the edges since the last call, with their times in us."""
-        times = {time_ns for time_ns in self._edges_ns() if self._told_ns <= time_ns < now_ns}
+        times = {time_ns for time_ns in self._edges_ns() if self._reported_ns <= time_ns < now_ns}
         events: list[Event] = []
         for time_ns in sorted(times | {now_ns}):
             lights = [one for one in self._lights if one.start_ns <= time_ns < one.end_ns]
             lit = {light.led: light.level for light in lights if light.level}
             state = lit, any(one.start_ns <= time_ns < one.end_ns for one in self._pulses)
-            before = self._told or (None, False)
+            before = self._reported or (None, False)
             if state[0] != before[0]:
                 leds = sorted(lit)
                 levels = [lit[led] for led in leds]
                 events.append({"us": time_ns // 1000, "lit": leds, "levels": levels})
             if state[1] != before[1]:
                 events.append({"us": time_ns // 1000, "trigger": int(state[1])})
-            self._told = state
-        self._told_ns = now_ns
+            self._reported = state
+        self._reported_ns = now_ns
         return events
 
     def next_event_ns(self, now_ns: int) -> int:
-        """Return when the next edge is due."""
+        """Return the time of the next edge."""
         return min((time_ns for time_ns in self._edges_ns() if time_ns > now_ns), default=NEVER_NS)
 
     def _edges_ns(self) -> Iterator[int]:
@@ -129,7 +129,8 @@ class ActiveInput:
     Parameters
     ----------
     bench
-        Where a simulated camera states its exposures; None for a wire that `set` alone drives.
+        Bench state to which a simulated camera writes its exposures; None for an input that only
+        `set` changes.
     """
 
     def __init__(self, bench: BenchState | None = None) -> None:
@@ -137,7 +138,7 @@ class ActiveInput:
         self._wired: list[Exposure] = []
 
     def set(self, up: bool, now_ns: int) -> None:
-        """Set the level of the input by hand; the level that it has already is no edge."""
+        """Set the level of the input; setting its present level makes no edge."""
         was_up = bool(self._wired) and self._wired[-1].end_ns == NEVER_NS
         if was_up and not up:
             self._wired[-1] = Exposure(self._wired[-1].start_ns, now_ns)
@@ -145,10 +146,10 @@ class ActiveInput:
             self._wired = [*self._wired[-_KEPT:], Exposure(now_ns, NEVER_NS)]
 
     def stated(self) -> bool:
-        """Return whether a simulated camera states exposures, which may take it a while."""
+        """Return whether a simulated camera writes exposures, perhaps with a delay."""
         return self._bench is not None and bool(self._bench.exposures())
 
     def exposures(self) -> tuple[Exposure, ...]:
-        """Return when the input was up, or is known to be up."""
+        """Return the periods in which the input was high or is known to be high."""
         stated = () if self._bench is None else self._bench.exposures()
         return (*self._wired, *stated)

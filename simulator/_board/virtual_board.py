@@ -1,4 +1,4 @@
-"""Starts and ends the virtual board's process."""
+"""Start and end the virtual board's process."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ _END_TIMEOUT_S = 1.0
 
 
 class VirtualBoard:
-    """A virtual LED board, running in a process of its own.
+    """Virtual LED board that runs in its own process.
 
     Parameters
     ----------
     leds
-        How many LEDs it has.
+        Number of LEDs.
 
     Attributes
     ----------
     port
         Path of its serial port, a symbolic link.
     bench_state_path
-        File in which it states what burns (see `BenchState`).
+        File with the state of light and trigger line (see `BenchState`).
     pid
-        Of its process.
+        Process id.
 
     Raises
     ------
     RigError
-        If the process does not come up.
+        If the process does not start.
     """
 
     def __init__(self, leds: int = 36) -> None:
-        # A session of its own: Ctrl-C is the host's to handle, with the board still there.
+        # In a new session, Ctrl-C reaches only the host, which still needs the board then.
         self._process = subprocess.Popen(
             module_command("simulator.board", leds),
             stdin=subprocess.PIPE,
@@ -51,25 +51,25 @@ class VirtualBoard:
         )
         self.pid = self._process.pid
         try:
-            told = json.loads(self._first_line())
-            self.port: str = told["port"]
-            self.bench_state_path = Path(told["bench_state"])
+            paths = json.loads(self._first_line())
+            self.port: str = paths["port"]
+            self.bench_state_path = Path(paths["bench_state"])
         except BaseException:
             self._end()
             raise
 
     def set_faults(self, *faults: BoardFault) -> None:
-        """Let exactly these faults strike the commands sent from now on."""
+        """Replace the faults; the new ones apply to the commands sent from now on."""
         if self._process.stdin is None:
             raise RigError("the virtual board is closed")
         try:
             self._process.stdin.write(BoardFaults.dump_json(faults) + b"\n")
             self._process.stdin.flush()
         except (OSError, ValueError) as error:
-            raise RigError(f"the virtual board is gone ({error})") from error
+            raise RigError(f"the virtual board's process has ended ({error})") from error
 
     def unplug(self) -> None:
-        """Kill the process: the port goes dead, an LED burns on to its declared end."""
+        """Kill the process: the port is dead, an LED stays on until its declared end."""
         self._process.kill()
         self._process.wait()
 
@@ -97,7 +97,7 @@ class VirtualBoard:
         return line
 
     def _end(self) -> None:
-        # Closing its standard input tells the process to go.
+        # The process ends when its standard input closes.
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()

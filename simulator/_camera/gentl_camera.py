@@ -1,4 +1,4 @@
-"""A GenICam camera that sees what the virtual board lights: a library in a folder of its own."""
+"""A GenICam camera that sees the LEDs of the virtual board: a GenTL producer in its own folder."""
 
 from __future__ import annotations
 
@@ -38,18 +38,18 @@ _STEADY = Lamps()
 
 @dataclass(frozen=True)
 class GentlCounts:
-    """What a virtual GenICam camera has done since it was made.
+    """Counters of a virtual GenICam camera since it was made.
 
     Parameters
     ----------
     exposures
-        Begun; each took a block id.
+        Exposures that began; each has a block id.
     delivered
-        Buffers that went to the client.
+        Buffers that were delivered to the client.
     dropped
-        Exposures without a buffer: lost by a fault, none queued, or stopped before.
+        Exposures without a buffer: lost by a fault, no buffer queued, or acquisition stopped.
     missed
-        Triggers that began no exposure: too soon after another, or none was armed.
+        Triggers that began no exposure: too soon after another one, or the camera was not armed.
     """
 
     exposures: int
@@ -59,66 +59,68 @@ class GentlCounts:
 
 
 class GentlCamera:
-    """A virtual GenICam camera: a folder with a GenTL producer and what it sees.
+    """A virtual GenICam camera: a folder with a GenTL producer and the images it sees.
 
-    Any GenICam program can open its ``cti``. It has the sensor, the light and, for the same shots,
-    the very frames of `VirtualCamera`, within the rounding of one grey value. The frames are
-    composed by the library, which needs no Python while it runs.
+    Any GenICam program can open its ``cti``. It has the same sensor and light as `VirtualCamera`
+    and, for the same shots, the same frames to within the rounding of one grey value. The library
+    composes the frames; it needs no Python while it runs.
 
     Parameters
     ----------
     planes
-        For an LED, ``(H, W)`` float32 photons per microsecond that its light alone yields; for
-        None those of the ambient light; None where there is none. All are asked for at once.
+        Function that returns, for an LED, the ``(H, W)`` float32 photons per microsecond of its
+        light alone; for None, those of the ambient light. It returns None if there is no light.
+        It is called for all LEDs when the camera is made.
     size
         (H, W).
     leds
-        How many LEDs have a plane.
+        Number of LEDs that have a plane.
     noise
-        The sensor.
+        Model of the sensor.
     bench_state_path
-        The file in which the virtual board tells light and trigger pulses, and is told exposures.
-        None for no board: only the ambient light.
+        File to which the virtual board writes light and trigger pulses, and the camera writes its
+        exposures. None for no board: the camera sees only the ambient light.
     seed, noisy, cfa, lamps, shake_px, sensor_seed
         See `VirtualCamera`.
     serial
-        Serial number, up to 63 letters.
+        Serial number, up to 63 characters.
     frame_rate_hz
-        The greatest, 0.1 to 1e6: triggers that come sooner are missed.
+        Maximum frame rate, 0.1 to 1e6: triggers that arrive sooner are missed.
     readout_us
-        Time from the first to the last row read, microseconds.
+        Time between reading the first and the last row, microseconds.
     shutter
-        ``global``: all rows are exposed together. ``rolling``: each row so much later that the
-        last one is ``readout_us`` behind the first.
+        ``global``: all rows are exposed together. ``rolling``: rows are exposed one after the
+        other, the last one ``readout_us`` later than the first.
     precomposed
-        True: what ``planes`` yields are grey values ``(H, W)`` uint16, delivered as they are for
-        the LED that burned longest. For speed.
+        If True, ``planes`` returns grey values ``(H, W)`` uint16, and the camera delivers those of
+        the LED that was on longest without change. This is faster.
     first_block_id
-        After each start of the acquisition: GigE Vision counts from 1, USB3 Vision from 0.
+        Block id of the first frame after each start of the acquisition: GigE Vision counts from 1,
+        USB3 Vision from 0.
     automatics
-        Which are switched on at power-up.
+        Automatic functions that are on at power-up.
     stuck
-        Automatics that take a new setting and do not obey.
+        Automatic functions that accept a new setting but ignore it.
     without_nodes
-        Nodes that this camera lacks.
+        Nodes that this camera does not have.
     most_buffers
-        How many buffers its stream takes, 1 to 256.
+        Maximum number of buffers of its stream, 1 to 256.
     temperature_c
-        Of the device, degrees Celsius.
+        Temperature of the device, degrees Celsius.
 
     Attributes
     ----------
     cti : Path
-        The GenTL producer; it has this one camera.
+        Path of the GenTL producer, which has only this camera.
     serial : str
         The camera's serial number.
 
     Raises
     ------
     CompilerError
-        If the library has to be built and cannot.
+        If the library is not in the cache and cannot be built.
     CameraError
-        If an argument cannot be or a plane is of another size or type.
+        If an argument is out of range, or a plane has the wrong size or type.
     """
 
     def __init__(
@@ -149,18 +151,28 @@ class GentlCamera:
     ) -> None:
         self.serial = serial
         self._check(cfa is None or cfa in CFAS, f"cfa {cfa!r} is not one of {', '.join(CFAS)}")
-        self._check(0 <= shake_px <= 8, f"a shake of {shake_px} px cannot be: 0 to 8")
-        self._check(0 <= leds <= MAX_LEDS, f"{leds} LEDs cannot be: 0 to {MAX_LEDS}")
-        self._check(all(1 <= n <= 65535 for n in size), f"a size of {size} cannot be")
-        self._check(0.1 <= frame_rate_hz <= 1e6, f"{frame_rate_hz} Hz cannot be: 0.1 to 1e6")
-        self._check(0 <= readout_us <= 1e7, f"a readout of {readout_us} us cannot be: 0 to 1e7")
-        self._check(1 <= most_buffers <= 256, f"{most_buffers} buffers cannot be: 1 to 256")
+        self._check(0 <= shake_px <= 8, f"shake_px is {shake_px}, it must be within 0..8")
+        self._check(0 <= leds <= MAX_LEDS, f"leds is {leds}, it must be within 0..{MAX_LEDS}")
+        self._check(
+            all(1 <= n <= 65535 for n in size),
+            f"size is {size}, height and width must be within 1..65535",
+        )
+        self._check(
+            0.1 <= frame_rate_hz <= 1e6,
+            f"frame_rate_hz is {frame_rate_hz}, it must be within 0.1..1e6",
+        )
+        self._check(0 <= readout_us <= 1e7, f"readout_us is {readout_us}, it must be within 0..1e7")
+        self._check(
+            1 <= most_buffers <= 256, f"most_buffers is {most_buffers}, it must be within 1..256"
+        )
         bench = b"" if bench_state_path is None else str(bench_state_path.absolute()).encode()
         self._check(len(bench) < MAX_PATH, f"the path of the bench state is too long: {bench!r}")
         name = serial.encode()
-        self._check(0 < len(name) < 64, "a serial number has 1 to 63 letters")
+        self._check(0 < len(name) < 64, "the serial number must have 1 to 63 characters")
         hidden = "".join(f"{node}," for node in without_nodes).encode()
-        self._check(len(hidden) < 256, "too many nodes are left out: 255 letters with their commas")
+        self._check(
+            len(hidden) < 256, "without_nodes is too long: at most 255 characters with commas"
+        )
         library = build()
         self._owned = OwnedFolder("sgp-camera-")
         self._folder = self._owned.path
@@ -207,26 +219,27 @@ class GentlCamera:
     def set_fault(
         self, frame: int | Literal["next"], kind: GentlFault, *, late_ms: float = 0.0
     ) -> None:
-        """Let something go wrong with one frame.
+        """Add a fault to one frame.
 
         Parameters
         ----------
         frame
-            Which exposure since the camera was made, counted from 0, or the next one.
+            Number of the exposure since the camera was made, counted from 0, or ``next``.
         kind
-            ``lost``: never comes. ``late``: comes ``late_ms`` later, and so do all behind it.
-            ``incomplete``: half of its rows. ``doubled``: comes twice. ``missed``: its trigger is
-            not seen. ``unplug``: the camera is unplugged instead of exposing. ``underrun``: finds
-            no free buffer, as on a computer that does not return them in time.
+            ``lost``: the frame is not delivered. ``late``: it is delivered ``late_ms`` later, and
+            so are all frames after it. ``incomplete``: it has half of its rows. ``doubled``: it is
+            delivered twice. ``missed``: its trigger has no effect. ``unplug``: the camera is
+            unplugged instead of exposing. ``underrun``: there is no free buffer for it, as on a
+            computer that does not return buffers in time.
         late_ms
-            Of a late frame, milliseconds.
+            Delay of a late frame, milliseconds.
 
         Raises
         ------
         CameraError
-            If there are too many faults that have not struck yet.
+            If there are too many faults that have not occurred yet.
         """
-        self._check(kind in get_args(GentlFault), f"no fault is called {kind!r}")
+        self._check(kind in get_args(GentlFault), f"unknown fault {kind!r}")
         for fault in self._fields.faults:
             if not fault.armed:
                 fault.at = -1 if frame == "next" else frame
@@ -234,28 +247,33 @@ class GentlCamera:
                 fault.kind = FAULT_KINDS[kind]
                 fault.armed = 1
                 return
-        raise CameraError(f"camera {self.serial}: more than {FAULTS} faults are waiting")
+        raise CameraError(
+            f"camera {self.serial}: more than {FAULTS} faults are set and have not occurred"
+        )
 
     def unplug(self) -> None:
-        """Take the camera away: who has it open finds it dead, until opened again."""
+        """Unplug the camera: it is dead for programs that have it open, until they reopen it."""
         self._fields.plugged = 0
         self._fields.unplugs += 1
 
     def replug(self) -> None:
-        """Bring the camera back."""
+        """Plug the camera in again."""
         self._fields.plugged = 1
 
     def set_temperature(self, temperature_c: float) -> None:
-        """Let the device have another temperature, degrees Celsius."""
+        """Set the temperature of the device, degrees Celsius."""
         self._fields.temperature_c = temperature_c
 
     def counts(self) -> GentlCounts:
-        """Return what the camera has done so far."""
+        """Return the camera's counters."""
         fields = self._fields
         return GentlCounts(fields.exposures, fields.delivered, fields.dropped, fields.missed)
 
     def close(self) -> None:
-        """Remove the folder; closing twice does nothing. Close what has the camera open before."""
+        """Remove the folder; closing twice does nothing.
+
+        Programs that have the camera open must close it first.
+        """
         if self._owned.open:
             self._control.close()
             self._owned.close()
@@ -271,8 +289,8 @@ class GentlCamera:
         self._check(self._owned.open, "is closed")
         return self._control.fields
 
-    def _check(self, sound: bool, complaint: str) -> None:
-        if not sound:
+    def _check(self, valid: bool, complaint: str) -> None:
+        if not valid:
             raise CameraError(f"camera {self.serial}: {complaint}")
 
     def _write_planes(self, planes: GentlPlanes, leds: int, kind: type[np.generic]) -> None:
@@ -286,8 +304,8 @@ class GentlCamera:
                     continue
                 self._check(
                     plane.shape == self._size and plane.dtype == kind,
-                    f"the plane of LED {led} is {plane.dtype} of shape {plane.shape}, wanted "
-                    f"{np.dtype(kind)} of {self._size}",
+                    f"the plane of LED {led} is {plane.dtype} of shape {plane.shape}, expected "
+                    f"{np.dtype(kind)} of shape {self._size}",
                 )
                 file.seek(index * bytes_each)
                 file.write(np.ascontiguousarray(plane).data)

@@ -1,6 +1,6 @@
 """The control file of a virtual GenICam camera: `simulator/gentl/control.h` in Python.
 
-Change both. The library checks magic, version and size before it believes the rest.
+Change both together. The library checks magic, version and size before it uses the rest.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ SIZE = ctypes.sizeof(_Layout)
 
 
 class ControlFile:
-    """The file, mapped: its fields are attributes of ``fields``, shared with the library."""
+    """The mapped file: its fields are attributes of ``fields`` and shared with the library."""
 
     def __init__(self, path: Path) -> None:
         path.write_bytes(bytes(SIZE))
@@ -78,6 +78,6 @@ class ControlFile:
         self.fields.size = SIZE
 
     def close(self) -> None:
-        """Let go of the file; the fields are gone then."""
+        """Close the file and set ``fields`` to None."""
         self.fields = None
         self._map.close()

@@ -1,4 +1,4 @@
-"""Random numbers for every pixel of a frame: kernels, and `simulator/gentl/sensor.c` to the bit."""
+"""Random numbers for every pixel of a frame, bit-identical to `simulator/gentl/sensor.c`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COSINE = tuple(np.float32(n) for n in (-0.020408256, 0.2535986, -1.233697, 1.0)
 
 @numba.njit(cache=True)
 def hashed(state: np.uint64, counter: np.uint64) -> np.uint64:
-    """Do what `simulator._dice.bits` does."""
+    """Return the same bits as `simulator._dice.bits`."""
     x = state + (counter + np.uint64(1)) * _GOLDEN
     x = (x ^ (x >> _S30)) * _MIX_1
     x = (x ^ (x >> _S27)) * _MIX_2
@@ -34,13 +34,13 @@ def hashed(state: np.uint64, counter: np.uint64) -> np.uint64:
 
 @numba.njit(cache=True)
 def unit(bits: np.uint64) -> np.float32:
-    """Map the highest 31 of 64 bits to a number above 0 and at most 1."""
+    """Map the highest 31 of 64 bits to a number in (0, 1]."""
     return (np.float32(np.int32(bits >> _S33)) + _HALF) * _TWO_TO_MINUS_31
 
 
 @numba.njit(cache=True)
 def _polynomial(x: np.float32, coefficients: tuple[np.float32, ...]) -> np.float32:
-    """Return the sum of coefficients times the powers of x, the first of the highest."""
+    """Evaluate a polynomial; the coefficient of the highest power is the first."""
     total = coefficients[0]
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
@@ -49,12 +49,12 @@ def _polynomial(x: np.float32, coefficients: tuple[np.float32, ...]) -> np.float
 
 @numba.njit(cache=True)
 def log_of(x: np.float32) -> np.float32:
-    """Return the logarithm of a number above 0 and at most 1, to 2e-7.
+    """Return the logarithm of a number in (0, 1], to 2e-7.
 
-    Here and in `normal_pair` there are polynomials instead of the functions of a library: fitted
-    to equal ripples, the same in C to the last bit, and several pixels at a time there.
+    This function and `normal_pair` use equiripple polynomials instead of library functions. Their
+    results are the same in C to the last bit, and in C they are vectorised over pixels.
     """
-    # x = m * 2^e with m from the root of 1/2 to that of 2.
+    # x = m * 2^e with m from sqrt(1/2) to sqrt(2).
     pattern = np.float32(x).view(np.int32)
     exponent = (pattern - _ROOT_HALF_BITS) >> 23
     f = np.int32(pattern - (exponent << 23)).view(np.float32) - _ONE
@@ -66,7 +66,7 @@ def log_of(x: np.float32) -> np.float32:
 def normal_pair(bits: np.uint64) -> tuple[np.float32, np.float32]:
     """Return two independent standard normal numbers (Box and Muller)."""
     radius = np.float32(math.sqrt(_MINUS_TWO * log_of(unit(bits))))
-    # Quarters of a turn, and what is left of -1/2 to 1/2.
+    # Whole quarters of a turn, and the remainder from -1/2 to 1/2.
     quarters = _FOUR * unit(bits << _S32)
     q = np.int32(quarters + _HALF)
     r = quarters - np.float32(q)

@@ -1,4 +1,4 @@
-"""The sensor: photons in, grey values out, with the noise and the faults of a real one."""
+"""The sensor: convert photons to grey values with the noise and the defects of a real sensor."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from acquisition import NoiseModel
 from simulator._camera.pixel_dice import hashed, log_of, normal_pair, unit
 from simulator._dice import stream
 
-# Below this mean, Poisson numbers are drawn exactly; from here on by an expansion whose
-# distribution function, rounded to whole electrons, is within 0.0015 of the exact one.
+# Below this mean, Poisson numbers are drawn exactly; above it, by an expansion whose distribution
+# function, rounded to whole electrons, is within 0.0015 of the exact one.
 EXACT_BELOW_E = np.float32(12.0)
 
 _ZERO, _HALF, _ONE, _SIXTH, _SEVENTY_TWO = (np.float32(n) for n in (0, 0.5, 1, 1 / 6, 72))
 _NEXT, _S32 = np.uint64(1), np.uint64(32)
-# Inversion stops here; 24 electrons more than the largest mean lie 10 standard deviations off.
+# Inversion stops at this length, more than 10 standard deviations above the largest mean.
 _RECIPROCAL = np.array([0.0, *(1.0 / n for n in range(1, 48))], np.float32)
 _ALIKE = np.zeros((3, 0, 0), np.float32)
 _PATTERN_TAG = 0x0F1C  # keeps the fixed pattern apart from every shot of the same seed
@@ -27,20 +27,20 @@ _PATTERN_TAG = 0x0F1C  # keeps the fixed pattern apart from every shot of the sa
 
 @dataclass(frozen=True, eq=False)
 class FixedPattern:
-    """How the pixels of one sensor differ from each other, the same in every frame.
+    """Differences between the pixels of one sensor, the same in every frame.
 
     Parameters
     ----------
     maps
         ``(3, H, W)`` float32: relative response to light (mean 1), offset in electrons (mean 0),
-        and what the pixel has more of dark current, electrons per second.
+        and additional dark current of the pixel, electrons per second.
     """
 
     maps: npt.NDArray[np.float32]
 
 
 def pixel_format(cfa: str | None, depth: int) -> str:
-    """Return how GenICam calls samples of so many bits that each have two bytes, or one for 8."""
+    """Return the GenICam pixel format of unpacked samples of ``depth`` bits."""
     return f"Mono{depth}" if cfa is None else f"Bayer{cfa[:2]}{depth}"
 
 
@@ -49,22 +49,23 @@ def fixed_pattern(
 ) -> FixedPattern | None:
     """Draw the fixed pattern of a sensor.
 
-    Response and offset are normal; hot pixels lie anywhere and their currents are exponentially
-    distributed.
+    Response and offset are normally distributed; hot pixels are at random positions and their
+    currents are exponentially distributed.
 
     Parameters
     ----------
     noise
-        How strong: ``prnu``, ``dsnu_e``, ``hot_pixel_fraction`` and ``hot_pixel_e_per_s``.
+        Model with the strength of the pattern: ``prnu``, ``dsnu_e``, ``hot_pixel_fraction`` and
+        ``hot_pixel_e_per_s``.
     size
         (H, W).
     seed
-        Names the sensor, as a serial number does; not the shot.
+        Seed that identifies the sensor, like a serial number; not the shot.
 
     Returns
     -------
     FixedPattern or None
-        None for a sensor whose pixels are all alike.
+        None if all pixels are alike.
     """
     hot = noise.hot_pixel_fraction * noise.hot_pixel_e_per_s
     if not (noise.prnu or noise.dsnu_e or hot):
@@ -90,38 +91,38 @@ def sensor_image(
     key: tuple[int, ...] | None,
     pattern: FixedPattern | None = None,
 ) -> npt.NDArray[np.uint16]:
-    """Turn the photons expected on each pixel into grey values, after the linear EMVA 1288 camera.
+    """Convert the expected photons of each pixel to grey values with the linear EMVA 1288 model.
 
     With response r, offset o and dark current d of the pixel::
 
         charge = min(Poisson(quantum efficiency * r * photons + d * exposure), full well)
         DN = round(black level + gain * (charge + o + read noise) / electrons_per_dn)
 
-    limited to 0 and the end of the converter. Noise comes from a counter-based generator
-    (SplitMix64 of the key and the pixel's index), so it depends on neither the order of shots nor
-    the number of threads.
+    clipped to the range of the converter. The noise is from a counter-based generator (SplitMix64
+    of the key and the pixel's index), so it depends neither on the order of shots nor on the number
+    of threads.
 
     Parameters
     ----------
     photons
-        ``(H, W)`` float32, expected during the exposure, not negative. A quantum efficiency of 1
-        makes them electrons: so are a renderer's planes meant.
+        ``(H, W)`` float32, expected number during the exposure, not negative. With a quantum
+        efficiency of 1, these are electrons, as in the planes of the renderer.
     noise
-        The sensor.
+        Model of the sensor.
     exposure_us
-        Only for the dark current.
+        Exposure time, used only for the dark current.
     gain_db
-        Analogue gain on top of the sensor's own, decibels (20 dB = tenfold).
+        Analogue gain in addition to the sensor's own, decibels (20 dB = tenfold).
     key
-        Non-negative whole numbers that name the shot: the same key gives the same noise. None for
-        no temporal noise at all; quantisation and fixed pattern remain.
+        Non-negative integers that identify the shot: the same key gives the same noise. None for
+        no temporal noise; quantisation and fixed pattern remain.
     pattern
-        From `fixed_pattern`, of the same size; None where all pixels are alike.
+        Pattern of the same size from `fixed_pattern`; None if all pixels are alike.
 
     Returns
     -------
     npt.NDArray[np.uint16]
-        ``(H, W)``, aligned at the low end.
+        ``(H, W)`` grey values in the least significant bits.
     """
     dn_per_electron = 10.0 ** (gain_db / 20.0) / noise.electrons_per_dn
     state = np.uint64(0 if key is None else stream(*key))
@@ -220,9 +221,9 @@ def _poisson_by_inversion(mean: np.float32, uniform: np.float32) -> np.float32:
 
 @numba.njit(cache=True)
 def _poisson_by_expansion(mean: np.float32, z: np.float32) -> np.float32:
-    """Turn a normal number into a Poisson one by the Cornish-Fisher expansion to third order.
+    """Convert a normal number to a Poisson one by the Cornish-Fisher expansion to third order.
 
-    Mean, variance and skewness are right; the result is not whole, since the converter rounds.
+    Mean, variance and skewness are correct. The result is not an integer; the converter rounds it.
     """
     root = math.sqrt(mean)
     square = z * z

@@ -1,6 +1,6 @@
-"""A camera that sees what the virtual board lights.
+"""A camera that sees the LEDs of the virtual board.
 
-It lives in the host's own process and stands behind `rig.Camera`; it is not a GenICam device.
+It runs in the host's process and implements `rig.Camera`; it is not a GenICam device.
 """
 
 from __future__ import annotations
@@ -36,54 +36,56 @@ _WAITING_EVERY_S = 0.1
 class VirtualCamera:
     """A camera with a global shutter whose pixels collect the light of the bench state.
 
-    A frame holds ``exposure * planes(None)`` plus ``planes(led)`` times the time that this LED
-    burned during the exposure, for every LED that did, as the sensor renders it. So a frame taken
-    under the wrong LED, or while the light went out, shows it. Armed on the line, it exposes at the
-    trigger pulses of the bench state, and misses a pulse that comes while it exposes.
+    A frame is the sensor's image of ``exposure * planes(None)`` plus, for every LED that was on
+    during the exposure, ``planes(led)`` times the time that it was on. A frame therefore shows if
+    it was taken under the wrong LED, or if the LED turned off too early. If the camera is armed for
+    the line, it exposes at the trigger pulses of the bench state, and misses pulses during an
+    exposure.
 
-    All that is random about a frame depends on the seed, the LED, exposure, gain, and how many
-    equal shots came before; not on the order of the others.
+    All random values of a frame depend on the seed, the LED, the exposure time, the gain, and the
+    number of equal shots before it; they do not depend on the order of the other shots.
 
     Parameters
     ----------
     planes
-        For an LED, ``(H, W)`` float32 photons per microsecond that its light alone yields (equal
-        to electrons where the quantum efficiency is 1); for None, those of the ambient light,
-        which is always there. Called while the light burns, so it must answer at once: render
-        before.
+        Function that returns, for an LED, the ``(H, W)`` float32 photons per microsecond of its
+        light alone (electrons if the quantum efficiency is 1); for None, those of the ambient
+        light, which is always on. It is called while the LED is on and must return immediately:
+        render the planes beforehand.
     size
         (H, W) of the planes.
     bench
-        What burns; closed with the camera.
+        State of light and trigger line; closed with the camera.
     noise
-        The sensor.
+        Model of the sensor.
     seed
-        Of noise, flicker, PWM phase and shake.
+        Seed of noise, flicker, PWM phase and shake.
     noisy
-        False leaves shot and read noise out.
+        If False, frames have no shot noise and no read noise.
     realtime
-        False does not wait for exposures to pass: the time between software trigger and fetch
-        stands for the exposure.
+        If False, the camera does not wait for the exposure time to pass: the time between software
+        trigger and fetch represents the exposure.
     name
-        Stated as serial number.
+        Serial number in ``info``.
     cfa
-        Colours of the mosaic that the planes are, of its first 2 x 2 pixels row by row ("RGGB");
+        Colour filters of the first 2 x 2 pixels of the planes row by row, for example ``RGGB``;
         None for monochrome.
     lamps
-        The light over time. Its clock is the sum of all exposures triggered so far, so that the
-        same shots give the same frames however fast the host is.
+        Behaviour of the LEDs over time. Their clock is the sum of all exposure times triggered so
+        far, so that the same shots give the same frames at any speed of the host.
     shake_px
-        Standard deviation, along each axis, of where the image lies in a frame.
+        Standard deviation, along each axis, of the image's position in a frame.
     sensor_seed
-        Of the fixed pattern of the sensor, where ``noise`` has one.
+        Seed of the sensor's fixed pattern, if ``noise`` has one.
     faults
-        By frame id: the frame is lost, comes late (after its fetch has given up), or the camera is
-        unplugged instead of exposing.
+        Faults by frame id: the frame is lost or late (it arrives after the timeout of its fetch),
+        or the camera is unplugged instead of exposing.
 
     Raises
     ------
     CameraError
-        If ``cfa`` or ``shake_px`` cannot be; by any method once the camera is closed or unplugged.
+        If ``cfa`` or ``shake_px`` is invalid; from all methods once the camera is closed or
+        unplugged.
     """
 
     def __init__(
@@ -106,7 +108,7 @@ class VirtualCamera:
         if cfa is not None and cfa not in CFAS:
             raise CameraError(f"camera {name}: cfa {cfa!r} is not one of {', '.join(CFAS)}")
         if not 0 <= shake_px < math.inf:
-            raise CameraError(f"camera {name}: a shake of {shake_px} px cannot be: 0 or more")
+            raise CameraError(f"camera {name}: shake_px is {shake_px}, it must be 0 or more")
         self.info = CameraInfo(
             vendor="sgp",
             model="virtual camera",
@@ -140,16 +142,16 @@ class VirtualCamera:
         self._armed: Trigger | None = None
         self._gone = ""
         self._next_id = 0
-        # The last fetch failed: what is under way is forgotten before the next trigger.
+        # The last fetch failed: exposures in progress are discarded before the next trigger.
         self._stale = False
-        # The line has been read up to this time; the next pulse's frame carries this id.
+        # The line has been read up to this time; the next pulse's frame has this id.
         self._pulses_ns = 0
         self._pulse_id = 0
-        # Every frame that is under way.
+        # Exposures whose frames have not been fetched, by frame id.
         self._started: dict[int, Exposure] = {}
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        """Set exposure (in steps of 1 us) and gain for the triggers to come."""
+        """Set exposure time (in steps of 1 us) and gain for the next triggers."""
         self._check()
         if not EXPOSURE_MIN_US <= exposure_us <= EXPOSURE_MAX_US:
             raise CameraError(
@@ -166,7 +168,7 @@ class VirtualCamera:
         return self._exposure_us
 
     def arm(self, trigger: Trigger = "software", frames: int = 1) -> None:
-        """Make ready for triggers and forget frames that are under way; there is room for all."""
+        """Get ready for triggers and discard frames in progress; all ``frames`` have a buffer."""
         self._check()
         self._armed = trigger
         self._stale = False
@@ -175,7 +177,7 @@ class VirtualCamera:
         self._pulse_id = self._next_id
 
     def trigger(self) -> int:
-        """Start one exposure and return the id its frame will carry."""
+        """Start one exposure and return the id of its frame."""
         frame_id = self._announce("software")
         self._expose(frame_id, time.monotonic_ns(), lasting=self._realtime)
         return frame_id
@@ -187,7 +189,7 @@ class VirtualCamera:
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        """Wait until the exposure has passed and return its frame; older ones are dropped."""
+        """Wait until the exposure has ended and return its frame; older frames are dropped."""
         self._check()
         on_line = self._armed == "line" and self._pulse_id <= frame_id < self._next_id
         if frame_id not in self._started and not on_line:
@@ -208,12 +210,12 @@ class VirtualCamera:
         )
 
     def disarm(self) -> None:
-        """Stop taking triggers."""
+        """Stop responding to triggers."""
         self._check()
         self._armed = None
 
     def close(self) -> None:
-        """Give camera and bench state back; closing twice does nothing."""
+        """Close camera and bench state; closing twice does nothing."""
         self._bench.close()
         self._gone = self._gone or "is closed"
 
@@ -236,7 +238,7 @@ class VirtualCamera:
 
     def _expose(self, frame_id: int, start_ns: int, *, lasting: bool) -> None:
         if self.faults.get(frame_id) == "unplug":
-            self._gone = "does not answer any more: was it unplugged?"
+            self._gone = "no longer answers: was it unplugged?"
             self._check()
         end_ns = start_ns + round(self._exposure_us * 1000) if lasting else None
         if end_ns is not None:
@@ -247,9 +249,9 @@ class VirtualCamera:
         self._lamps_ns += round(self._exposure_us * 1000)
 
     def _read_line(self, frame_id: int) -> None:
-        """Start an exposure at each trigger pulse since the line was read last, up to this frame's.
+        """Start an exposure at each new trigger pulse up to the one of this frame.
 
-        What happens at later pulses, such as an unplugging, must not cost frames before them.
+        A fault at a later pulse, for example an unplugged camera, must not lose earlier frames.
         """
         now_ns = time.monotonic_ns()
         for pulse in self._bench.triggers():
@@ -257,7 +259,7 @@ class VirtualCamera:
                 return
             if self._pulses_ns < pulse.time_ns <= now_ns:
                 self._expose(self._pulse_id, pulse.time_ns, lasting=True)
-                # A pulse that comes too soon after this one is missed.
+                # Pulses that follow this one too soon are missed.
                 busy_us = max(self._exposure_us, FRAME_PERIOD_US)
                 self._pulses_ns = pulse.time_ns + round(busy_us * 1000) - 1
                 self._pulse_id += 1
@@ -265,11 +267,11 @@ class VirtualCamera:
     def _wait(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None
     ) -> tuple[Exposure, int]:
-        """Return the exposure of a frame, and its end in ns, when it has passed."""
+        """Wait for the end of a frame's exposure; return the exposure and its end in ns."""
         fault = self.faults.get(frame_id)
         if fault == "late":
             del self.faults[frame_id]
-        began_s = told_s = time.monotonic()
+        began_s = called_s = time.monotonic()
         while True:
             if self._armed == "line":
                 self._read_line(frame_id)
@@ -292,6 +294,6 @@ class VirtualCamera:
                     f"{timeout_s:g} s of waiting; check trigger and cable"
                 )
             time.sleep(max(0.0, min(pause_s, left_s, _WAITING_EVERY_S)))
-            if waiting is not None and time.monotonic() - told_s >= _WAITING_EVERY_S:
+            if waiting is not None and time.monotonic() - called_s >= _WAITING_EVERY_S:
                 waiting()
-                told_s = time.monotonic()
+                called_s = time.monotonic()

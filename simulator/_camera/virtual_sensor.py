@@ -1,4 +1,4 @@
-"""What the virtual camera's sensor makes of the light of an exposure."""
+"""The virtual camera's sensor: grey values from the light during an exposure."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Planes = Callable[[int | None], npt.NDArray[np.float32]]
 
 @dataclass(frozen=True)
 class Exposure:
-    """One exposure; ``lamps_ns`` is its start on the lamps' clock.
+    """One exposure; ``lamps_ns`` is its start on the clock of `Lamps`.
 
-    ``end_ns`` is None where the exposure lasts until its frame is fetched.
+    ``end_ns``: None if the exposure lasts until its frame is fetched.
     """
 
     start_ns: int
@@ -33,7 +33,7 @@ class Exposure:
 
 
 class VirtualSensor:
-    """The sensor of a `VirtualCamera`, which documents the parameters."""
+    """Sensor of a `VirtualCamera`; see there for the parameters."""
 
     def __init__(
         self,
@@ -58,7 +58,8 @@ class VirtualSensor:
         self._shake_px = shake_px
         self._pattern = fixed_pattern(noise, (info.height, info.width), seed=sensor_seed)
         self._taken: dict[tuple[int, ...], int] = {}
-        # The first call compiles or loads the kernel: seconds that must not pass under a light.
+        # The first call compiles or loads the kernel, which must not take seconds while an LED
+        # is on.
         sensor_image(np.zeros((1, 1), np.float32), noise, key=(0,))
 
     def pixels(self, exposure: Exposure, end_ns: int) -> npt.NDArray[np.uint16]:
@@ -67,7 +68,7 @@ class VirtualSensor:
         Raises
         ------
         CameraError
-            If a plane is of another size or type than the sensor.
+            If a plane has the wrong size or type.
         """
         key = self._key(self._bench.led(exposure.start_ns), exposure)
         return sensor_image(
@@ -97,7 +98,7 @@ class VirtualSensor:
         if plane.shape != (self._info.height, self._info.width) or plane.dtype != np.float32:
             raise CameraError(
                 f"camera {self._info.serial}: the plane of LED {led} is {plane.dtype} of shape "
-                f"{plane.shape}, wanted float32 of {(self._info.height, self._info.width)}"
+                f"{plane.shape}, expected float32 of shape {(self._info.height, self._info.width)}"
             )
         return plane
 

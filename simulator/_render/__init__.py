@@ -1,1 +1,1 @@
-"""The renderer and the truth it leaves."""
+"""The renderer and its ground truth."""

@@ -1,4 +1,4 @@
-"""LEDs mirrored in chrome spheres: where their images lie, how bright and how wide they are."""
+"""LEDs mirrored in chrome spheres: positions, brightness and width of the highlights."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Flags = npt.NDArray[np.bool_]
 
 _MOST_RINGS = 16
 _REACH_SIGMAS = 6.0
-# Cosine to its axis under which an LED counts as seen from behind.
+# Cosine to its axis below which an LED counts as seen from behind.
 _GRAZING = 1e-3
-# How far the ray of a highlight's pixel may pass from its mirror point, in radii of the sphere.
+# Largest distance of the ray of a highlight's pixel from its mirror point, in radii of the sphere.
 _SAME_POINT = 1e-6
 
 
@@ -31,17 +31,17 @@ class Highlights:
     Parameters
     ----------
     pixels
-        ``(S, N, 2)`` exact position (x, y) of the centre of light n in sphere s, NaN where the
-        sphere does not show it to the camera.
+        ``(S, N, 2)`` exact position (x, y) of the centre of light n in sphere s, NaN if the camera
+        does not see the light in this sphere.
     signal
         ``(S, N)`` radiance summed over the image, in pixels times the radiance of a white surface
-        under irradiance 1, NaN where ``pixels`` is. Vignetting is not in it.
+        under irradiance 1; NaN if ``pixels`` is NaN. Vignetting is not included.
     spots
-        ``(S, N, K, 2)`` positions of K points spread evenly over each LED's disc.
+        ``(S, N, K, 2)`` positions of K points that are spread uniformly over each LED's disc.
     shares
-        ``(S, N, K)`` what each of them adds to the signal, 0 where it is not seen.
+        ``(S, N, K)`` contribution of each point to the signal, 0 if it is not seen.
     sigma_px
-        Blur of a spot: the lens's, or more where the discs look too large for so few spots.
+        Blur of a spot: that of the lens, or more if the discs are too large for K spots.
     """
 
     pixels: Array
@@ -52,20 +52,21 @@ class Highlights:
 
 
 def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlights:
-    """Solve the mirror point of every light, and of points on every LED's disc, in every sphere.
+    """Compute the mirror points of every light, and of points on every LED's disc, in every sphere.
 
     Parameters
     ----------
     scene
-        The scene. Images of images (an LED seen in one sphere by way of another) are left out:
-        they are hundreds of times weaker. Distant lights are points.
+        Scene to search. Reflections of reflections (an LED that one sphere shows via another) are
+        omitted: they are hundreds of times weaker. Distant lights are points.
     occluders
-        What may stand between a light and a sphere; without it only the other spheres do.
+        Objects that may be between a light and a sphere; without them, only the other spheres
+        block the light.
 
     Returns
     -------
     Highlights
-        Places exact to rounding; the signal to 1e-6 of itself.
+        Positions to rounding error; signals to a relative error of 1e-6.
     """
     sigma, middle = scene.lens.psf_sigma_px, np.zeros((1, 2))
     centres, shares, px_per_mm = _mirrored(scene, middle, occluders)
@@ -91,9 +92,9 @@ def draw_highlights(scene: Scene, highlights: Highlights, planes: npt.NDArray[np
     Parameters
     ----------
     scene
-        Spheres, lights and lens. Each pixel of a Bayer mosaic takes its own colour's intensity.
+        Spheres, lights and lens. Each pixel of a Bayer mosaic uses the intensity of its channel.
     highlights
-        Of this scene.
+        Highlights of this scene.
     planes
         ``(N, H, W)`` radiance under each light, before vignetting.
     """
@@ -109,7 +110,7 @@ def draw_highlights(scene: Scene, highlights: Highlights, planes: npt.NDArray[np
 def splat(
     plane: npt.NDArray[np.float32], x_px: float, y_px: float, sigma: float, sum_: float
 ) -> None:
-    """Add a Gaussian spot, integrated over each pixel, whose pixels add up to ``sum_``."""
+    """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
     spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
     _draw(plane[None], spot, share, np.ones((1, 2, 2)), sigma)
 
@@ -117,10 +118,10 @@ def splat(
 def _mirrored(
     scene: Scene, disc_mm: Array, occluders: Occluders | None
 ) -> tuple[Array, Array, Array]:
-    """Mirror points of every LED's disc: pixels, shares of the signal, and pixels per mm.
+    """Mirror points of every LED's disc; return pixels, shares of the signal, and pixels per mm.
 
     ``disc_mm`` (K, 2) are positions on the disc. The results are (S, N, K, 2), (S, N, K) and
-    (S, N, K); a point that is not seen has NaN, 0 and 0.
+    (S, N, K); for a point that is not seen they are NaN, 0 and 0.
     """
     lens, lights, near, samples = scene.lens, scene.lights, scene.lights.near, len(disc_mm)
     axes = np.repeat(np.asarray(lights.axes), samples, axis=0)
@@ -156,7 +157,7 @@ def _mirrored(
         frame = (first[pick], second[pick], axes[pick], targets[pick])
         stretch = mm_per_pixel(lens, sphere, place[pick], frame, near=near)
         # An LED's radiance is I0 cos^(mu-1) / disc area, and its image covers disc area / |det|
-        # pixels: the signal does not depend on the area. A distant light's works alike on the
+        # pixels: the signal does not depend on the area. The same holds for a distant light on the
         # sphere of directions.
         radiance = math.pi * power[pick] * cosine[pick] ** (mu[pick] - 1 if near else 0.0)
         per_pixel = np.abs(np.linalg.det(stretch)) * samples
@@ -168,14 +169,14 @@ def _mirrored(
 
 
 def _disc(rings: int) -> Array:
-    """Return points spread evenly over the unit disc, ``(K, 2)``, on rings of equal area.
+    """Return points spread uniformly over the unit disc, ``(K, 2)``, on rings of equal area.
 
-    Their mean and variance are those of the disc, whatever the number of rings.
+    Their mean and variance are those of the disc for any number of rings.
     """
     points = []
     for ring in range(rings):
         radius = math.sqrt((ring + 0.5) / rings)
-        # All rings have the same number, so that all points weigh the same.
+        # All rings have the same number of points, so all points have the same weight.
         angle = (np.arange(6 * rings) + 0.5 * (ring % 2)) * (2 * math.pi / (6 * rings))
         points.append(radius * np.stack([np.cos(angle), np.sin(angle)], axis=1))
     return np.concatenate(points)
@@ -192,7 +193,10 @@ def _across(axes: Array) -> tuple[Array, Array]:
 def _in_shadow(
     occluders: Occluders, sphere: ChromeSphere, points: Array, lights: Array, *, near: bool
 ) -> Flags:
-    """Return which points get no light from the centre of their LED; all have the same number."""
+    """Return which points receive no light from the centre of their LED.
+
+    ``points`` has the same number of points for each LED.
+    """
     shadow = np.zeros((len(lights), len(points) // len(lights)), np.bool_)
     solid = np.ones(shadow.shape[1], np.bool_)
     for light, place, part in zip(lights, points.reshape(*shadow.shape, 3), shadow, strict=True):
@@ -206,7 +210,7 @@ def _in_shadow(
 def _draw(
     planes: npt.NDArray[np.float32], spots: Array, shares: Array, gains: Array, sigma: float
 ) -> None:
-    """Add Gaussian spots, integrated over each pixel: (N, K, 2) of (N, K) to planes (N, H, W)."""
+    """Add Gaussian spots (N, K, 2) with shares (N, K), integrated over each pixel, to planes."""
     reach = _REACH_SIGMAS * sigma + 1.0
     scale = sigma * math.sqrt(2.0)
     rows, columns = planes.shape[1:]

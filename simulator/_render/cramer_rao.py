@@ -1,4 +1,4 @@
-"""The least angular error that any unbiased estimate of a normal can have."""
+"""The Cramer-Rao bound: the smallest angular error of an unbiased estimate of a normal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from acquisition import DataError, Lights, NoiseModel
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
 
-# A pivot below this share of its diagonal means that the lights lie in a plane.
+# Determinants below this share of the product of the diagonal mean that the lights are coplanar.
 _SINGULAR = 1e-10
 
 
@@ -35,18 +35,18 @@ def cramer_rao_deg(
     r"""Return the Cramer-Rao bound of the angular error of normals under this sensor.
 
     The model is Lambertian: light i with vector ``l_i`` (direction times irradiance) yields
-    ``s_i = A l_i . m`` electrons with ``m = albedo * normal`` and A electrons per unit. With v_i
-    the variance of a sample (shot noise of all its electrons, read noise, quantisation) the Fisher
-    information on m is ``F = sum_i A^2 l_i l_i^T / v_i``. An unknown albedo moves m along the
-    normal n only, so the error of the direction is the inverse of F seen in the tangent plane::
+    ``s_i = A l_i . m`` electrons with ``m = albedo * normal`` and A electrons per unit. If v_i is
+    the variance of a sample (shot noise of all its electrons, read noise, quantisation), the Fisher
+    information on m is ``F = sum_i A^2 l_i l_i^T / v_i``. An unknown albedo moves m only along the
+    normal n, so the error of the direction is the inverse of F projected on the tangent plane::
 
         E[angle^2] >= (tr(F^-1) - n^T F^-1 n) / albedo^2     [rad^2, small angles]
 
     (Kay, Fundamentals of Statistical Signal Processing I, 1993, chapter 3; variances as in EMVA
-    1288.) Lights, albedo scale and black level count as known and fixed patterns as corrected; a
-    relative response common to all images of a pixel is part of its albedo. Samples in shadow and
-    saturated ones say nothing. That the variance itself depends on the signal is not counted as
-    information: it matters below some ten electrons only.
+    1288.) Lights, albedo scale and black level are assumed to be known and fixed patterns to be
+    corrected; a relative response that is common to all images of a pixel is part of its albedo.
+    Samples that are in shadow or saturated contribute no information. The dependence of the
+    variance on the signal is not counted as information: it matters only below about ten electrons.
 
     Parameters
     ----------
@@ -57,22 +57,22 @@ def cramer_rao_deg(
     lights
         N near or distant lights.
     noise
-        The sensor.
+        Model of the sensor.
     photons_per_us
         Photons per microsecond of a white surface under irradiance 1, one number or ``(H, W)``,
-        which can hold vignetting.
+        for example with vignetting.
     exposures_us
-        Of the images of each light: brackets, and repeats said more than once.
+        Exposure times of the images of each light: one per bracket, repeated images repeated.
     points_mm
         ``(H, W, 3)`` points of the surface; needed for near lights.
     shadows
-        ``(N, H, W)`` True where a light does not reach the point. Surfaces that turn away from a
+        ``(N, H, W)`` True where a light does not reach the point. Surfaces that face away from a
         light need not be marked.
     background_per_us
         Photons per microsecond from the room, one number or ``(H, W)``.
     channel
-        ``(H, W)`` 0, 1 or 2 of a mosaic: which of the three a pixel sees. None for monochrome: it
-        sees the mean over the three of intensity times albedo.
+        ``(H, W)`` channel of each pixel of a mosaic, 0, 1 or 2. None for a monochrome camera, which
+        sees the mean over the three channels of intensity times albedo.
     gain_db
         Analogue gain, decibels.
 
@@ -85,7 +85,7 @@ def cramer_rao_deg(
     Raises
     ------
     DataError
-        If shapes disagree, an exposure is not positive, or near lights come without points.
+        If shapes differ, an exposure time is not positive, or near lights are given without points.
     """
     shape = normals.shape[:2]
     _check(normals, albedo, lights, exposures_us, points_mm, shadows, channel)
@@ -135,19 +135,21 @@ def _check(
     }
     for name, (array, size) in wanted.items():
         if array is not None and array.shape != size:
-            raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, wanted {size}")
+            raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, expected {size}")
     if lights.near and points_mm is None:
-        raise DataError("Cramer-Rao bound: near lights need points_mm")
+        raise DataError("Cramer-Rao bound: near lights require points_mm")
     if not exposures_us or not all(0 < value < math.inf for value in exposures_us):
-        raise DataError(f"Cramer-Rao bound: exposures {list(exposures_us)} us must be positive")
+        raise DataError(
+            f"Cramer-Rao bound: exposure times {list(exposures_us)} us must be positive"
+        )
 
 
 def _colours(
     albedo: npt.NDArray[np.floating], channel: npt.NDArray[np.integer] | None
 ) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
-    """Return how much of each intensity pixels see, ``(H, W, 3)`` of sum 1, and their albedo.
+    """Return the weights of the intensities, ``(H, W, 3)`` with sum 1, and the albedo of pixels.
 
-    Albedo times the shared intensity is what the model of the pixel's colour sees.
+    A pixel sees its albedo times the weighted mean of the intensities.
     """
     colour = albedo if albedo.ndim == 3 else np.repeat(albedo[..., None], 3, axis=2)
     if channel is not None:
@@ -160,12 +162,12 @@ def _colours(
 def _plane(name: str, value: float | npt.NDArray[np.floating], shape: tuple[int, ...]) -> Array:
     array = np.asarray(value, np.float64)
     if array.ndim and array.shape != shape:
-        raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, wanted {shape}")
+        raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, expected {shape}")
     return np.full(shape, array)
 
 
 def _light_table(lights: Lights) -> Array:
-    """Return ``(N, 8)`` rows: place or direction, axis, mu, and the fall-off at the origin."""
+    """Return ``(N, 8)`` rows: position or direction, axis, mu, and the fall-off at the origin."""
     if lights.positions_mm is None:
         rows = np.zeros((len(lights), 8))
         rows[:, :3] = np.asarray(lights.directions)
@@ -223,7 +225,7 @@ def _bound(
                     if ahead <= 0.0:
                         continue
                     r = math.sqrt(x * x + y * y + z * z)
-                    # Of l / r times the irradiance, all but l.
+                    # The factor of l in l / r times the irradiance.
                     gain *= lights[k, 7] * (ahead / r) ** lights[k, 6] / (r * r * r)
                 facing = nx * x + ny * y + nz * z
                 if facing <= 0.0:
@@ -257,7 +259,7 @@ def _angle_deg(
     rho: float,
 ) -> float:
     """Return the bound from the information [a b c; b d e; c e f] on albedo times normal."""
-    # Cofactors; the inverse is their matrix over the determinant.
+    # Cofactors; the inverse is their matrix divided by the determinant.
     aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
     dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
     determinant = a * aa + b * bb + c * cc

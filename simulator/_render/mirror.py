@@ -1,4 +1,4 @@
-"""The mirror equation of a sphere: which of its points shows a light, and how large."""
+"""The mirror equation of a sphere: the point that mirrors a light, and the size of its image."""
 
 from __future__ import annotations
 
@@ -20,25 +20,26 @@ def mirror_points(
 ) -> tuple[Array, Flags]:
     """Find the points of a sphere that mirror lights into the camera (Alhazen's problem).
 
-    The point lies in the plane of eye, light and centre, where its normal halves the angle
-    between the two. Along the arc from the eye's side to the light's side the difference of the
-    two angles grows, so halving the arc finds the point.
+    The point is in the plane of eye, light and centre, and its normal bisects the angle between eye
+    and light. Along the arc from the eye's side to the light's side, the difference of the two
+    angles is monotonic, so bisection of the arc finds the point.
 
     Parameters
     ----------
     lens
-        Its eye may be at infinity.
+        Lens of the camera; its eye may be at infinity.
     sphere
         The mirror.
     lights
-        ``(N, 3)`` positions outside the sphere, or for distant lights unit directions to them.
+        ``(N, 3)`` positions outside the sphere, or unit directions toward distant lights.
     near
-        Whether they are positions.
+        Whether ``lights`` are positions.
 
     Returns
     -------
     points_mm, visible
-        ``(N, 3)`` and ``(N,)``: not visible where the sphere stands in its own way.
+        ``(N, 3)`` and ``(N,)``; a point is not visible if the sphere itself hides it from camera or
+        light.
     """
     middle = np.array(sphere.centre_mm)
     to_eye = lens.eye_to(middle)
@@ -67,10 +68,11 @@ def mm_per_pixel(
     *,
     near: bool,
 ) -> Array:
-    """Return how the mirrored ray moves over the lights, ``(n, 2, 2)`` mm per pixel.
+    """Return the derivative of the mirrored ray's position on the lights, ``(n, 2, 2)``.
 
-    For distant lights it moves over the sphere of directions, radians per pixel. Central
-    differences of the exact path from the pixel over the sphere to the disc's plane.
+    The unit is mm per pixel, or for distant lights radians per pixel on the sphere of directions.
+    The derivative is computed by central differences of the exact path from the pixel via the
+    sphere to the plane of the LED's disc.
     """
     first, second, axes, targets = frame
     columns = []
@@ -89,7 +91,7 @@ def mm_per_pixel(
 
 
 def _mirror_ray(lens: Lens, sphere: ChromeSphere, pixels: Array) -> tuple[Array, Array]:
-    """Return start and unit direction of the rays of pixels after the sphere."""
+    """Return start and unit direction of the rays of pixels after their reflection."""
     origins, rays = lens.origins_and_rays(pixels[:, 0], pixels[:, 1])
     direction = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     offset = origins - np.array(sphere.centre_mm)
@@ -116,7 +118,7 @@ def _angle(a: Array, b: Array) -> Array:
 
 
 def between(start: Array, way: Array, length: Array | float, sphere: ChromeSphere) -> Flags:
-    """Return which straight ways, of unit direction and some length, pass through a sphere."""
+    """Return which line segments, given by start, unit direction and length, pass a sphere."""
     middle = np.array(sphere.centre_mm)
     t = np.clip(((middle - start) * way).sum(axis=1), 0.0, length)
     inside: Flags = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm

@@ -1,4 +1,4 @@
-"""From a scene to one plane of radiance per light, with its truth."""
+"""Render a scene: one image per light, and the ground truth."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int64]
 
-# Samples within a pixel that a sphere touches: 4 x 4.
+# The 4 x 4 samples within a pixel that a sphere touches.
 _GRID_X, _GRID_Y = (v.ravel() for v in np.meshgrid(*[(np.arange(4) + 0.5) / 4 - 0.5] * 2))
-# Samples of a pattern with edges. No two lie in one row or column, so that edges along the axes,
-# the commonest, come out to 1/32 pixel.
+# Samples of a pattern with edges. No two are in one row or column, so edges along the axes, the
+# most frequent ones, are exact to 1/32 pixel.
 _LATTICE_X = (np.arange(16) + 0.5) / 16 - 0.5
 _LATTICE_Y = _LATTICE_X[np.arange(16) * 5 % 16]
-# Where a ray falls on a surface flatter than this, its tangent plane is no guide to the pixel.
+# Cosine between ray and surface below which the tangent plane does not represent the pixel.
 _GRAZING = 0.1
-# Points shaded at once: enough to keep all cores busy, few enough to stay within the caches.
+# Points shaded at once: enough for all cores, few enough for the caches.
 _POINTS = 65_536
-# What a rendering takes: a plane and shadows for each light, maps of the truth, work under way.
+# Memory of a rendering: an image and shadows for each light, maps of the truth, working memory.
 _BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 5, 48, 2**27
-# Samples of the shadow grid across the object, at least and at most.
+# Smallest and largest number of samples of the shadow grid across the object.
 _SHADOW_SAMPLES = (512, 3900)
 
 
@@ -45,14 +45,14 @@ class Rendering:
     Parameters
     ----------
     planes
-        ``(N, H, W)`` photons per microsecond that each light gives alone. A Bayer lens has
-        rendered its mosaic: each pixel holds its own colour.
+        ``(N, H, W)`` photons per microsecond of each light alone. With a Bayer lens, they are
+        mosaics: each pixel has the value of its channel.
     ambient
-        ``(H, W)`` photons per microsecond from the room, in every frame.
+        ``(H, W)`` photons per microsecond from the room, which are in every frame.
     truth
-        What the scene is.
+        Ground truth of the scene.
     scene
-        What was rendered.
+        The rendered scene.
     """
 
     planes: Values
@@ -61,17 +61,17 @@ class Rendering:
     scene: Scene
 
     def plane(self, led: int | None) -> Values:
-        """Return what one LED gives alone, or for None what the room gives.
+        """Return the image of one LED alone, or of the ambient light for None.
 
         Parameters
         ----------
         led
-            Index of the LED.
+            Index of the LED, or None.
 
         Returns
         -------
         Values
-            ``(H, W)`` photons per microsecond, the rendering's own memory.
+            ``(H, W)`` photons per microsecond, a view and not a copy.
 
         Raises
         ------
@@ -81,36 +81,36 @@ class Rendering:
         if led is None:
             return self.ambient
         if not 0 <= led < len(self.planes):
-            raise DataError(f"LED {led} is not in the scene: it has {len(self.planes)}")
+            raise DataError(f"LED {led} is not in the scene, which has {len(self.planes)} LEDs")
         alone: Values = self.planes[led]
         return alone
 
 
 def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
-    """Draw a scene under each of its lights.
+    """Render a scene under each of its lights.
 
     Object and board are sampled at the pixel's centre, with attached and cast shadows; a pattern
     with edges is averaged over the pixel. Pixels that a sphere touches are the mean of 4 x 4
-    samples, and the mirrored lights are added as spots of exact place and energy. Not drawn:
-    interreflections, light that the spheres throw on the board.
+    samples, and the mirrored lights are added as spots with exact positions and energies. Not
+    included are interreflections and light that spheres reflect onto the board.
 
     Parameters
     ----------
     scene
-        The scene.
+        Scene to render.
     on_progress
         Receives the stage ``rendering``, one step per row.
 
     Returns
     -------
     Rendering
-        Planes, ambient and truth.
+        Images of the lights, ambient image and ground truth.
 
     Raises
     ------
     DataError
-        If the rendering would not fit into memory, or the object cannot be traced or hides part
-        of a sphere.
+        If the rendering does not fit into memory, or the object cannot be traced or hides part of
+        a sphere.
     """
     _check_memory(scene)
     canvas = _Canvas(scene)
@@ -123,7 +123,7 @@ def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
 
 
 class _Canvas:
-    """Images and truth under way."""
+    """Images and ground truth of a rendering in progress."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
@@ -140,7 +140,7 @@ class _Canvas:
         self._windows = [scene.lens.window(s.centre_mm, s.radius_mm) for s in scene.spheres]
 
     def draw_rows(self, top: int, bottom: int) -> None:
-        """Draw all but mirrored lights and vignetting."""
+        """Draw rows without mirrored lights and vignetting."""
         y, x = (v.ravel() for v in np.mgrid[top:bottom, : self._ambient.shape[1]])
         seen = see(self._scene, *self._rays(x, y))
         albedo = self._mean_albedo(seen, x, y) if self._scene.sharp else self._albedo_at(seen)
@@ -161,7 +161,7 @@ class _Canvas:
                 self._draw_finely(slice(max(rows.start, top), min(rows.stop, bottom)), columns)
 
     def _draw_finely(self, rows: slice, columns: slice) -> None:
-        """Draw anew those pixels of a window that a sphere touches."""
+        """Draw again, with 4 x 4 samples, the pixels of a window that a sphere touches."""
         samples = len(_GRID_X)
         all_y, all_x = (v.ravel() for v in np.mgrid[rows, columns])
         for start in range(0, len(all_x), _POINTS // samples):
@@ -179,7 +179,7 @@ class _Canvas:
             self._ambient[y, x] = ambient.reshape(-1, samples).mean(axis=1)
 
     def finish(self) -> Rendering:
-        """Add mirrored lights and vignetting, and hand everything over."""
+        """Add mirrored lights and vignetting, and return the rendering."""
         scene, lens = self._scene, self._scene.lens
         highlights = find_highlights(scene, self._shader.occluders)
         draw_highlights(scene, highlights, self._planes)
@@ -219,7 +219,7 @@ class _Canvas:
         return self._scene.albedo(x, y, seen.on_object)
 
     def _mean_albedo(self, seen: Seen, x: Whole, y: Whole) -> Values:
-        """Return the mean over each pixel, on the tangent plane of the point it sees."""
+        """Return the mean albedo over each pixel, on the tangent plane of the point it sees."""
         mean = np.zeros((len(x), 3), np.float32)
         for shift_x, shift_y in zip(_LATTICE_X, _LATTICE_Y, strict=True):
             origins, rays = self._rays(x + shift_x, y + shift_y)
@@ -233,7 +233,7 @@ class _Canvas:
 
 
 def _shadow_step_mm(scene: Scene) -> float:
-    """Return half a pixel on the board, within what a grid over the object can do."""
+    """Return half a pixel on the board, limited by the size of a grid over the object."""
     rows, columns = scene.lens.size
     x = np.array([0.0, 1.0]) + (columns - 1) / 2
     origins, rays = scene.lens.origins_and_rays(x, np.full(2, (rows - 1) / 2))
@@ -247,17 +247,17 @@ def _shadow_step_mm(scene: Scene) -> float:
 def _check_memory(scene: Scene) -> None:
     height, width = scene.lens.size
     each = _BYTES_PER_LIGHT * len(scene.lights) + _BYTES_PER_PIXEL
-    wanted, there = float(each * height * width + _BYTES_AT_WORK), _memory_bytes()
-    if wanted > there:
+    required, available = float(each * height * width + _BYTES_AT_WORK), _memory_bytes()
+    if required > available:
         raise DataError(
-            f"{len(scene.lights)} images of {width} x {height} pixels need "
-            f"{wanted / 2**30:.1f} GiB to render, {there / 2**30:.1f} GiB are there: "
-            "take fewer lights or a smaller image"
+            f"rendering {len(scene.lights)} images of {width} x {height} pixels requires "
+            f"{required / 2**30:.1f} GiB, but only {available / 2**30:.1f} GiB are available: "
+            "use fewer lights or a smaller image"
         )
 
 
 def _memory_bytes() -> float:
-    """Return how much memory can be had, infinite where the system does not say."""
+    """Return the available memory; infinity if the system does not report it."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         kib = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))

@@ -1,4 +1,4 @@
-"""Radiance of points under every light: fall-off, occlusion, reflectance."""
+"""Radiance of points under every light: fall-off, occlusion and reflectance."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
 
 @dataclass(frozen=True, eq=False)
 class Shader:
-    """Lights the points of one scene.
+    """Computes the light of points of one scene.
 
     Parameters
     ----------
     scene
         The scene.
     shadow_step_mm
-        Distance of the heights that cast the object's shadow.
+        Step of the height grid that casts the object's shadow.
     """
 
     scene: Scene
@@ -58,16 +58,16 @@ class Shader:
     def shade(
         self, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8]
     ) -> tuple[Values, Values, Mask]:
-        """Return what points send toward the camera.
+        """Return the radiance of points toward the camera.
 
         Parameters
         ----------
         seen
-            n points.
+            The n points.
         albedo
-            ``(n, 3)`` of red, green, blue.
+            ``(n, 3)`` albedo in red, green, blue.
         channel
-            ``(n,)`` colour that the pixel sees: 0, 1, 2, or -1 for the mean of the three.
+            ``(n,)`` channel that the pixel sees, 0, 1 or 2; -1 for the mean of the three.
 
         Returns
         -------
@@ -76,7 +76,7 @@ class Shader:
         ambient
             ``(n,)`` radiance under the room's light.
         dark
-            ``(N, n)`` points that a light does not reach, or less than half of it.
+            ``(N, n)`` True at points that receive no light, or less than half of it.
         """
         scene, near = self.scene, self.scene.lights.near
         light = irradiance(self._lamps, seen.points_mm, seen.normals, near=near)
@@ -101,7 +101,7 @@ class Shader:
         tinted = channel >= 0
         pick = np.arange(len(channel)), np.where(tinted, channel, 0)
         ambient = np.where(tinted, albedo[pick], albedo.mean(axis=1))
-        # A sphere that mirrors neither board nor object mirrors the dim surroundings.
+        # A sphere mirrors the dim surroundings where it mirrors neither board nor object.
         dim = scene.surroundings * np.where(seen.lost, seen.weight, 0.0)
         ambient = scene.ambient * (ambient + dim)
         if seen.lost.any():
@@ -111,7 +111,7 @@ class Shader:
 
 
 def lamp_table(lights: Lights) -> Array:
-    """Return ``(N, 8)``: place or unit direction, axis, mu, and the factor to 1 at the origin."""
+    """Return ``(N, 8)``: position or unit direction, axis, mu, and factor to 1 at the origin."""
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     axes, mu = np.asarray(lights.axes), np.asarray(lights.mu)
     scale = np.ones(len(lights))
@@ -123,9 +123,10 @@ def lamp_table(lights: Lights) -> Array:
 
 
 def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
-    """Return ``(N, count, 3)`` places spread evenly over each lamp's disc.
+    """Return ``(N, count, 3)`` positions that are spread uniformly over each lamp's disc.
 
-    One is the lamp's centre, or a distant light's direction. More lie on Vogel's spiral.
+    A single position is the lamp's centre, or a distant light's direction. More positions are on
+    Vogel's spiral.
     """
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     if count == 1:
@@ -145,25 +146,26 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
 
 
 def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) -> Values:
-    """Return the irradiance of points by lamps of intensity 1 that nothing stands before.
+    """Return the irradiance of points from lamps of intensity 1 without occlusion.
 
-    A near lamp gives ``max(cos t, 0)^mu / r^2 max(n . l, 0)``, with r and l from the point to the
-    lamp and t the angle to its axis (Queau et al., LED-based photometric stereo, 2018), scaled to
-    1 on a surface at the origin that faces it; a distant one ``max(n . l, 0)``.
+    The irradiance from a near lamp is ``max(cos t, 0)^mu / r^2 max(n . l, 0)``, with distance r and
+    direction l from the point to the lamp and the angle t to the lamp's axis (Queau et al.,
+    LED-based photometric stereo, 2018). It is scaled to 1 on a surface at the origin that faces the
+    lamp. The irradiance from a distant lamp is ``max(n . l, 0)``.
 
     Parameters
     ----------
     lamps
         ``(N, 8)``, see `lamp_table`.
     points_mm, normals
-        ``(n, 3)``, normals of unit length.
+        ``(n, 3)`` points and unit normals.
     near
-        What ``lamps`` are.
+        Whether ``lamps`` are near.
 
     Returns
     -------
     Values
-        ``(N, n)``.
+        ``(N, n)`` irradiance.
     """
     out = np.zeros((len(lamps), len(points_mm)), np.float32)
     _irradiance(lamps, near, points_mm, normals, out)
@@ -194,5 +196,5 @@ def _irradiance(lamps: Array, near: bool, points: Array, normals: Array, out: Va
                     continue
                 r2 = dx * dx + dy * dy + dz * dz
                 r = math.sqrt(r2)
-                # The power is the dear part, and single precision holds it to 1e-6.
+                # The power is the slowest part; single precision keeps its error below 1e-6.
                 out[k, i] = scale * facing / (r2 * r) * np.float32(ahead / r) ** mu

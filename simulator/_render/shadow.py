@@ -1,8 +1,8 @@
-"""What stands between a point and a light: spheres, a height field, or a mesh.
+"""Occlusion between points and lights by spheres, a height field, or a mesh.
 
-A height field is walked on a grid of its heights. The grid is first lowered by the error of
-interpolating it, so that it lies nowhere above the surface it stands for: then no point is shadowed
-by its own surroundings, and no bias is needed that would let light leak in elsewhere.
+Rays over a height field are traced on a grid of its heights. The grid is first lowered by its
+interpolation error, so that it is nowhere above the surface. No point is then shadowed by its own
+surroundings, and no bias is needed, which would leak light in other places.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ Values = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 _ROWS = 256
-# What the error of interpolation may be above its estimate from second differences.
+# Safety factor on the interpolation error as estimated from second differences.
 _SPARE = 1.5
-# A bend of this many steps within one step is not resolved by the grid.
+# A grid does not resolve a surface with more than this interpolation error, in steps.
 _UNRESOLVED = 0.25
 _ROUNDING = 1e-6
-# Lifts the points of a mesh off their own triangles: far below a pixel, far above rounding.
+# Lifts points of a mesh off their own triangles; far less than a pixel, far more than rounding.
 _LIFT_MM = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Occluders:
-    """All that casts shadows in a scene.
+    """The objects that cast shadows in a scene.
 
     Parameters
     ----------
     spheres
         ``(S, >= 4)`` rows of centre and radius.
     body
-        The object, None where there is none.
+        The object, or None.
     """
 
     spheres: Array
@@ -51,28 +51,28 @@ class Occluders:
     def occlude(
         self, light: Values, points_mm: Array, normals: Array, solid: Mask, lamps: Array, near: bool
     ) -> Mask:
-        """Take away the light that does not arrive.
+        """Remove the light that is blocked.
 
         Parameters
         ----------
         light
-            ``(N, n)`` irradiance by lamps that nothing stands before; in place it becomes that of
-            the part of each lamp that is seen.
+            ``(N, n)`` irradiance from lamps without occlusion; it is reduced in place to the
+            irradiance from the part of each lamp that is seen.
         points_mm, normals
-            ``(n, 3)``.
+            ``(n, 3)`` points and normals.
         solid
             ``(n,)`` points on which the body may cast its shadow.
         lamps
-            ``(N, P, 3)`` places of P equal parts of each lamp in mm; directions toward them where
-            not ``near``.
+            ``(N, P, 3)`` positions of P equal parts of each lamp in mm, or directions toward them
+            if not ``near``.
         near
-            What ``lamps`` are.
+            Whether ``lamps`` are positions.
 
         Returns
         -------
         Mask
-            ``(N, n)`` True where no light came from the start, or less than half of a lamp is
-            seen.
+            ``(N, n)`` True where the irradiance was 0 from the start, or less than half of a lamp
+            is seen.
         """
         if self.body is None and not len(self.spheres):
             return light <= 0
@@ -118,7 +118,7 @@ class Occluders:
 
     @cached_property
     def _tiles(self) -> Values:
-        """Highest heights of squares of the grid."""
+        """Maximum of each tile of the grid."""
         heights = self._heights
         for axis in range(2):
             edges = np.arange(0, heights.shape[axis], TILE)
@@ -128,10 +128,11 @@ class Occluders:
 
 
 def lowered(grid: HeightGrid) -> Values:
-    """Return heights whose interpolation lies nowhere above the surface.
+    """Return heights whose interpolation is nowhere above the surface.
 
-    The error of bilinear interpolation is at most an eighth of the second differences along x and
-    y together. Those across a wall are left out: the walk puts walls at their inner side.
+    The error of bilinear interpolation is at most an eighth of the sum of the second differences
+    along x and y. Differences across a wall are excluded: the kernels place walls at their inner
+    side.
     """
     heights, wall = grid.heights_mm, WALL * grid.step_mm
     out = np.zeros_like(heights)
@@ -147,7 +148,7 @@ def lowered(grid: HeightGrid) -> Values:
             inner[axis] = slice(1, -1)
             bend[tuple(inner)] += second
         sag = maximum_filter(bend, 3) * np.float32(_SPARE / 8)
-        # Between heights this uneven the surface may do anything: only the least of them is safe.
+        # The surface between such uneven heights is unknown: only their minimum is safe.
         unresolved = sag > _UNRESOLVED * grid.step_mm
         sag[unresolved] = (band - minimum_filter(band, 3))[unresolved]
         stop = min(len(heights), start + _ROWS)

@@ -1,9 +1,10 @@
-"""Rays toward lights past spheres and over a grid of heights.
+"""Shadow rays: from points toward lights, past spheres and over a grid of heights.
 
-A height field is walked from one grid line to the next along the axis in which the ray runs faster,
-and squares of 16 x 16 heights are passed over where the ray is above them all.
+A ray over a height field advances from one grid line to the next along the axis in which it moves
+faster. Tiles of 16 x 16 heights are skipped if the ray is above all of them.
 
-They live in one file because numba's cache does not notice a change in a kernel of another file.
+All kernels are in one file because numba's cache does not notice changes of a kernel in another
+file.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def _sphere_between(
     reach: float,
     spheres: Array,
 ) -> bool:
-    """Return whether a sphere stands on the way from p to p + reach * d."""
+    """Return whether a sphere blocks the line from p to p + reach * d."""
     d2 = dx * dx + dy * dy + dz * dz
     for j in range(len(spheres)):
         ox, oy, oz = spheres[j, 0] - px, spheres[j, 1] - py, spheres[j, 2] - pz
@@ -61,8 +62,8 @@ def _field_between(
     top: float,
     wall: float,
 ) -> bool:
-    """Return whether the field rises above the way from (u, v, z) on, u and v in grid steps."""
-    along, across = 1, columns  # strides of the axis walked along, and of the other
+    """Return whether the field blocks the ray from (u, v, z), with u and v in grid steps."""
+    along, across = 1, columns  # strides of the axis of the walk, and of the other axis
     lines, others = columns, len(heights) // columns
     swapped = abs(dv) > abs(du)
     if swapped:
@@ -95,7 +96,7 @@ def _field_between(
         last = max(math.ceil(u + end * du), 0)
     v_step, z_step = dv / abs(du), dz / abs(du)
     while sign * (last - line) >= 0:
-        # As far as the end of this column of tiles.
+        # To the end of this column of tiles.
         stop = min(line | (TILE - 1), last) if sign > 0 else max(line & ~(TILE - 1), last)
         count = sign * (stop - line) + 1
         t = (line - u) / du
@@ -138,10 +139,10 @@ def block(
     step: float,
     top: float,
 ) -> None:
-    """Tell which points ``(n, 3)`` get no light from which of ``(N, 3)`` lamps, by ``blocked``.
+    """Set ``blocked`` ``(N, n)`` where points ``(n, 3)`` receive no light from lamps ``(N, 3)``.
 
-    What is blocked already is passed over. ``heights`` is the grid row by row, ``tiles`` its
-    highest heights by squares, ``top`` the highest of all.
+    Elements that are already True are skipped. ``heights`` is the grid row by row, ``tiles`` the
+    maximum of each tile, ``top`` the maximum of all heights.
     """
     count = len(points)
     for block in numba.prange((count + _BLOCK - 1) // _BLOCK):

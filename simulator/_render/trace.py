@@ -1,4 +1,4 @@
-"""Where camera rays end: on the object, on the board, or by way of the spheres."""
+"""Trace camera rays to the object or the board, directly or via the spheres."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _BOUNCES = 4
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What n camera rays see.
+    """Points that n camera rays see.
 
     Parameters
     ----------
     points_mm, normals
-        ``(n, 3)`` where each ray ends, and the unit normal there.
+        ``(n, 3)`` end point of each ray, and the unit normal there.
     on_object
-        ``(n,)`` the point has the object's albedo, not the board's.
+        ``(n,)`` True if the point has the albedo of the object, not of the board.
     sphere
-        ``(n,)`` the first sphere met, -1 where none.
+        ``(n,)`` first sphere that the ray hits, -1 if it hits none.
     lost
-        ``(n,)`` the ray left the spheres upward, into the surroundings.
+        ``(n,)`` True if the ray left the spheres upward, into the surroundings.
     weight
-        ``(n,)`` product of the reflectances on the way, 1 where no sphere was met.
+        ``(n,)`` product of the reflectances of the spheres that the ray hits, 1 without spheres.
     """
 
     points_mm: Array
@@ -45,15 +45,15 @@ class Seen:
 
     @property
     def direct(self) -> Mask:
-        """``(n,)`` no sphere was met."""
+        """``(n,)`` True if the ray hits no sphere."""
         return self.sphere < 0
 
 
 def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
-    """Follow camera rays to their end.
+    """Trace camera rays to their end points.
 
-    The object is no obstacle to rays that a sphere mirrors: they end on the plane of the board, as
-    they would on a picture of the object laid there.
+    Rays that a sphere mirrors ignore the height of the object: they end on the plane of the board,
+    as if there were a flat picture of the object.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
     Returns
     -------
     Seen
-        Points to 1e-9 mm.
+        End points, to 1e-9 mm.
 
     Raises
     ------
     DataError
         If the object cannot be traced or hides part of a sphere.
     """
-    # The board, wherever nothing stands before it.
+    # End points on the board; those of rays that hit something else are replaced below.
     points = origins_mm + origins_mm[:, 2:] * rays
     points[:, 2] = 0.0
     normals = np.zeros(points.shape)
@@ -98,7 +98,7 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
 
 
 def meets_sphere(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
-    """Return which camera rays ``(n, 3)`` meet a sphere."""
+    """Return which camera rays ``(n, 3)`` hit a sphere."""
     met = np.zeros(len(rays), np.bool_)
     for sphere in scene.spheres:
         offset = origins_mm - np.array(sphere.centre_mm)
@@ -132,7 +132,7 @@ def _follow(
                 ox, oy, oz = px - spheres[j, 0], py - spheres[j, 1], pz - spheres[j, 2]
                 b = ox * dx + oy * dy + oz * dz
                 root = b * b - (ox * ox + oy * oy + oz * oz - spheres[j, 3] ** 2)
-                # b < 0: the sphere lies ahead. It also keeps a ray from meeting the sphere
+                # b < 0: the sphere is ahead. This also keeps a ray from hitting the sphere
                 # that it has just left.
                 if root > 0.0 and b < 0.0 and -b - math.sqrt(root) < best:
                     best, hit = -b - math.sqrt(root), j

@@ -1,4 +1,4 @@
-"""What a rendering knows about its scene: the values every estimate is judged by."""
+"""Ground truth of a rendered scene, with which estimates are compared."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ class Truth:
     Parameters
     ----------
     normals
-        ``(H, W, 3)`` unit inside the mask, 0 outside.
+        ``(H, W, 3)`` unit vectors inside the mask, 0 outside.
     height_mm
         ``(H, W)`` z of the surface point at the pixel's centre, NaN outside the mask.
     albedo
-        ``(H, W)``, or ``(H, W, 3)`` where it has colour; 0 outside the mask.
+        ``(H, W)``, or ``(H, W, 3)`` if it has colour; 0 outside the mask.
     mask
         ``(H, W)`` pixels whose centre shows the object.
     sphere_masks
         ``(S, H, W)`` pixels whose centre shows the sphere.
     sphere_centres_mm, sphere_radii_mm
-        ``(S, 3)`` and ``(S,)``.
+        ``(S, 3)`` centres and ``(S,)`` radii of the spheres.
     highlights_px
-        ``(S, N, 2)`` position (x, y) of LED n mirrored in sphere s, NaN where it is not seen.
+        ``(S, N, 2)`` position (x, y) of LED n mirrored in sphere s, NaN if it is not seen.
     lights, lens, noise
-        As in the scene.
+        Lights, lens and sensor of the scene.
     electrons_per_us
         Signal of a white surface under irradiance 1.
     shadows
         ``(N, H, W)`` True where light n does not reach the point at the pixel's centre, because
-        the surface turns away from it or something stands between; None where not rendered.
+        the surface faces away from it or the light is blocked; None if shadows were not rendered.
     """
 
     normals: npt.NDArray[np.float32]
@@ -58,7 +58,7 @@ class Truth:
 
     @property
     def camera(self) -> CameraModel | None:
-        """The camera as geometry; None where it sees in parallel rays."""
+        """Camera of the lens; None for an orthographic lens."""
         return self.lens.camera
 
     @property
@@ -71,7 +71,7 @@ class Truth:
     def depth_mm(self) -> Array | None:
         """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask.
 
-        None where the camera sees in parallel rays.
+        None for an orthographic lens.
         """
         return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
 

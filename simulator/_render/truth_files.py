@@ -1,4 +1,4 @@
-"""Truth beside a session, in the formats that measured results have too."""
+"""Files with the ground truth of a session, in the formats of measured results."""
 
 from __future__ import annotations
 
@@ -34,60 +34,60 @@ def save_truth(
     exposures_us: Sequence[float],
     facts: Mapping[str, Any] | None = None,
 ) -> dict[str, Path]:
-    """Write everything that is true of a recorded scene into a folder.
+    """Write the ground truth of a recorded scene to a folder.
 
-    ``lights.json``, and ``camera.json`` where there is a perspective camera. Where an object is in
+    The files are ``lights.json``, and ``camera.json`` for a perspective camera. If an object is in
     view: ``normals.exr``, ``height.exr`` and ``depth.exr`` (mm), ``albedo.exr``, ``mask.png``,
-    ``shadows/L00.png`` and so on (white: no light from this LED), and ``cramer_rao.exr``, the least
-    rms angle in degrees by which an unbiased estimate of the normal can be off. ``sphere_0.png``
-    and so on are the masks of the spheres in view. ``scene.toml`` makes the scene again, with
-    ``scene.lights.json`` and, of a mesh, ``scene.ply``. ``truth.json`` holds spheres, mirrored
+    ``shadows/L00.png`` and so on (white: no light from this LED), and ``cramer_rao.exr``, the
+    smallest rms angular error in degrees of an unbiased estimate of the normal. ``sphere_0.png``
+    and so on are the masks of the spheres in view. ``scene.toml`` recreates the scene, with
+    ``scene.lights.json`` and, for a mesh, ``scene.ply``. ``truth.json`` contains spheres, mirrored
     LEDs, dead LEDs, sensor and exposure scale; it is written last.
 
     Parameters
     ----------
     folder
-        Made where it is missing. Files of these names are replaced.
+        Folder for the files; created if it does not exist. Files of these names are replaced.
     rendering
-        What was recorded.
+        Rendering that was recorded.
     exposures_us
-        Of the images of each light, for the Cramer-Rao bound.
+        Exposure times of the images of each light, for the Cramer-Rao bound.
     facts
-        What else to tell in ``truth.json``, such as seeds: anything JSON can hold.
+        Additional entries of ``truth.json``, for example seeds; values must be valid in JSON.
 
     Returns
     -------
     dict
-        Name to path; ``shadows`` is a folder.
+        Paths by name; ``shadows`` is a folder.
 
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If a file cannot be written.
     DataError
-        If an exposure is not positive, or the scene holds what a scene file cannot.
+        If an exposure time is not positive, or scene files have no kind for a part of the scene.
     """
     folder, truth = Path(folder), rendering.truth
     make_folder(folder)
-    made = _save_maps(folder, truth) if truth.mask.any() else {}
-    if made:
-        made["cramer_rao"] = folder / "cramer_rao.exr"
-        write_exr(made["cramer_rao"], _bound_deg(rendering, exposures_us))
+    paths = _save_maps(folder, truth) if truth.mask.any() else {}
+    if paths:
+        paths["cramer_rao"] = folder / "cramer_rao.exr"
+        write_exr(paths["cramer_rao"], _bound_deg(rendering, exposures_us))
     for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
-        made[f"sphere_{index}"] = folder / f"sphere_{index}.png"
-        write_png(made[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
-    made["lights"] = folder / "lights.json"
-    write_lights(made["lights"], truth.lights, {"method": "simulated"})
+        paths[f"sphere_{index}"] = folder / f"sphere_{index}.png"
+        write_png(paths[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
+    paths["lights"] = folder / "lights.json"
+    write_lights(paths["lights"], truth.lights, {"method": "simulated"})
     if truth.camera is not None:
-        made["camera"] = folder / "camera.json"
-        write_camera(made["camera"], truth.camera)
-    made["scene"] = folder / "scene.toml"
-    write_scene(made["scene"], rendering.scene)
-    made["truth"] = folder / "truth.json"
+        paths["camera"] = folder / "camera.json"
+        write_camera(paths["camera"], truth.camera)
+    paths["scene"] = folder / "scene.toml"
+    write_scene(paths["scene"], rendering.scene)
+    paths["truth"] = folder / "truth.json"
     values = _values(rendering) | dict(facts or {})
     text = json.dumps(values, indent=1, allow_nan=False)
-    write_durably(made["truth"], f"{text}\n".encode())
-    return made
+    write_durably(paths["truth"], f"{text}\n".encode())
+    return paths
 
 
 def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
@@ -97,19 +97,19 @@ def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
         "depth": truth.depth_mm,
         "albedo": truth.albedo,
     }
-    made = {}
+    paths = {}
     for name, values in maps.items():
         if values is not None:
-            made[name] = folder / f"{name}.exr"
-            write_exr(made[name], values.astype(np.float32))
-    made["mask"] = folder / "mask.png"
-    write_png(made["mask"], _picture(truth.mask))
+            paths[name] = folder / f"{name}.exr"
+            write_exr(paths[name], values.astype(np.float32))
+    paths["mask"] = folder / "mask.png"
+    write_png(paths["mask"], _picture(truth.mask))
     if truth.shadows is not None:
-        made["shadows"] = folder / "shadows"
-        make_folder(made["shadows"])
+        paths["shadows"] = folder / "shadows"
+        make_folder(paths["shadows"])
         for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
-            write_png(made["shadows"] / f"{light}.png", _picture(shadow))
-    return made
+            write_png(paths["shadows"] / f"{light}.png", _picture(shadow))
+    return paths
 
 
 def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArray[np.float32]:
@@ -118,7 +118,7 @@ def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArr
     x, y = np.meshgrid(np.arange(width), np.arange(height))
     shadows = truth.shadows
     if dead:
-        # What a dead LED shows is as dark as a shadow.
+        # An image of a dead LED is as dark as a shadow.
         whole = (len(truth.lights), height, width)
         shadows = np.zeros(whole, np.bool_) if shadows is None else shadows.copy()
         shadows[dead] = True
@@ -147,7 +147,7 @@ def _values(rendering: Rendering) -> dict[str, Any]:
             {
                 "centre_mm": centre.tolist(),
                 "radius_mm": float(radius),
-                # An LED that is not mirrored into the camera has no place: null.
+                # An LED that is not mirrored into the camera has no position: null.
                 "highlights_px": [
                     place.tolist() if np.isfinite(place).all() else None for place in places
                 ],

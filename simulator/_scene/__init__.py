@@ -1,1 +1,1 @@
-"""Scenes: bodies, materials, lamps and a lens."""
+"""Scenes: bodies, materials, lamps and lens."""

@@ -19,24 +19,24 @@ _TOLERANCE = 1e-12
 
 
 def distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return where positions of any one shape move to."""
+    """Return the distorted positions of ``x`` and ``y``, arrays of one shape."""
     out = np.zeros((x.size, 2))
     _distort(x.ravel(), y.ravel(), coefficients, out)
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)
 
 
 def undistorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
-    """Return where positions came from, to 1e-12; NaN where from nowhere this side of a fold."""
+    """Return the undistorted positions, to 1e-12; NaN where no solution is inside the fold."""
     out = np.zeros((x.size, 2))
     _undistort(x.ravel(), y.ravel(), coefficients, _fold(coefficients), out)
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)
 
 
 def _fold(coefficients: Array) -> float:
-    """Return the squared radius at which radial distortion turns back, infinite if it never does.
+    """Return the squared radius at which the radial distortion folds over, or infinity.
 
-    The first root of the derivative ``1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6``, found as the largest
-    ``1 / r^2`` because the leading coefficient then is never small.
+    It is the first root of the derivative ``1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6``. The polynomial is
+    solved for ``1 / r^2``, whose leading coefficient is never small; the largest root counts.
     """
     k1, k2, _, _, k3 = coefficients
     roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
@@ -68,9 +68,9 @@ def _distort(x: Array, y: Array, k: Array, out: Array) -> None:
 
 @numba.njit(parallel=True, cache=True)
 def _undistort(x: Array, y: Array, k: Array, fold: float, out: Array) -> None:
-    """Invert the model by Newton's method; NaN where nothing this side of a fold is found.
+    """Invert the model by Newton's method; NaN if there is no solution inside the fold.
 
-    Steps that cross the fold or bring the point no nearer are halved.
+    Steps that cross the fold or do not reduce the error are halved.
     """
     for i in numba.prange(len(x)):
         u, v = x[i], y[i]

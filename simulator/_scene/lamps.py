@@ -1,4 +1,4 @@
-"""Light over time: what LEDs give during one exposure, as a multiple of what they ought to."""
+"""Light over time: the light of an LED during one exposure, relative to its nominal intensity."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ _TAG = 0x1A3B  # keeps the lamps' random numbers apart from the sensor's
 
 @dataclass(frozen=True)
 class Lamps:
-    """The faults of LEDs and of what drives them; the default has none.
+    """Faults of LEDs and of their drivers; the default has none.
 
-    What a scene states as intensity is the mean over a PWM cycle of a warm LED.
+    The intensity in a scene is the mean over a PWM cycle of a warm LED.
 
     Parameters
     ----------
     warm_up
-        How much more light than warm, relative, the cold LEDs give at first: LEDs fade as they
-        warm up, so it is usually positive. Greater than -1.
+        Relative excess of light of cold LEDs over warm LEDs, greater than -1. LEDs lose light as
+        they warm up, so it is usually positive.
     warm_up_s
-        Time in which the difference falls to 1/e, seconds.
+        Time in which the excess falls to 1/e, seconds.
     flicker
-        Standard deviation of the light from shot to shot, relative, less than 0.3.
+        Relative standard deviation of the light from shot to shot, less than 0.3.
     pwm_hz
-        Frequency at which a driver that dims by pulses switches the LEDs; None for a constant
-        current. Exposures begin at any phase: a short one sees more or less than its share. All
-        pixels are exposed at once, so the bands lie across the stack and not across a frame.
+        Frequency of a driver that dims by pulses; None for a constant current. Exposures begin at
+        any phase, so a short one receives more or less light than its share. All pixels are
+        exposed at once, so the brightness varies between frames and not within a frame.
     pwm_duty
         Share of a cycle in which the LED is on, above 0 and at most 1.
     dead
@@ -55,18 +55,18 @@ class Lamps:
                 raise DataError(f"lamps: {item.name} is {value}, not a number")
         if not self.warm_up > -1 or not self.warm_up_s > 0:
             raise DataError(
-                f"lamps: warm_up {self.warm_up:g} within {self.warm_up_s:g} s cannot be: "
-                "warm_up > -1, warm_up_s > 0"
+                f"lamps: warm_up {self.warm_up:g}, warm_up_s {self.warm_up_s:g} s are out of "
+                "range: warm_up > -1, warm_up_s > 0"
             )
         if not 0 <= self.flicker < 0.3:
             raise DataError(f"lamps: flicker is {self.flicker:g}, it must be within 0..0.3")
         if (self.pwm_hz is not None and not self.pwm_hz > 0) or not 0 < self.pwm_duty <= 1:
             raise DataError(
-                f"lamps: pwm_hz {self.pwm_hz}, pwm_duty {self.pwm_duty:g} cannot be: "
+                f"lamps: pwm_hz {self.pwm_hz}, pwm_duty {self.pwm_duty:g} are out of range: "
                 "pwm_hz > 0, pwm_duty above 0 and at most 1"
             )
         if any(led < 0 for led in self.dead):
-            raise DataError(f"lamps: dead LEDs {list(self.dead)} must be counted from 0")
+            raise DataError(f"lamps: dead LEDs {list(self.dead)} must not be negative")
 
     def factor(
         self, led: int, start_ns: int, exposure_us: float, shot_key: tuple[int, ...]
@@ -76,19 +76,19 @@ class Lamps:
         Parameters
         ----------
         led
-            The LED.
+            Number of the LED.
         start_ns
-            When the exposure begins, since the lamps were switched on cold.
+            Start of the exposure, counted from when the cold lamps were switched on.
         exposure_us
-            How long it takes, greater than 0.
+            Exposure time, greater than 0.
         shot_key
-            Non-negative whole numbers that name the shot. Flicker and the phase of the PWM follow
-            from it and the LED alone, not from the order of shots.
+            Non-negative integers that identify the shot. Flicker and the phase of the PWM depend
+            only on them and the LED, not on the order of shots.
 
         Returns
         -------
         float
-            Not negative; 1 without faults.
+            Factor, not negative; 1 without faults.
         """
         if led in self.dead:
             return 0.0
@@ -109,12 +109,12 @@ class Lamps:
 
 
 def gate_share(phase: float, cycles: float, duty: float) -> float:
-    """Return the share of a window in which a periodic gate is open, exactly.
+    """Return the exact share of a window in which a periodic gate is open.
 
     Parameters
     ----------
     phase
-        Where in its cycle the gate is when the window begins, in cycles; it opens at 0.
+        Phase of the gate when the window begins, in cycles; the gate opens at 0.
     cycles
         Length of the window in cycles, greater than 0.
     duty
@@ -124,6 +124,6 @@ def gate_share(phase: float, cycles: float, duty: float) -> float:
 
 
 def _open_until(cycles: float, duty: float) -> float:
-    """Return for how long, in cycles, the gate was open since it first opened."""
+    """Return the time, in cycles, that the gate was open since it first opened."""
     whole = math.floor(cycles)
     return whole * duty + min(cycles - whole, duty)

@@ -1,6 +1,6 @@
-"""The simulator's own lens: rays of pixels and pixels of points.
+"""The simulator's own lens: from pixels to rays, and from points to pixels.
 
-Written apart from ``CameraModel``'s methods, so that the truth shares no mistake with them.
+It does not use the methods of ``CameraModel``, so that the ground truth shares no error with them.
 """
 
 from __future__ import annotations
@@ -19,33 +19,36 @@ from simulator._scene.distortion import distorted, undistorted
 Array = npt.NDArray[np.float64]
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
-# The mosaics that there are, by their first 2 x 2 pixels.
+# Supported mosaics, by their first 2 x 2 pixels.
 CFAS = ("RGGB", "GRBG", "GBRG", "BGGR")
 _OUTLINE = 256
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """How the camera sees: perspective through a `CameraModel`, or orthographic along -Z.
+    """Projection of the camera: perspective with a `CameraModel`, or orthographic along -Z.
 
     Parameters
     ----------
     camera
-        Perspective with skew and Brown distortion, and a working distance. None: orthographic.
+        Perspective camera with skew, Brown distortion and a working distance; None for an
+        orthographic lens.
     width, height
-        Image size in pixels of an orthographic lens, whose axis meets the image in its middle;
-        None with a camera, which has its own.
+        Image size in pixels of an orthographic lens, whose axis is at the middle of the image;
+        None with a camera, which has its own size.
     pixel_mm
-        Side of a pixel on the object, orthographic only.
+        Side of a pixel on the object; only for an orthographic lens.
     height_mm
-        z of the plane from which orthographic rays start; what stands higher is not seen.
+        z of the plane from which orthographic rays start; points above it are not seen.
     vignetting
-        0 to 1: a field angle t dims the image to ``1 - vignetting * (1 - cos(t)^4)``. An
-        orthographic lens has no field angle and does not dim.
+        Strength of the vignetting, 0 to 1: at a field angle t, the image is dimmed to
+        ``1 - vignetting * (1 - cos(t)^4)``. An orthographic lens has no field angle and does not
+        dim.
     psf_sigma_px
-        Gaussian blur, applied to mirrored LEDs.
+        Standard deviation of the Gaussian blur of mirrored LEDs.
     cfa
-        Colour filters of the first 2 x 2 pixels row by row, such as ``RGGB``; None: monochrome.
+        Colour filters of the first 2 x 2 pixels row by row, for example ``RGGB``; None for a
+        monochrome camera.
 
     Raises
     ------
@@ -75,8 +78,8 @@ class Lens:
             self._check_orthographic()
         elif any(value is not None for value in flat):
             raise DataError(
-                "lens: width, height, pixel_mm and height_mm make it orthographic, a camera makes "
-                "it perspective: give one or the other"
+                "lens: width, height, pixel_mm and height_mm are for an orthographic lens, a "
+                "camera is for a perspective lens: give one or the other"
             )
         elif self.camera.working_distance_mm is None:
             raise DataError("a simulated camera needs a working distance: give working_distance_mm")
@@ -85,7 +88,7 @@ class Lens:
 
     @classmethod
     def of(cls, camera: CameraModel, **more: Any) -> Lens:
-        """Return the lens of a camera; ``more`` are fields of this class."""
+        """Return a perspective lens; ``more`` are fields of this class."""
         return cls(camera=camera, **more)
 
     @classmethod
@@ -98,13 +101,15 @@ class Lens:
     def _check_orthographic(self) -> None:
         if self.width is None or self.height is None or self.width < 1 or self.height < 1:
             raise DataError(
-                f"lens: an image of {self.width} x {self.height} pixels has no pixels: give the "
+                f"lens: an image size of {self.width} x {self.height} pixels is invalid: give the "
                 "size of an orthographic lens, or a camera"
             )
         for name in ("pixel_mm", "height_mm"):
             value = getattr(self, name)
             if value is None or not (math.isfinite(value) and value > 0):
-                raise DataError(f"lens: {name} is {value}, an orthographic lens needs it positive")
+                raise DataError(
+                    f"lens: {name} is {value}, it must be positive for an orthographic lens"
+                )
 
     def _check_folds(self) -> None:
         if not self._brown.any():
@@ -114,12 +119,12 @@ class Lens:
         if not np.isfinite(self.origins_and_rays(x, y)[1]).all():
             raise DataError(
                 f"the camera's distortion {self._brown.tolist()} folds the image over itself: "
-                "some of its pixels see no or two directions; check its coefficients"
+                "some of its pixels see no direction or two; check its coefficients"
             )
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width), the shape of an image."""
+        """Image shape, (height, width)."""
         if self.camera is not None:
             return self.camera.size
         return int(self.height or 0), int(self.width or 0)
@@ -132,18 +137,19 @@ class Lens:
         return float(self.height_mm or 0.0)
 
     def origins_and_rays(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> tuple[Array, Array]:
-        """Return where the rays of pixels start and where they go.
+        """Return the origins and directions of the rays of pixels.
 
         Parameters
         ----------
         x_px, y_px
-            Positions that broadcast, (0, 0) the centre of the first pixel, y down.
+            Positions that broadcast against each other; (0, 0) is the centre of the first pixel,
+            y points down.
 
         Returns
         -------
         origins, rays
-            ``(..., 3)`` each, the rays scaled to z = -1: ``origin + depth * ray`` lies on the ray.
-            A position outside the image that no direction reaches has a ray of NaN.
+            ``(..., 3)`` each, the rays scaled to z = -1: ``origin + depth * ray`` is on the ray.
+            The ray is NaN for a position outside the image that no direction reaches.
         """
         x, y = np.broadcast_arrays(np.asarray(x_px, np.float64), np.asarray(y_px, np.float64))
         if self.camera is None:
@@ -163,8 +169,8 @@ class Lens:
     def project(self, points_mm: Array) -> Array:
         """Return the pixel positions ``(..., 2)`` of points ``(..., 3)`` below ``camera_z_mm``.
 
-        A point so far outside the field that the distortion folds it back has a wrong position,
-        as with every user of Brown's model; the ray of that position then misses the point.
+        If a point is so far outside the field that the distortion folds it back, its position is
+        wrong, as always with Brown's model; the ray of that position then misses the point.
         """
         if self.camera is None:
             rows, columns = self.size
@@ -181,7 +187,7 @@ class Lens:
         return pixels
 
     def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Array:
-        """Return how much of the light reaches pixels: 1 on the axis, less toward the corners."""
+        """Return the share of light that reaches pixels: 1 on the axis, less in the corners."""
         _, rays = self.origins_and_rays(x_px, y_px)
         squared = 1 / (rays**2).sum(axis=-1)
         factor: Array = 1 - self.vignetting * (1 - squared**2)
@@ -190,7 +196,7 @@ class Lens:
     def channel(
         self, x_px: npt.NDArray[np.integer[Any]], y_px: npt.NDArray[np.integer[Any]]
     ) -> npt.NDArray[np.int64] | None:
-        """Return the colour that pixels see, 0 red, 1 green, 2 blue; None for monochrome."""
+        """Return the channel of pixels, 0 red, 1 green, 2 blue; None for a monochrome camera."""
         if self.cfa is None:
             return None
         filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
@@ -206,10 +212,10 @@ class Lens:
         return direction
 
     def window(self, centre_mm: npt.ArrayLike, radius_mm: float) -> tuple[slice, slice]:
-        """Return the rows and columns that hold a ball's outline, one pixel to spare.
+        """Return the rows and columns that contain a ball's outline, with a margin of one pixel.
 
-        The outline is where the rays touch the ball: a circle, sampled densely and projected, so
-        that it holds for a distorted outline too.
+        The outline is the circle where rays touch the ball. It is sampled densely and projected,
+        so the result also holds for a distorted outline.
         """
         centre = np.asarray(centre_mm, np.float64)
         toward = self.eye_to(centre)
@@ -231,5 +237,5 @@ class Lens:
 
     @cached_property
     def _brown(self) -> Array:
-        """k1, k2, p1, p2, k3."""
+        """Coefficients k1, k2, p1, p2, k3."""
         return np.zeros(5) if self.camera is None else np.asarray(self.camera.distortion)

@@ -1,7 +1,7 @@
-"""How much of the light that reaches a point leaves toward the camera.
+"""Reflectance models: the share of the light at a point that is reflected toward the camera.
 
-A reflectance here is ``pi f_r``, with f_r the BRDF: 1 for white Lambertian paint, so that radiance
-is reflectance times irradiance.
+A reflectance here is ``pi f_r``, where f_r is the BRDF. It is 1 for white Lambertian paint, so that
+radiance is reflectance times irradiance.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ Values = npt.NDArray[np.float32]
 
 _LAMBERT, _OREN_NAYAR, _GGX = 0, 1, 2
 _BLOCK = 1024
-# Normals interpolated over a mesh may face away from the camera by a little; here the lobes have
-# long reached their limit.
+# Smallest cosine to the camera: normals interpolated over a mesh may face away from the camera
+# slightly. The lobes are close to their limit here.
 _GRAZING = 1e-3
 
 
 @dataclass(frozen=True)
 class Lambert:
-    """Ideal diffuse paint: the albedo, from wherever it is seen."""
+    """Ideal diffuse paint: the reflectance is the albedo in every direction."""
 
     @property
     def lobes(self) -> tuple[int, float, float]:
-        """Kind and its two parameters, as the kernels want them."""
+        """Kind and its two parameters, for the kernels."""
         return _LAMBERT, 0.0, 0.0
 
 
@@ -40,8 +40,8 @@ class OrenNayar:
     """Rough diffuse paint: clay, plaster, cloth.
 
     The qualitative model of Oren and Nayar, "Generalization of Lambert's reflectance model", 1994,
-    equation 30, without interreflections. Seen at a grazing angle it gives back up to 1.5 % more
-    light than it gets, as published.
+    equation 30, without interreflections. At grazing angles the published model reflects up to
+    1.5 % more light than it receives.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class OrenNayar:
 
     @property
     def lobes(self) -> tuple[int, float, float]:
-        """Kind and its two parameters A and B, as the kernels want them."""
+        """Kind and its two parameters A and B, for the kernels."""
         squared = math.radians(self.sigma_deg) ** 2
         return _OREN_NAYAR, 1 - 0.5 * squared / (squared + 0.33), 0.45 * squared / (squared + 0.09)
 
@@ -72,16 +72,18 @@ class Ggx:
     """Diffuse paint under a glossy coat.
 
     The coat is the microfacet model with the GGX distribution and Smith's height-correlated
-    masking (Walter et al., 2007; Heitz, 2014) and Schlick's Fresnel term F. What passes it both
-    ways, ``(1 - F(light)) (1 - F(camera))``, meets the albedo.
+    masking (Walter et al., 2007; Heitz, 2014) and Schlick's Fresnel term F. The albedo is
+    multiplied by the transmission of the coat in both directions,
+    ``(1 - F(light)) (1 - F(camera))``.
 
     Parameters
     ----------
     roughness
-        Width alpha of the distribution, 0.02 to 1; the smaller, the sharper the gloss. An LED
-        mirrored by anything smoother is a point to a pixel.
+        Width alpha of the distribution, 0.02 to 1; the smaller, the sharper the gloss. The
+        reflection of an LED in a smoother surface is smaller than a pixel.
     f0
-        Part of the light mirrored head-on, 0 to 1: 0.04 for lacquer, above 0.5 for metal.
+        Share of the light that is mirrored at normal incidence, 0 to 1: 0.04 for lacquer, above
+        0.5 for metal.
 
     Raises
     ------
@@ -100,7 +102,7 @@ class Ggx:
 
     @property
     def lobes(self) -> tuple[int, float, float]:
-        """Kind and its two parameters, as the kernels want them."""
+        """Kind and its two parameters, for the kernels."""
         return _GGX, self.roughness, self.f0
 
 
@@ -119,16 +121,16 @@ def reflectance(
     Parameters
     ----------
     material
-        The same for all points.
+        Material of all points.
     albedo
-        ``(...,)`` of the diffuse part.
+        ``(...,)`` albedo of the diffuse part.
     normals, toward_light, toward_eye
-        ``(..., 3)`` unit vectors; light and eye on the outer side.
+        ``(..., 3)`` unit vectors; light and camera are on the outer side of the surface.
 
     Returns
     -------
     Array
-        ``(...,)``, 0 where the light is behind the surface.
+        ``(...,)`` reflectance, 0 where the light is behind the surface.
     """
     n, to_light, to_eye = (np.asarray(v, np.float64) for v in (normals, toward_light, toward_eye))
     cosines = np.broadcast_arrays(
@@ -157,26 +159,27 @@ def reflect(
     channel: npt.NDArray[np.int8],
     has_material: npt.NDArray[np.bool_],
 ) -> None:
-    """Turn irradiance into radiance, in place.
+    """Convert irradiance to radiance in place.
 
     Parameters
     ----------
     material
-        Of the points with ``has_material``; the others are Lambertian.
+        Material of the points with ``has_material``; the others are Lambertian.
     light
-        ``(N, n)`` irradiance of every light of intensity 1 on every point; becomes radiance.
+        ``(N, n)`` irradiance of every light of intensity 1 at every point; overwritten with
+        radiance.
     table, near
-        Rows that begin with the lights' positions (near) or unit directions.
+        Rows that begin with the lights' positions if ``near``, otherwise with unit directions.
     intensities
-        ``(N, 3)`` of red, green, blue.
+        ``(N, 3)`` intensities in red, green, blue.
     points_mm, normals, toward_eye
-        ``(n, 3)``; the last two of unit length.
+        ``(n, 3)`` points, unit normals, and unit vectors toward the camera.
     albedo
-        ``(n, 3)`` of red, green, blue.
+        ``(n, 3)`` albedo in red, green, blue.
     channel
-        ``(n,)`` 0, 1, 2 for the colour that the pixel sees, -1 for their mean.
+        ``(n,)`` channel that the pixel sees, 0, 1 or 2; -1 for the mean of the three.
     has_material
-        ``(n,)``.
+        ``(n,)`` True at points with ``material``.
     """
     kind, first, second = material.lobes
     _reflect(
@@ -200,7 +203,7 @@ def reflect(
 def _lobes(
     kind: int, first: float, second: float, light: float, eye: float, between: float
 ) -> tuple[float, float]:
-    """Return the factor of the albedo and what is added, from three cosines."""
+    """Return the factor of the albedo and the specular term, from three cosines."""
     if kind == _OREN_NAYAR:
         # With alpha the larger and beta the smaller angle to the normal,
         # cos(phi_i - phi_r) sin(alpha) tan(beta) = (l.v - (n.l)(n.v)) / cos(beta).

@@ -1,4 +1,4 @@
-"""The simulated laboratory: its lights, camera and sensor, and the scenes it can record."""
+"""The simulated bench: lights, camera, sensor, and the scenes that can be recorded on it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from simulator._shapes.coin import Coin
 from simulator._shapes.patterns import ChArUco, Checker, Even, Paint, Pattern
 from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
-# Rings of LEDs from low to high. None is so low that the relief shadows itself widely, none so
-# high that it stands in the camera's view.
+# Elevations of the LED rings. The lowest is high enough to keep cast shadows of the relief small;
+# the highest is outside the camera's view.
 _RINGS_DEG = (32.0, 46.0, 60.0, 74.0)
 _WORKING_DISTANCE_MM = 600.0
 _FOCAL_PER_WIDTH = 5000.0 / 2448.0
@@ -25,26 +25,26 @@ _FOCAL_PER_WIDTH = 5000.0 / 2448.0
 _RADIUS_MM = 80.0
 _WHOLE_FIELD_MM = 250.0
 
-# Name and what it shows. The first is the one that a rig shows unless told otherwise.
+# Names and descriptions. The first scene is the default of a rig.
 SCENES: dict[str, str] = {
     "coin": "a domed plaque with sun, sea and letters on velvet",
-    "spheres": "four chrome spheres on a grey card, to find the lights by",
+    "spheres": "four chrome spheres on a grey card, for light calibration",
     "coin-with-spheres": "the plaque and a small chrome sphere in each corner",
     "plane": "a flat disc, painted as a checkerboard",
     "tilted-plane": "a flat disc, tilted",
-    "sphere": "half a sphere, upright at its rim",
+    "sphere": "a hemisphere, vertical at its rim",
     "ripples": "circular waves",
     "scales": "overlapping scales, like a lizard's skin",
     "textile": "a woven cloth",
     "woodcarving": "a rosette carved into grained wood",
     "leather": "cracked leather",
-    "noise": "random waves of one length",
+    "noise": "random waves in a narrow band of wavelengths",
     "step-gauge": "a staircase of known heights",
-    "white-plane": "an even white plane over the whole field, to measure the lights by",
-    "charuco": "a ChArUco board, to calibrate the camera by",
+    "white-plane": "a uniform white plane over the whole field, to measure the lights",
+    "charuco": "a ChArUco board, for camera calibration",
 }
 
-# The object from its relief's scale in mm and the seed, and the scale it has unless told otherwise.
+# Function that makes the object from the scale of its relief in mm and the seed; default scale.
 _RELIEFS: dict[str, tuple[Callable[[float, int], Body], float]] = {
     "coin": (lambda mm, seed: Coin(_RADIUS_MM, relief_mm=mm, seed=seed), 0.5),
     "tilted-plane": (lambda mm, _: _tilted(mm), 24.0),
@@ -71,25 +71,25 @@ def dome_lights(
     spread: float = 0.03,
     jitter_mm: float = 4.0,
 ) -> Lights:
-    """Place LEDs on rings of a dome around the origin, the way a workshop would: not perfectly.
+    """Place LEDs on rings of a dome around the origin, with the tolerances of a workshop.
 
     Parameters
     ----------
     n
-        Number of LEDs, at least 1, spread over the rings by their length.
+        Number of LEDs, at least 1; each ring has a share in proportion to its length.
     radius_mm
         Radius of the dome.
     seed
-        Of positions, intensities and radiation patterns.
+        Seed of positions, intensities and radiation patterns.
     spread
-        Relative standard deviation of the intensities, whose mean is about 1.
+        Relative standard deviation of the intensities; their mean is about 1.
     jitter_mm
-        Standard deviation of each coordinate around its place on the ring.
+        Standard deviation of each coordinate from its nominal value.
 
     Returns
     -------
     Lights
-        Near lights that aim at the origin, ``mu`` within a few percent of 1.
+        Near lights that point at the origin, with ``mu`` within a few percent of 1.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def dome_lights(
 
 
 def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
-    """Return the camera 600 mm above the board, its 293 mm wide field on any number of pixels.
+    """Return a camera 600 mm above the board with a field 293 mm wide.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
 
 
 def bench_sensor() -> NoiseModel:
-    """Return a 12-bit sensor of 10 000 electrons full well, as industrial cameras have it."""
+    """Return a 12-bit sensor with a full well of 10 000 electrons, as in industrial cameras."""
     return NoiseModel(electrons_per_dn=2.5, read_noise_e=2.5, black_level_dn=64.0, bit_depth=12)
 
 
@@ -149,8 +149,9 @@ def scene_named(
 ) -> Scene:
     """Build one of the scenes.
 
-    Exposures of 20 ms suit matte things. The LEDs mirrored in spheres want some 40 us (``spheres``)
-    or 90 us (``coin-with-spheres``) at 640 pixels of width, in inverse proportion to its square.
+    An exposure time of 20 ms suits matte objects. The reflections of the LEDs in chrome spheres
+    require about 40 us (``spheres``) or 90 us (``coin-with-spheres``) at a width of 640 pixels;
+    this time is inversely proportional to the square of the width.
 
     Parameters
     ----------
@@ -161,27 +162,27 @@ def scene_named(
     leds
         Number of LEDs on the dome.
     seed
-        Of lights, texture and paint. The same seed gives the same dome in every scene.
+        Seed of lights, texture and paint. The same seed gives the same dome in every scene.
     amplitude_mm
-        Scale of the relief: the parameter of its surface that is a height (``relief_mm``,
-        ``rms_mm``, ``amplitude_mm``), how far the tilted plane rises, the highest of the steps.
+        Scale of the relief: the height parameter of the surface (``relief_mm``, ``rms_mm``,
+        ``amplitude_mm``), the rise of the tilted plane, or the height of the highest step.
 
     Returns
     -------
     Scene
-        Ready to render.
+        Scene that is ready to render.
 
     Raises
     ------
     DataError
-        If the name is unknown, a value out of range, or there is no relief to scale.
+        If the name is unknown, a value is out of range, or there is no relief to scale.
     """
     if name not in SCENES:
-        raise DataError(f"no scene is called {name!r}: take one of {', '.join(SCENES)}")
+        raise DataError(f"unknown scene {name!r}: use one of {', '.join(SCENES)}")
     if amplitude_mm is not None and name not in _RELIEFS:
-        raise DataError(f"scene {name} has no relief: leave its amplitude away")
+        raise DataError(f"scene {name} has no relief: do not give an amplitude")
     if amplitude_mm is not None and not (math.isfinite(amplitude_mm) and amplitude_mm > 0):
-        raise DataError(f"scene {name}: an amplitude of {amplitude_mm} mm is not a height")
+        raise DataError(f"scene {name}: amplitude is {amplitude_mm} mm, it must be positive")
     body: Body | None = None
     pattern: Pattern = Paint(0.35, 0.75, wavelength_mm=70.0, seed=seed)
     board, spheres = Even(0.02), _NO_SPHERES
@@ -211,7 +212,7 @@ def scene_named(
 
 
 def _tilted(rise_mm: float) -> Plane:
-    """Return a disc that rises by so much from its lowest to its highest place."""
+    """Return a disc that rises by ``rise_mm`` from its lowest to its highest point."""
     slope = rise_mm / (2 * _RADIUS_MM)
     return Plane(_RADIUS_MM, 0.5 + rise_mm / 2, 0.8 * slope, 0.6 * slope)
 

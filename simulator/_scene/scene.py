@@ -1,4 +1,4 @@
-"""A scene: an object on a board, chrome spheres, lights, and the camera that sees them."""
+"""A scene: an object on a board, chrome spheres, lights and a camera."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class ChromeSphere:
     Parameters
     ----------
     centre_mm
-        Centre in the house frame; a sphere that rests on the board has ``z = radius_mm``.
+        Centre in the house frame; a sphere on the board has ``z = radius_mm``.
     radius_mm
-        Greater than 0.
+        Radius, greater than 0.
     reflectance
         Fraction of the light that is mirrored, 0 to 1, the same at all angles.
 
@@ -56,47 +56,47 @@ class ChromeSphere:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Everything the renderer needs, checked.
+    """Description of everything that the renderer needs, with its values checked.
 
     Parameters
     ----------
     body
         The object, or None for a bare board.
     lights
-        Near or distant. An intensity is the irradiance at the origin on a surface that faces the
-        light. A monochrome camera sees the mean of the three channels of intensity times albedo,
-        a pixel of a Bayer mosaic its own.
+        Near or distant lights. An intensity is the irradiance at the origin on a surface that
+        faces the light. A monochrome camera sees the mean over the three channels of intensity
+        times albedo; a pixel of a Bayer mosaic sees one channel.
     lens
-        How the camera sees; one without distortion is made of a bare `CameraModel` by `Lens.of`.
+        Lens and image size of the camera; `Lens.of` makes a lens from a `CameraModel`.
     noise
-        The sensor, passed on to the virtual camera; the renderer itself is without noise.
+        Model of the sensor, for the virtual camera; the renderer itself adds no noise.
     electrons_per_us
         Signal of a white Lambertian surface (albedo 1) under irradiance 1: the exposure scale.
     pattern, material
         Albedo and reflectance of the object.
     board, board_radius_mm
-        The board is a Lambertian disc with this albedo at z = 0 around the origin; beyond it all
-        is black.
+        Albedo and radius of the board, a Lambertian disc at z = 0 around the origin; everything
+        beyond it is black.
     spheres
-        Chrome spheres, beside the object and beside each other.
+        Chrome spheres that overlap neither the object nor each other.
     ambient
-        Even irradiance from the room, on the scale of the intensities.
+        Uniform irradiance from the room, on the scale of the intensities.
     surroundings
-        What a sphere mirrors where neither board nor LED is, as an albedo under the LED's
+        Brightness of the rest of the room as mirrored by a sphere, as an albedo under the LED's
         irradiance at the origin.
     led_radius_mm
         Radius of the luminous disc of an LED; distant lights are points.
     shadows
-        False lets the object cast none; attached shadows, and those of the spheres, remain.
+        If False, the object casts no shadows; attached shadows and those of the spheres remain.
     soft_shadow_samples
-        Points on an LED's disc that shadows are drawn from: 1 for hard shadows.
+        Number of points on an LED's disc for which shadows are computed; 1 for hard shadows.
     lamps
-        How the LEDs behave over time, passed on to the virtual camera.
+        Behaviour of the LEDs over time, for the virtual camera.
 
     Raises
     ------
     DataError
-        If a value is out of range, a camera or light is inside or below something, or two things
+        If a value is out of range, a camera or light is inside or below a surface, or two objects
         overlap.
     """
 
@@ -137,9 +137,7 @@ class Scene:
     def _check_spheres(self) -> None:
         for i, sphere in enumerate(self.spheres):
             if sphere.centre_mm[2] < sphere.radius_mm - 1e-9:
-                raise DataError(
-                    f"sphere {i} is sunk into the board: raise its centre to its radius"
-                )
+                raise DataError(f"sphere {i} intersects the board: raise its centre to its radius")
             if self._covers(sphere):
                 raise DataError(f"sphere {i} overlaps the object: move it outward")
         for (i, a), (j, b) in combinations(enumerate(self.spheres), 2):
@@ -147,7 +145,7 @@ class Scene:
                 raise DataError(f"spheres {i} and {j} overlap: move them apart")
 
     def _covers(self, sphere: ChromeSphere) -> bool:
-        """Return whether the object reaches under a sphere, as seen from above."""
+        """Return whether the object overlaps a sphere, as seen from above."""
         if self.body is None:
             return False
         x, y, _ = sphere.centre_mm
@@ -173,7 +171,7 @@ class Scene:
             below = np.asarray(self.lights.directions)[:, 2] <= 0
             if below.any():
                 name = self.lights.ids[int(np.argmax(below))]
-                raise DataError(f"light {name} comes from below the surface: turn its direction up")
+                raise DataError(f"light {name} is below the surface: turn its direction up")
             return
         positions, axes = np.asarray(self.lights.positions_mm), np.asarray(self.lights.axes)
         floors = self._floors(positions)
@@ -181,13 +179,13 @@ class Scene:
             if place[2] <= floor:
                 raise DataError(f"LED {name} is below the surface: raise its position")
             if place @ axis >= 0:
-                raise DataError(f"LED {name} shines away from the object: turn its axis")
+                raise DataError(f"LED {name} points away from the object: turn its axis")
             for i, sphere in enumerate(self.spheres):
                 if math.dist(place, sphere.centre_mm) <= sphere.radius_mm:
                     raise DataError(f"LED {name} is inside sphere {i}: move one of them")
 
     def _floors(self, positions: Array) -> Array:
-        """Return the height of what lies under each position."""
+        """Return the height of the surface under each position."""
         floors = np.zeros(len(positions))
         if self.body is not None:
             above = positions.copy()
@@ -203,13 +201,13 @@ class Scene:
 
     @property
     def sharp(self) -> bool:
-        """Whether a pattern has edges, so that it wants averaging over a pixel."""
+        """Whether a pattern has edges and must be averaged over a pixel."""
         return self.pattern.sharp or self.board.sharp
 
     def albedo(
         self, x_mm: Array, y_mm: Array, on_object: npt.NDArray[np.bool_]
     ) -> npt.NDArray[np.float32]:
-        """Return the albedo ``(n, 3)`` at points of object and board, 0 beyond the board."""
+        """Return the albedo ``(n, 3)`` at points on object and board, 0 beyond the board."""
         on_board = ~on_object & (x_mm**2 + y_mm**2 <= self.board_radius_mm**2)
         albedo = np.zeros((len(x_mm), 3), np.float32)
         for pattern, where in ((self.pattern, on_object), (self.board, on_board)):
@@ -220,7 +218,7 @@ class Scene:
 
     @property
     def camera(self) -> CameraModel | None:
-        """The lens's camera; None where it sees in parallel rays."""
+        """Camera of the lens; None for an orthographic lens."""
         return self.lens.camera
 
     @property

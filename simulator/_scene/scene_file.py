@@ -1,4 +1,4 @@
-"""Scenes as TOML files."""
+"""Read and write scenes as TOML files."""
 
 from __future__ import annotations
 
@@ -35,24 +35,24 @@ _DEFAULTS = {item.name: item.default for item in fields(Scene) if item.default i
 
 
 class SceneFile(BaseModel):
-    """What a scene file says. All but the tables' ``kind`` has a default.
+    """Content of a scene file. Every key except the tables' ``kind`` has a default.
 
     Parameters
     ----------
     seed
-        Of everything that is drawn at random and has no seed in its own table.
+        Seed of all random values whose table has no seed of its own.
     object
-        The object: its kind, and the parameters of that kind.
+        Kind of the object and the parameters of that kind.
     pattern, material
-        Its albedo and reflectance.
+        Albedo and reflectance of the object.
     board
-        The albedo of the board.
+        Albedo of the board.
     spheres
         Chrome spheres, one table each.
     lights, lamps
-        Where the LEDs are and how strong, and how they behave over time.
+        Positions and intensities of the LEDs, and their behaviour over time.
     lens, sensor
-        The camera.
+        Parts of the camera.
     electrons_per_us, board_radius_mm, ambient, surroundings, led_radius_mm
         See `Scene`.
     shadows, soft_shadow_samples
@@ -87,24 +87,24 @@ class SceneFile(BaseModel):
         size: tuple[int, int] | None = None,
         seed: int | None = None,
     ) -> Scene:
-        """Make the scene.
+        """Build the scene.
 
         Parameters
         ----------
         folder
-            What relative paths start from.
+            Folder that relative paths start from.
         leds
             Number of LEDs instead of the file's, for a dome or a ring.
         size
             (width, height) in pixels instead of the file's; the width of the field stays.
         seed
-            Instead of the file's; seeds in tables stay.
+            Seed instead of the file's; seeds in tables stay.
 
         Raises
         ------
         DataError
-            If a key is unknown, a value out of range, a file missing, or the scene cannot be. The
-            message names the table.
+            If a key is unknown, a value is out of range, a file is missing, or the scene is not
+            possible. The message names the table.
         """
         drawn = {"seed": self.seed if seed is None else seed}
 
@@ -114,14 +114,16 @@ class SceneFile(BaseModel):
         lights = self.lights
         if leds is not None:
             if lights.get("kind") not in ("dome", "ring"):
-                raise DataError("[lights]: are given one by one: leave their number open")
+                raise DataError("[lights]: the lights are listed one by one: do not give a number")
             lights = lights | {"count": leds}
         check_range(self, "scene")
         lens = part(LENSES, self.lens, "lens")
         lens = lens if size is None else resized(lens, *size)
         height_px, width_px = lens.size
         if height_px * width_px > MAX_PIXELS:
-            raise DataError(f"[lens]: {width_px} x {height_px} pixels: {MAX_PIXELS} are the most")
+            raise DataError(
+                f"[lens]: {width_px} x {height_px} pixels are more than the maximum of {MAX_PIXELS}"
+            )
         return Scene(
             **{name: getattr(self, name) for name in _SHARED},
             body=None if self.object is None else part(BODIES, self.object, "object"),
@@ -139,7 +141,7 @@ class SceneFile(BaseModel):
         )
 
 
-# What both have under one name: the numbers at the top of a file.
+# Fields that SceneFile and Scene have in common: the numbers at the top of a file.
 _SHARED = tuple(
     name
     for name, key in SceneFile.model_fields.items()
@@ -154,22 +156,22 @@ def read_scene(
     size: tuple[int, int] | None = None,
     seed: int | None = None,
 ) -> Scene:
-    """Read a scene file and make its scene; paths in it are relative to it.
+    """Read a scene file and build its scene.
 
-    Parameters are those of `SceneFile.build`.
+    Paths in the file are relative to its folder. The parameters are those of `SceneFile.build`.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is not TOML, or errors of `SceneFile.build`. The message names file and key.
+        If the file is not TOML, or `SceneFile.build` raises it. The message names file and key.
     """
     path = Path(path)
     try:
         values = parse_toml(read_bounded(path, MAX_TOML_BYTES))
-        said = SceneFile.model_validate(values)
-        return said.build(path.parent, leds=leds, size=size, seed=seed)
+        content = SceneFile.model_validate(values)
+        return content.build(path.parent, leds=leds, size=size, seed=seed)
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
     except UnreadableError as error:
@@ -182,58 +184,59 @@ def read_scene(
 
 
 def write_scene(path: Path | str, scene: Scene) -> list[Path]:
-    """Write a scene to a file from which `read_scene` makes the same scene.
+    """Write a scene to a file from which `read_scene` builds the same scene.
 
-    Lights go to a ``.lights.json`` beside it, and an object that is a mesh to a ``.ply``.
+    The lights are written to a ``.lights.json`` file in the same folder, and a mesh to a ``.ply``
+    file.
 
     Returns
     -------
     list of Path
-        What was written.
+        Written files.
 
     Raises
     ------
     DataError
-        If the scene holds an object or pattern that files do not know.
+        If scene files have no kind for the scene's object or pattern.
     StorageError
-        If the disk refuses.
+        If a file cannot be written.
     """
     path = Path(path)
-    made = [path, path.with_suffix(".lights.json")]
+    written = [path, path.with_suffix(".lights.json")]
     body: Table | None = None
     if isinstance(scene.body, MeshBody):
-        made.append(path.with_suffix(".ply"))
+        written.append(path.with_suffix(".ply"))
         mesh = trimesh.Trimesh(scene.body.vertices_mm, scene.body.faces, process=False)
-        write_durably(made[-1], export_ply(mesh))
-        # It is in its place: to centre and scale it again changes nothing.
+        write_durably(written[-1], export_ply(mesh))
+        # The mesh is already centred and scaled; reading it again changes nothing.
         place = {"radius_mm": scene.body.radius_mm, "smooth": scene.body.smooth}
-        body = {"kind": "mesh", "file": made[-1].name, **place}
+        body = {"kind": "mesh", "file": written[-1].name, **place}
     elif scene.body is not None:
         body = kind_table(BODIES, scene.body)
-    said = SceneFile(
+    content = SceneFile(
         **{name: getattr(scene, name) for name in _SHARED},
         object=body,
         pattern=kind_table(PATTERNS, scene.pattern),
         material=kind_table(MATERIALS, scene.material),
         board=kind_table(PATTERNS, scene.board),
         spheres=tuple(table(sphere) for sphere in scene.spheres),
-        lights={"kind": "file", "file": made[1].name},
+        lights={"kind": "file", "file": written[1].name},
         lamps=table(scene.lamps),
         lens=lens_table(scene.lens),
         sensor=table(scene.noise),
     )
-    write_lights(made[1], scene.lights)
-    text = tomli_w.dumps(said.model_dump(exclude_none=True, exclude_defaults=True))
+    write_lights(written[1], scene.lights)
+    text = tomli_w.dumps(content.model_dump(exclude_none=True, exclude_defaults=True))
     write_durably(path, text.encode())
-    return made
+    return written
 
 
 def _located(values: Table, folder: Path, where: str) -> Table:
-    """Return a table with its file, if it names one, found from the scene file's folder."""
+    """Return a table whose ``file``, if there is one, is resolved against the scene's folder."""
     if not isinstance(values.get("file"), str):
         return values
     file = folder / values["file"]
-    # Not by pathlib, which raises where a name is too long.
+    # pathlib raises an error if a name is too long.
     if not os.path.isfile(file):
         raise DataError(f"[{where}]: {file}: no such file")
     return values | {"file": file}

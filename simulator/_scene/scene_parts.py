@@ -1,4 +1,4 @@
-"""Lights and lenses as scene files state them: recipes, files, or numbers one by one."""
+"""Parts of a scene file: recipes, files or lists for lights and lenses, and all kinds of parts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
 _Vector = tuple[float, float, float]
 _FIELD_MM, _DISTANCE_MM = 293.76, 600.0
-# As a rig file allows.
+# Maximum in a rig file.
 _MOST_LEDS = 4096
 
 
@@ -35,7 +35,7 @@ def dome(
     mu: float | None = None,
     seed: int = 0,
 ) -> Lights:
-    """Return LEDs on rings of a dome, see `dome_lights`; ``mu`` makes all radiate alike."""
+    """Return LEDs on rings of a dome, see `dome_lights`; ``mu`` applies to all of them."""
     _check_count(count)
     lights = dome_lights(count, radius_mm, seed=seed, spread=spread, jitter_mm=jitter_mm)
     return lights if mu is None else replace(lights, mu=np.full(count, mu))
@@ -43,7 +43,7 @@ def dome(
 
 def _check_count(count: int) -> None:
     if count > _MOST_LEDS:
-        raise DataError(f"count is {count}: a board has at most {_MOST_LEDS} LEDs")
+        raise DataError(f"count is {count}, but a board has at most {_MOST_LEDS} LEDs")
 
 
 def ring(
@@ -54,15 +54,15 @@ def ring(
     mu: float = 1.0,
     seed: int = 0,
 ) -> Lights:
-    """Return LEDs evenly around one ring, ``radius_mm`` from the origin, the first on the right.
+    """Return LEDs at equal angles on one ring, ``radius_mm`` from the origin.
 
-    Their intensities have the relative standard deviation ``spread``.
+    The first LED is on the right. The intensities have the relative standard deviation ``spread``.
     """
     _check_count(count)
     if count < 1 or not radius_mm > 0 or not 0 < elevation_deg < 90 or not 0 <= spread < 0.3:
         raise DataError(
             f"a ring of {count} LEDs, radius {radius_mm:g} mm, elevation {elevation_deg:g} deg, "
-            f"spread {spread:g} cannot be: count >= 1, radius > 0, elevation within 0..90, "
+            f"spread {spread:g} cannot be built: count >= 1, radius > 0, elevation within 0..90, "
             "spread < 0.3"
         )
     around = 2 * math.pi * np.arange(count) / count
@@ -79,7 +79,7 @@ def ring(
 
 
 def lights_file(file: Path) -> Lights:
-    """Return the lights of a file that `read_lights` reads; LED n is the n-th of them."""
+    """Return the lights of a file that `read_lights` reads; LED n is the n-th light."""
     lights = read_lights(file)
     return replace(lights, ids=tuple(led_id(led) for led in range(len(lights))))
 
@@ -91,7 +91,7 @@ def listed(
     axes: tuple[_Vector, ...] | None = None,
     mu: tuple[float, ...] | None = None,
 ) -> Lights:
-    """Return lights given one by one, a row each, see `Lights`."""
+    """Return lights from lists with one row per light, see `Lights`."""
 
     def array(rows: tuple[object, ...] | None) -> npt.NDArray[np.float64] | None:
         return None if rows is None else np.array(rows, np.float64)
@@ -116,10 +116,10 @@ def perspective(
     psf_sigma_px: float = 0.7,
     cfa: str | None = None,
 ) -> Lens:
-    """Return a pinhole that sees ``field_mm`` of the board across, or has the matrix ``K``."""
+    """Return a perspective lens with a field ``field_mm`` wide, or with the matrix ``K``."""
     if K is None:
         if not (field_mm > 0 and working_distance_mm > 0):
-            raise DataError("a camera needs field_mm and working_distance_mm greater than 0")
+            raise DataError("field_mm and working_distance_mm of a camera must be positive")
         focal = max(width, 1) * working_distance_mm / field_mm
         K = ((focal, 0.0, (width - 1) / 2), (0.0, focal, (height - 1) / 2), (0.0, 0.0, 1.0))
     camera = CameraModel(np.array(K), width, height, working_distance_mm, np.array(distortion))
@@ -132,7 +132,7 @@ def camera_file(
     psf_sigma_px: float = 0.7,
     cfa: str | None = None,
 ) -> Lens:
-    """Return the camera of a file for `read_camera`, with image size and working distance."""
+    """Return the lens of a camera file, which has an image size and a working distance."""
     return Lens.of(read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa)
 
 
@@ -145,7 +145,7 @@ def orthographic(
     psf_sigma_px: float = 0.7,
     cfa: str | None = None,
 ) -> Lens:
-    """Return a lens of parallel rays, a pixel ``pixel_mm`` wide."""
+    """Return a lens with parallel rays, ``pixel_mm`` apart."""
     return Lens.orthographic(
         width, height, pixel_mm, height_mm,
         vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa,
@@ -155,18 +155,18 @@ def orthographic(
 def mesh(
     file: Path, radius_mm: float, turn_deg: _Vector = (0.0, 0.0, 0.0), smooth: bool = True
 ) -> MeshBody:
-    """Read a mesh and rest it on the board, see `MeshBody.read`."""
+    """Read a mesh and place it on the board, see `MeshBody.read`."""
     return MeshBody.read(file, radius_mm=radius_mm, turn_deg=turn_deg, smooth=smooth)
 
 
 def resized(lens: Lens, width: int, height: int) -> Lens:
-    """Return a lens with another number of pixels, whose field is as wide as before."""
+    """Return a lens with another number of pixels and the same width of field."""
     rows, columns = lens.size
     gain = width / columns
     if lens.camera is None:
         pixel_mm = float(lens.pixel_mm or 0.0) / gain
         return replace(lens, width=width, height=height, pixel_mm=pixel_mm)
-    # The principal point keeps its place relative to the middle of the image.
+    # The principal point keeps its position relative to the middle of the image.
     old, new = np.array([columns - 1, rows - 1]) / 2, np.array([width - 1, height - 1]) / 2
     K = lens.camera.K.copy()
     K[:2, :2] *= gain
@@ -175,20 +175,20 @@ def resized(lens: Lens, width: int, height: int) -> Lens:
 
 
 def lens_table(lens: Lens) -> dict[str, Any]:
-    """Lay a lens out for `perspective` or `orthographic`."""
+    """Return the table of a lens, for `perspective` or `orthographic`."""
     height, width = lens.size
-    made: dict[str, Any] = {"width": width, "height": height}
+    entries: dict[str, Any] = {"width": width, "height": height}
     if lens.camera is None:
-        made |= {"kind": "orthographic", "pixel_mm": lens.pixel_mm, "height_mm": lens.height_mm}
+        entries |= {"kind": "orthographic", "pixel_mm": lens.pixel_mm, "height_mm": lens.height_mm}
     else:
-        made |= {
+        entries |= {
             "kind": "perspective",
             "working_distance_mm": lens.camera.working_distance_mm,
             "K": lens.camera.K.tolist(),
             "distortion": lens.camera.distortion.tolist(),
         }
-    made |= {"vignetting": lens.vignetting, "psf_sigma_px": lens.psf_sigma_px, "cfa": lens.cfa}
-    return {name: value for name, value in made.items() if value is not None}
+    entries |= {"vignetting": lens.vignetting, "psf_sigma_px": lens.psf_sigma_px, "cfa": lens.cfa}
+    return {name: value for name, value in entries.items() if value is not None}
 
 
 LIGHTS: Kinds = {"dome": dome, "ring": ring, "file": lights_file, "listed": listed}

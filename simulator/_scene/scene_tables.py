@@ -1,7 +1,7 @@
-"""Tables of a scene file and the objects they describe: keys are the objects' own parameters.
+"""Convert between the tables of a scene file and the objects that they describe.
 
-A surface or pattern added to the simulator is in the format as soon as it has a name here; there is
-no second list of its parameters that could fall behind.
+The keys of a table are the parameters of the object, so there is no second list of parameters that
+could become outdated. A new surface or pattern needs only an entry in a mapping of kinds.
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ _LARGEST = 1e12
 _CONFIG = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **given: Any) -> Any:
-    """Call a class or function with the keys of a table, checked by its own signature.
+def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **defaults: Any) -> Any:
+    """Call a class or function with the keys of a table, checked against its signature.
 
     Parameters
     ----------
     maker
         A dataclass or an annotated function.
     values
-        The table.
+        Keys and values of the table.
     where
         Name of the table, for messages.
-    **given
-        Values for those parameters of these names that the table leaves open.
+    **defaults
+        Values of parameters that are not in the table; ignored if ``maker`` has no parameter of
+        that name.
 
     Raises
     ------
     DataError
-        If a key is unknown or missing, a value is of another type, or the maker refuses it. The
+        If a key is unknown or missing, a value has the wrong type, or ``maker`` raises it. The
         message names table and key.
     """
     model = _model(maker)
     keys = model.model_fields
-    values = {name: value for name, value in given.items() if name in keys} | dict(values)
+    values = {name: value for name, value in defaults.items() if name in keys} | dict(values)
     try:
         read = model.model_validate(values)
     except ValidationError as error:
@@ -59,12 +60,12 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **gi
 
 
 def check_range(read: BaseModel, where: str) -> None:
-    """Refuse numbers so large that their squares would overflow.
+    """Check that no number is so large that its square could overflow.
 
     Raises
     ------
     DataError
-        If there is one; the message names table and key.
+        If a number is too large; the message names table and key.
     """
     for key, value in read:
         numbers = [value]
@@ -73,47 +74,50 @@ def check_range(read: BaseModel, where: str) -> None:
             if isinstance(number, (tuple, list)):
                 numbers += number
             elif isinstance(number, float) and abs(number) > _LARGEST:
-                raise DataError(f"[{where}]: key {key!r}: {number:g} is beyond {_LARGEST:g}")
+                raise DataError(f"[{where}]: key {key!r}: {number:g} is larger than {_LARGEST:g}")
 
 
-def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **given: Any) -> Any:
-    """Build what the key ``kind`` of a table names.
-
-    Errors are those of `build`, and an unknown kind.
-    """
-    rest = dict(values)
-    kind = rest.pop("kind", None)
-    if not isinstance(kind, str) or kind not in kinds:
-        said = "has no kind" if kind is None else f"kind {kind!r} is not known"
-        raise DataError(f"[{where}]: {said}: take one of {', '.join(kinds)}")
-    return build(kinds[kind], rest, where, **given)
-
-
-def table(value: Any) -> dict[str, Any]:
-    """Lay a dataclass out as a table, without what has its default value or is None.
-
-    Seeds are always told: left open, they would be those of another reader.
-    """
-    made: dict[str, Any] = {}
-    for item in dataclasses.fields(value):
-        content = getattr(value, item.name)
-        if content is not None and (item.name == "seed" or not _same(content, item.default)):
-            made[item.name] = content
-    return made
-
-
-def kind_table(kinds: Kinds, value: Any) -> dict[str, Any]:
-    """Lay an object out as a table with its kind.
+def build_kind(kinds: Kinds, values: Mapping[str, Any], where: str, **defaults: Any) -> Any:
+    """Build an object of the kind that the key ``kind`` of a table names.
 
     Raises
     ------
     DataError
-        If it is of no kind that a file knows.
+        If the kind is missing or unknown, or `build` raises it.
+    """
+    rest = dict(values)
+    kind = rest.pop("kind", None)
+    if not isinstance(kind, str) or kind not in kinds:
+        fault = "kind is missing" if kind is None else f"unknown kind {kind!r}"
+        raise DataError(f"[{where}]: {fault}: use one of {', '.join(kinds)}")
+    return build(kinds[kind], rest, where, **defaults)
+
+
+def table(value: Any) -> dict[str, Any]:
+    """Return a dataclass as a table, without None and without default values.
+
+    Seeds are always included; otherwise a reader would use the seed of its own scene.
+    """
+    entries: dict[str, Any] = {}
+    for item in dataclasses.fields(value):
+        content = getattr(value, item.name)
+        if content is not None and (item.name == "seed" or not _same(content, item.default)):
+            entries[item.name] = content
+    return entries
+
+
+def kind_table(kinds: Kinds, value: Any) -> dict[str, Any]:
+    """Return an object as a table with its kind.
+
+    Raises
+    ------
+    DataError
+        If scene files have no kind for the object.
     """
     for kind, maker in kinds.items():
         if type(value) is maker:
             return {"kind": kind} | table(value)
-    raise DataError(f"a {type(value).__name__} has no place in a scene file")
+    raise DataError(f"a scene file has no kind for a {type(value).__name__}")
 
 
 @functools.cache
@@ -121,8 +125,8 @@ def _model(maker: Callable[..., Any]) -> type[BaseModel]:
     hints = get_type_hints(maker)
     parts: dict[str, Any] = {}
     for name, parameter in inspect.signature(maker).parameters.items():
-        open_ = parameter.default is inspect.Parameter.empty
-        parts[name] = (hints[name], ... if open_ else parameter.default)
+        required = parameter.default is inspect.Parameter.empty
+        parts[name] = (hints[name], ... if required else parameter.default)
     return create_model(maker.__name__, __config__=_CONFIG, **parts)
 
 

@@ -1,1 +1,1 @@
-"""Surfaces and solids, and where rays meet them."""
+"""Surfaces and solids, and ray hits on them."""

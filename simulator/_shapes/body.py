@@ -1,4 +1,4 @@
-"""What an object offers to the renderer: who meets a ray first, and what casts its shadow."""
+"""Interface between objects and the renderer: ray hits and shadow casters."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class BodyHits:
-    """Where rays first meet a body.
+    """First hits of rays on a body.
 
     Parameters
     ----------
     points_mm
-        ``(..., 3)`` first points met, 0 where a ray misses.
+        ``(..., 3)`` first hit of each ray, 0 if a ray misses.
     normals
-        ``(..., 3)`` unit normals of the body there, toward the side the ray came from; 0 where it
-        misses.
+        ``(..., 3)`` unit normals of the body there, on the side from which the ray arrives; 0 if a
+        ray misses.
     hit
-        ``(...)`` which rays meet the body.
+        ``(...)`` True for rays that hit the body.
     """
 
     points_mm: Array
@@ -40,13 +40,13 @@ class HeightGrid:
     Parameters
     ----------
     origin_xy_mm
-        Place (x, y) of ``heights_mm[0, 0]``.
+        Position (x, y) of ``heights_mm[0, 0]``.
     step_mm
-        Distance of neighbouring samples along x and along y.
+        Distance between neighbouring samples along x and along y.
     heights_mm
-        ``(rows, columns)`` float32: ``heights_mm[j, i]`` lies at
-        ``(origin_x + i * step, origin_y + j * step)``, so that y grows with the row. 0, the board,
-        outside the outline; the first and last rows and columns lie outside it.
+        ``(rows, columns)`` float32: ``heights_mm[j, i]`` is at
+        ``(origin_x + i * step, origin_y + j * step)``, so y increases with the row. Heights outside
+        the outline are 0, the board; the first and last rows and columns are outside the outline.
     """
 
     origin_xy_mm: tuple[float, float]
@@ -63,7 +63,7 @@ class Body(Protocol):
 
     @property
     def radius_mm(self) -> float:
-        """Radius around the origin that holds the whole footprint."""
+        """Radius around the origin that contains the footprint."""
         ...
 
     @property
@@ -72,13 +72,13 @@ class Body(Protocol):
         ...
 
     def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
-        """Return which positions of the board the body covers, seen straight from above."""
+        """Return which positions of the board the body covers, seen vertically from above."""
         ...
 
     def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
-        """Return where rays ``(..., 3)`` first meet the body; the two arrays may broadcast."""
+        """Return the first hits of rays ``(..., 3)``; the two arrays are broadcast."""
         ...
 
     def shadow_caster(self, step_mm: float) -> HeightGrid | TriangleTree:
-        """Return what a shadow kernel searches; a mesh takes no heed of ``step_mm``."""
+        """Return the object that a shadow kernel searches; a mesh ignores ``step_mm``."""
         ...

@@ -1,8 +1,8 @@
-"""Which triangle a ray meets: a bounding volume hierarchy and its two searches.
+"""Ray-triangle intersection with a bounding volume hierarchy and its two searches.
 
-Triangles are tested in the ray's own sheared frame,
-where the signs at a shared edge are exact opposites, so that no ray slips through between two
-neighbours (Woop, Benthin, Wald, Watertight ray/triangle intersection, JCGT 2013).
+Triangles are tested in a sheared frame of the ray. In this frame, the signs at a shared edge are
+exact opposites, so no ray passes between two neighbours (Woop, Benthin, Wald, Watertight
+ray/triangle intersection, JCGT 2013).
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _BLOCK = 256  # rays that share a stack
 class TriangleTree:
     """Triangles in the order of their tree.
 
-    Node k holds all of its triangles within ``bounds[k]``. ``count[k] > 0`` marks a leaf of the
+    All triangles of node k are within ``bounds[k]``. ``count[k] > 0`` marks a leaf with the
     triangles ``first[k] ... first[k] + count[k] - 1``. The children of any other node are k + 1
-    and ``first[k]``; ``axis[k]`` is the axis along which k + 1 lies lower.
+    and ``first[k]``; ``axis[k]`` is the axis along which k + 1 is the lower child.
 
     Parameters
     ----------
     corners
         ``(F, 3, 3)``: triangle, corner, x y z.
     faces
-        ``(F,)`` number of each triangle in the array the tree was grown from.
+        ``(F,)`` index of each triangle in the array from which the tree was built.
     bounds
-        ``(nodes, 6)``: low x y z, high x y z, widened by a few roundings.
+        ``(nodes, 6)``: low x y z, high x y z, widened by rounding errors.
     first, count, axis
         ``(nodes,)``, see above.
     """
@@ -52,7 +52,7 @@ class TriangleTree:
 
     @classmethod
     def grow(cls, corners: Array) -> Self:
-        """Build the tree over ``(F, 3, 3)`` finite corners, F at least 1."""
+        """Build the tree of triangles with finite corners ``(F, 3, 3)``, F at least 1."""
         total = len(corners)
         low, high = corners.min(axis=1), corners.max(axis=1)
         order = np.arange(total, dtype=np.int32)
@@ -60,7 +60,7 @@ class TriangleTree:
         first, count, axis = (np.zeros(2 * total, np.int32) for _ in range(3))
         nodes = grow(low, high, order, bounds, first, count, axis)
         bounds = bounds[:nodes]
-        # A box as thin as its triangle would lose rays to rounding.
+        # If a box were as thin as its triangle, rays would miss it by rounding errors.
         slack = 1e-12 * max(float(np.abs(bounds).max()), 1e-300)
         bounds[:, :3] -= slack
         bounds[:, 3:] += slack
@@ -84,9 +84,9 @@ class TriangleTree:
         Returns
         -------
         t, weights, face
-            ``(n,)`` t of the hit, inf where there is none; ``(n, 3)`` barycentric weights of the
-            triangle's corners; ``(n,)`` its number in the array the tree was grown from, -1 where
-            none.
+            ``(n,)`` t of the hit, inf if there is no hit; ``(n, 3)`` barycentric weights of the
+            triangle's corners; ``(n,)`` index in the array from which the tree was built, -1 if
+            there is no hit.
         """
         count = len(origins)
         t, weights = np.full(count, np.inf), np.zeros((count, 3))
@@ -105,32 +105,33 @@ class TriangleTree:
     def blocked(
         self, origins: Array, directions: Array, reach: float = 1.0
     ) -> npt.NDArray[np.bool_]:
-        """Find which rays meet any triangle before they end.
+        """Find which rays hit any triangle before they end.
 
         Parameters
         ----------
         origins
-            ``(n, 3)``. Raise points that lie on the mesh off it, or they may block themselves.
+            ``(n, 3)`` points. Points on the mesh must be lifted off it, or they may be blocked by
+            their own triangles.
         directions
-            ``(n, 3)`` to the lamp: with ``reach`` 1 the ray ends there.
+            ``(n, 3)`` vectors to the lamp; with ``reach`` 1, the ray ends there.
         reach
             End of the rays in units of ``directions``; inf for distant lights.
 
         Returns
         -------
         NDArray
-            ``(n,)``, True where something lies at 0 < t < reach.
+            ``(n,)`` True if there is a hit at 0 < t < reach.
         """
-        found = np.zeros(len(origins), np.bool_)
+        hit = np.zeros(len(origins), np.bool_)
         _any(
             np.ascontiguousarray(origins, np.float64),
             np.ascontiguousarray(directions, np.float64),
             self._arrays,
             STACK,
             float(reach),
-            found,
+            hit,
         )
-        return found
+        return hit
 
     @property
     def _arrays(self) -> Tree:
@@ -144,9 +145,9 @@ Tree = tuple[Array, Array, Counts, Counts, Counts]
 def _search(
     origin: Array, direction: Array, tree: Tree, reach: float, any_will_do: bool, stack: Counts
 ) -> tuple[float, int, float, float]:
-    """Return t, triangle (-1: none) and the weights of its first two corners."""
+    """Return t, index of the triangle (-1: no hit) and weights of its first two corners."""
     corners, bounds, first, count, axis = tree
-    # The ray's own frame: z along its greatest component, x and y sheared so that it is the z axis.
+    # Frame of the ray: z along its largest component, x and y sheared so that the ray is on z.
     kz = 0
     for c in range(1, 3):
         if abs(direction[c]) > abs(direction[kz]):
@@ -168,7 +169,7 @@ def _search(
             far = (bounds[node, c + 3] - origin[c]) * inverse[c]
             if inverse[c] < 0.0:
                 near, far = far, near
-            # A component of 0 gives inf or, on the very face of a slab, nan: comparisons with
+            # A component of 0 gives inf, or nan exactly on the face of a slab. Comparisons with
             # nan are false, which keeps the box.
             if near > enter:
                 enter = near

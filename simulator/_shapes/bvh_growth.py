@@ -1,6 +1,6 @@
-"""Growing a bounding volume hierarchy: top-down, by the surface area heuristic over bins.
+"""Build a bounding volume hierarchy from the top down, with the binned surface area heuristic.
 
-After Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
+The method is that of Wald, On fast construction of SAH-based bounding volume hierarchies, 2007.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
 
-STACK = 96  # nodes that a walk through any tree can have to put aside
+STACK = 96  # maximum number of waiting nodes in a traversal of any tree
 _BINS = 16
 _LEAF = 4
-# From this depth on ranges are halved, so that no tree outgrows the stack.
+# From this depth on, ranges are halved, so that the stack is large enough for every tree.
 _DEEP = 48
 
 
@@ -86,8 +86,8 @@ def grow(
     count: Counts,
     axis: Counts,
 ) -> int:
-    """Fill the node arrays depth first and return how many nodes there are."""
-    todo = np.zeros((STACK, 4), np.int64)  # start, stop, parent whose right child it is, depth
+    """Fill the node arrays depth first and return the number of nodes."""
+    todo = np.zeros((STACK, 4), np.int64)  # start, stop, parent if a right child, depth
     todo[0, 1], todo[0, 2] = len(order), -1
     waiting, node = 1, 0
     span = np.zeros(6)

@@ -1,4 +1,4 @@
-"""Surfaces after nature and craft: scales, cloth, carved wood, leather, and a step gauge."""
+"""Surfaces with natural and carved relief: scales, cloth, carved wood, leather, a step gauge."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from simulator._shapes.waves import random_waves
 
 Array = npt.NDArray[np.float64]
 
-_DESIGN_RADIUS = 80.0  # the wood carving is drawn for this radius
+_DESIGN_RADIUS = 80.0  # lengths in the wood carving are for this radius
 
 
 @dataclass(frozen=True)
 class _Relief(Surface):
-    """A relief that a kernel draws in its own units.
+    """A relief that a kernel evaluates in its own units.
 
     Parameters
     ----------
     amplitude_mm
-        Height of the relief: every place lies between 0 and it, the deepest near 0.
+        Height of the relief: heights are between 0 and this value, the lowest ones near 0.
     seed
-        Of everything irregular in it.
+        Seed of all irregular parts.
     """
 
     amplitude_mm: float = 1.0
     seed: int = 0
-    # What the kernel's heights reach from and to, over many seeds.
+    # Range of the kernel's heights over many seeds.
     _reaches: ClassVar[tuple[float, float]] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -68,7 +68,7 @@ class _Relief(Surface):
 
 @dataclass(frozen=True)
 class LizardScales(_Relief):
-    """Keeled scales in rows, each lying on the row below (-Y), ``scale_mm`` wide."""
+    """Keeled scales ``scale_mm`` wide in rows, each of which overlaps the next row in -Y."""
 
     amplitude_mm: float = 1.6
     scale_mm: float = 12.0
@@ -88,7 +88,7 @@ class LizardScales(_Relief):
 
 @dataclass(frozen=True)
 class Textile(_Relief):
-    """A plain weave of twisted yarns, ``yarn_mm`` from one to the next."""
+    """A plain weave of twisted yarns, ``yarn_mm`` apart."""
 
     yarn_mm: float = 6.0
     _reaches = (-0.15, 0.78)
@@ -129,7 +129,7 @@ class CrackedLeather(_Relief):
 class WoodCarving(_Relief):
     """A chip-carved rosette of six petals in a border of small cuts, in grained wood.
 
-    It grows with its radius. The seed bends the grain.
+    All lengths are proportional to the radius. The seed determines the course of the grain.
     """
 
     amplitude_mm: float = 2.0
@@ -148,14 +148,14 @@ class WoodCarving(_Relief):
 
 
 def _rosette() -> Array:
-    """Return the cuts: centres of the two discs that overlap in each, and their radius."""
+    """Return the cuts; each is given by the centres of two overlapping discs and their radius."""
     cuts = []
     large = 42.0
     around = [large * np.array([math.cos(a), math.sin(a)]) for a in np.arange(6) * math.pi / 3]
     for i in range(6):
-        # A petal runs from the middle to around[i]; both its arcs are of the large radius.
+        # A petal from the middle to around[i]; both its arcs have the large radius.
         cuts.append((*around[i - 1], *around[(i + 1) % 6], large))
-        # Its outer neighbour runs from around[i] to around[i + 1].
+        # Its outer neighbour, from around[i] to around[i + 1].
         cuts.append((0.0, 0.0, *(around[i] + around[(i + 1) % 6]), large))
     for i in range(40):
         angle = 2 * math.pi * i / 40
@@ -172,10 +172,11 @@ class StepGauge(Surface):
     Parameters
     ----------
     heights_mm
-        Of the treads from left to right, 2 or more. The treads share the square's width evenly.
+        Heights of the treads from left to right, 2 or more. The treads have equal widths, which
+        add up to the width of the square.
     edge_mm
-        Width over which one tread passes into the next: the surface is smooth, no wall is upright.
-        It must be less than a tread.
+        Width of the smooth transition between treads, so that no wall is vertical. It must be less
+        than the width of a tread.
     """
 
     heights_mm: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)

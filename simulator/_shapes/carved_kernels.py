@@ -1,11 +1,12 @@
 """Heights and gradients of the carved surfaces, point by point.
 
-All kernels work in the design's own units: one unit is a scale, a yarn or a cell wide, or, for the
-wood, a millimetre on a disc of 80 mm. Heights run from about 0 to about 1. Where shapes meet they
-are blended by ``log(sum(exp(k h))) / k``, which is smooth and keeps the greatest: every gradient is
-exact. ``table`` holds random numbers in -1..1 by lattice cell, repeated without end.
+All kernels use the units of their design: one unit is the width of a scale, a yarn or a cell, or,
+for the wood, a millimetre on a disc of 80 mm radius. Heights are from about 0 to about 1. Where
+shapes meet, they are blended by ``log(sum(exp(k h))) / k``, a smooth maximum, so every gradient is
+exact. ``table`` has random numbers in -1..1 for each lattice cell and is repeated periodically.
 
-They live in one file because numba's cache does not notice a change in a kernel of another file.
+All kernels are in one file because numba's cache does not notice changes of a kernel in another
+file.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ Array = npt.NDArray[np.float64]
 Point = tuple[float, float, float]
 
 CELLS = 64  # along each side of the table
-_MASK = CELLS - 1  # wraps round, also from below 0
+_MASK = CELLS - 1  # for the index modulo CELLS, also below 0
 
 
 @numba.njit(cache=True)
 def _scale_at(u: float, v: float, table: Array) -> Point:
-    """Return keeled rhombic scales in staggered rows, each row lying on the next one down."""
+    """Return keeled rhombic scales in staggered rows; each row overlaps the next one below."""
     sharp = 30.0
     total = tu = tv = 0.0
     row = math.floor(v / 0.62)
@@ -36,7 +37,7 @@ def _scale_at(u: float, v: float, table: Array) -> Point:
             random = table[j & _MASK, i & _MASK]
             p = u - (i + shift + 0.05 * random[0])
             q = v - (0.62 * (j + 0.5) + 0.04 * random[1])
-            # (|a| + |b|)^2 with its creases rounded: 1 where neighbours meet.
+            # (|a| + |b|)^2 with rounded creases; it is 1 where neighbours meet.
             a, b = p / 0.5, q / 0.62
             cross = math.sqrt(a * a * b * b + 0.0025)
             rho = a * a + b * b + 2.0 * cross - 0.1
@@ -53,7 +54,7 @@ def _scale_at(u: float, v: float, table: Array) -> Point:
 
 @numba.njit(cache=True)
 def _yarn(across: float, along: float, first: int, side: float, table: Array, lane: int) -> Point:
-    """Return sums over the yarns near a point: of exp(k h) and of it times its derivatives."""
+    """Return sums of exp(k h) and of its derivatives over the yarns near a point."""
     sharp = 16.0
     total = ta = tl = 0.0
     for i in range(first - 1, first + 3):
@@ -62,7 +63,7 @@ def _yarn(across: float, along: float, first: int, side: float, table: Array, la
         p = across - i - 0.05 * random[1]
         sign = side if i % 2 else -side
         wave, wave_l = sign * math.cos(math.pi * along), -sign * math.pi * math.sin(math.pi * along)
-        # Twisted fibres run obliquely over the yarn.
+        # Twisted fibres are oblique to the yarn.
         turn = 2.0 * math.pi * (3.0 * along + 2.2 * p + random[2])
         round_ = 2.1 / width**2
         h = 0.5 + 0.24 * wave - round_ * p * p + 0.022 * math.cos(turn)
@@ -75,7 +76,7 @@ def _yarn(across: float, along: float, first: int, side: float, table: Array, la
 
 @numba.njit(cache=True)
 def _textile_at(u: float, v: float, table: Array) -> Point:
-    """Return a plain weave: warp along v, weft along u, one over and one under."""
+    """Return a plain weave: warp along v, weft along u, alternating over and under."""
     warp, warp_u, warp_v = _yarn(u, v, math.floor(u), 1.0, table, 0)
     weft, weft_v, weft_u = _yarn(v, u, math.floor(v), -1.0, table, 1)
     total = warp + weft
@@ -84,11 +85,11 @@ def _textile_at(u: float, v: float, table: Array) -> Point:
 
 @numba.njit(cache=True)
 def _cells(u: float, v: float, sharp: float, table: Array) -> tuple[Point, Point]:
-    """Return two smooth readings of the random cells around a point, with gradients.
+    """Return two smooth functions of the random cells around a point, with gradients.
 
-    The squared distance to the nearest cell's middle, and how much the point belongs to several
-    cells at once: 0 within a cell, about 1/2 midway between two; each cell's own weight in it
-    differs, so that some borders are deep and some all but vanish.
+    The first is the squared distance to the centre of the nearest cell. The second is the degree to
+    which the point belongs to several cells at once: 0 within a cell, about 1/2 midway between two.
+    The weights of cells in it differ, so that some borders are deep and others almost vanish.
     """
     column, row = math.floor(u), math.floor(v)
     nearest = math.inf
@@ -104,10 +105,10 @@ def _cells(u: float, v: float, sharp: float, table: Array) -> tuple[Point, Point
             random = table[j & _MASK, i & _MASK]
             p, q = u - (i + 0.5 + 0.42 * random[0]), v - (j + 0.5 + 0.42 * random[1])
             behind = sharp * (p * p + q * q - nearest)
-            # What is left out is below rounding.
+            # The omitted terms are below rounding error.
             if behind > 40.0:
                 continue
-            # nearest cancels out of every result, so it counts as constant here.
+            # nearest cancels out in every result, so it is treated as a constant here.
             e = math.exp(-behind)
             eu, ev = -2.0 * sharp * p * e, -2.0 * sharp * q * e
             share = 0.6 + 0.4 * random[2]
@@ -129,8 +130,8 @@ def _cells(u: float, v: float, sharp: float, table: Array) -> tuple[Point, Point
 
 @numba.njit(cache=True)
 def _leather_at(u: float, v: float, table: Array) -> Point:
-    """Return fine pebbles with a net of cracks through them; one unit is a cracked plate."""
-    # The ways of the cracks are bent, the plates' middles with them.
+    """Return fine pebbles with a network of cracks; one unit is the width of a plate."""
+    # Distorted positions bend the cracks and move the centres of the plates.
     a, b = 2.9 * v + 0.8, 3.7 * u + 2.1
     c, d = 7.3 * v + 1.7 * u, 6.1 * u - 2.3 * v
     x = u + 0.07 * math.sin(a) + 0.025 * math.sin(c)
@@ -141,7 +142,7 @@ def _leather_at(u: float, v: float, table: Array) -> Point:
     plate, crack = _cells(x, y, 34.0, table)
     fine = 5.5
     pebble, _ = _cells(fine * u + 31.0, fine * v + 17.0, 12.0, table)
-    # No crack is deeper than the leather, however many meet.
+    # tanh limits the depth where many cracks meet.
     depth = math.tanh(1.8 * crack[0])
     steep = -0.9 * 1.8 * (1.0 - depth * depth)
     h = 0.86 - 0.9 * depth - 0.22 * plate[0] - 0.24 * pebble[0]
@@ -167,7 +168,7 @@ def _soft_positive(t: float, k: float) -> tuple[float, float]:
 
 @numba.njit(cache=True)
 def _chips(x: float, y: float, lenses: Array) -> Point:
-    """Return the depth (mm) of cuts shaped like the overlap of two discs, and its gradient."""
+    """Return the depth (mm) of cuts in the shape of two overlapping discs, and its gradient."""
     depth = dx = dy = 0.0
     for i in range(len(lenses)):
         radius = lenses[i, 4]
@@ -177,7 +178,7 @@ def _chips(x: float, y: float, lenses: Array) -> Point:
         a, b = radius - far_a, radius - far_b
         if min(a, b) < -4.0:
             continue
-        # The smaller of both: a V with a rounded bottom.
+        # A smooth minimum of both: a V with a rounded bottom.
         half, gap = 0.5 * (a + b), 0.5 * (a - b)
         bend = math.sqrt(gap * gap + 0.04)
         cut, cut_t = _soft_positive(half - bend, 12.0)
@@ -190,7 +191,7 @@ def _chips(x: float, y: float, lenses: Array) -> Point:
 
 @numba.njit(cache=True)
 def _wood_at(x: float, y: float, lenses: Array, waves: Array) -> Point:
-    """Return a chip-carved rosette between two round grooves, in wood with its grain."""
+    """Return a chip-carved rosette between two round grooves, in wood with grain."""
     cut, cut_x, cut_y = _chips(x, y, lenses)
     h, hx, hy = 0.95 - cut / 6.0, -cut_x / 6.0, -cut_y / 6.0
     r = math.sqrt(x * x + y * y + 1e-6)
@@ -200,7 +201,7 @@ def _wood_at(x: float, y: float, lenses: Array, waves: Array) -> Point:
         h -= groove
         hx += slope * x / r
         hy += slope * y / r
-    # Year rings around a pith far outside, shaken by slow waves: steep late wood, gentle early.
+    # Year rings around a pith far outside, distorted by long waves; late wood has the ridges.
     px, py = x + 60.0, y + 330.0
     far = math.hypot(px, py)
     year, year_x, year_y = far, px / far, py / far

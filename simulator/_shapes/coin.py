@@ -1,7 +1,7 @@
 """The coin: a round plaque with a dome, a sun over the sea, and raised letters along the rim.
 
-Nothing in it is symmetric, so a flipped or transposed result shows at a glance; everything in it
-is smooth, so heights and normals are exact.
+The coin has no symmetry, so a flipped or transposed result is obvious. It is smooth everywhere, so
+heights and normals are exact.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from simulator._shapes.waves import random_waves
 
 Array = npt.NDArray[np.float64]
 
-_DESIGN_RADIUS = 80.0  # all the numbers below are drawn for a coin of this radius
+_DESIGN_RADIUS = 80.0  # all lengths below are for a coin of this radius
 _TEXT = "FIAT LVX"
 _LETTER_FOOT, _LETTER_HEIGHT, _LETTER_GAP = 51.0, 15.0, 8.0
 _LETTER_START_DEG = 160.0
 _GRAIN_MM, _GRAIN_WAVES = 4.0, 12
-_REACH = 88.0  # beyond it the relief has faded below 1e-12 mm
+_REACH = 88.0  # beyond it the relief is below 1e-12 mm
 
 # Straight strokes (x0, y0, x1, y1) in units of the letter height, and the letter's width.
 _GLYPHS: dict[str, tuple[float, tuple[tuple[float, float, float, float], ...]]] = {
@@ -46,13 +46,13 @@ class Coin(Surface):
     Parameters
     ----------
     dome_mm
-        Height of the spherical dome that carries the relief.
+        Height of the spherical dome under the relief.
     relief_mm
         Height of the letters; rim, sun, sea and beads are in proportion.
     grain_mm
         Rms of the hammered texture, random waves 4 mm long on a coin of 80 mm radius.
     seed
-        Of the texture.
+        Seed of the texture.
     """
 
     dome_mm: float = 9.0
@@ -93,7 +93,7 @@ def _letters() -> Array:
     for letter in _TEXT:
         width, lines = _GLYPHS[letter]
         half = width * _LETTER_HEIGHT / 2
-        angle -= half / middle  # text runs clockwise, feet toward the centre
+        angle -= half / middle  # clockwise text with the feet of the letters toward the centre
         right = np.array([math.sin(angle), -math.cos(angle)])
         up = np.array([math.cos(angle), math.sin(angle)])
         for line in lines:
@@ -146,7 +146,7 @@ def _stroke_union(x: float, y: float, strokes: Array) -> tuple[float, float, flo
 
 @numba.njit(cache=True)
 def _sea(x: float, y: float) -> tuple[float, float, float]:
-    """Return bent waves below the sun, windowed, and their gradient."""
+    """Return curved waves below the sun, with a window, and their gradient."""
     k, bend = 2.0 * math.pi / 8.0, 2.0 * math.pi / 30.0
     angle = k * (y + 0.12 * x + 1.6 * math.sin(bend * x))
     angle_x = k * (0.12 + 1.6 * bend * math.cos(bend * x))
@@ -161,7 +161,7 @@ def _sea(x: float, y: float) -> tuple[float, float, float]:
 
 @numba.njit(cache=True)
 def _rings(x: float, y: float) -> tuple[float, float, float]:
-    """Return the raised rim, the ring of beads and the sun's disc, and their gradient."""
+    """Return the height of rim, ring of beads and sun disc, and its gradient."""
     sun, sun_t = _step((13.0**2 - x * x - y * y) / (2.0 * 13.0 * 0.9))
     sun_g = -sun_t / (13.0 * 0.9)
     h, hx, hy = 1.2 * sun, 1.2 * sun_g * x, 1.2 * sun_g * y
@@ -183,7 +183,7 @@ def _rings(x: float, y: float) -> tuple[float, float, float]:
 
 @numba.njit(cache=True)
 def _hammered(x: float, y: float, grain: Array) -> tuple[float, float, float]:
-    """Return random waves of rms 1 that end before the rim, and their gradient."""
+    """Return random waves of rms 1 that fade out before the rim, and their gradient."""
     gain = math.sqrt(2.0 / len(grain))
     z = zx = zy = 0.0
     for j in range(len(grain)):

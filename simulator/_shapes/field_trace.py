@@ -1,4 +1,4 @@
-"""First meeting of rays with a height field, also where the field is steep and hides itself."""
+"""First hits of rays on a height field, including fields that are steep and hide themselves."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from acquisition import DataError
 Array = npt.NDArray[np.float64]
 Evaluate = Callable[[Array, Array], tuple[Array, Array, Array]]
 
-# Below this share of the ray's descent the field cannot catch up with the ray a second time.
+# If the field rises by less than this share of the ray's descent, the ray crosses it only once.
 _MONOTONE = 0.9
 _NEWTON_ROUNDS = 12
-_NEWTON_ENOUGH_MM = 1e-8  # the step taken from there is exact to rounding
-# Shortest stride of the march, as a part of the ray's way from top to bottom of the field. A graze
-# between two strides is missed only where it is shallower than curvature * stride^2 / 8.
+_NEWTON_ENOUGH_MM = 1e-8  # from there, one step is exact to rounding
+# Shortest stride of the march, as a share of the ray's path from top to bottom of the field. A
+# grazing hit between two strides is missed only if it is shallower than curvature * stride^2 / 8.
 _STRIDE = 1e-3
 _CLOSING_ROUNDS = 90
 
 
 @dataclass(frozen=True)
 class FieldBounds:
-    """What no point of a height field exceeds: ``bottom_mm``, ``top_mm``, gradient ``steepest``."""
+    """Bounds of a height field: lowest and highest point, and steepest gradient."""
 
     bottom_mm: float
     top_mm: float
@@ -41,35 +41,36 @@ def meet_field(
     *,
     square: bool = False,
 ) -> tuple[Array, Array, Array]:
-    """Find where rays first meet ``z = height(x, y)`` within an outline.
+    """Find the first hits of rays on ``z = height(x, y)`` within an outline.
 
-    Rays that fall faster than the field can rise meet it once: Newton's method. All others are
-    marched from the top of the field in strides that the steepest gradient proves to be free, and
-    the meeting is then closed in from both sides. A ray that comes in below the field has come
-    through its wall and meets nothing.
+    Rays that descend faster than the field can rise hit it once and are solved by Newton's method.
+    All other rays advance from the top of the field in strides that cannot cross the field, as the
+    steepest gradient guarantees; the hit is then bracketed. A ray that enters below the field has
+    passed its wall and hits nothing.
 
     Parameters
     ----------
     evaluate
-        Height and gradient at positions of any one shape, also beyond the outline.
+        Function that returns height and gradient at positions x and y of one shape, also outside
+        the outline.
     radius_mm
-        Of the circle around the origin.
+        Radius of the circle around the origin.
     bounds
-        Of the field within the outline; too wide costs time, too narrow loses hits.
+        Bounds of the field within the outline; wide bounds cost time, narrow bounds lose hits.
     origins, directions
-        ``(n, 3)``.
+        ``(n, 3)`` rays.
     square
-        The outline is not the circle but the square in it, its sides along x and y.
+        If True, the outline is not the circle but the square in it, with sides along x and y.
 
     Returns
     -------
     t, slope_x, slope_y
-        ``(n,)``: the hit is ``origin + t * direction``, t inf where there is none.
+        ``(n,)``: the hit is ``origin + t * direction``; t is inf if there is no hit.
 
     Raises
     ------
     DataError
-        If the bounds are not finite: a field with upright places cannot be marched.
+        If the bounds are not finite: rays cannot advance over a field with vertical parts.
     """
     if not np.isfinite([bounds.bottom_mm, bounds.top_mm, bounds.steepest]).all():
         raise DataError("a height field without finite bounds cannot be traced")
@@ -110,7 +111,7 @@ Out = tuple[Array, Array, Array]
 def _reach(
     radius: float, square: bool, bounds: FieldBounds, origins: Array, directions: Array
 ) -> tuple[Array, Array]:
-    """Return where rays enter and leave the space above the outline from bottom to top."""
+    """Return t at which rays enter and leave the space inside the outline from bottom to top."""
     start, stop = _slab(origins[:, 2], directions[:, 2], bounds.bottom_mm, bounds.top_mm)
     if square:
         half = radius / np.sqrt(2)
@@ -123,7 +124,7 @@ def _reach(
 
 
 def _slab(origin: Array, way: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return where rays enter and leave a slab, its faces with a hair of slack included."""
+    """Return t at which rays enter and leave a slab, which is widened by rounding errors."""
     slack = 1e-9 * (1 + high - low)
     moves = way != 0
     safe = np.where(moves, way, 1.0)
@@ -134,7 +135,7 @@ def _slab(origin: Array, way: Array, low: float, high: float) -> tuple[Array, Ar
 
 
 def _circle(radius: float, origin: Array, way: Array) -> tuple[Array, Array]:
-    """Return where rays enter and leave an upright cylinder, its wall with a hair of slack."""
+    """Return t at which rays enter and leave a vertical cylinder, widened by rounding errors."""
     square = (radius * (1 + 1e-9)) ** 2
     a, b = (way**2).sum(axis=1), (origin * way).sum(axis=1)
     c = (origin**2).sum(axis=1) - square
@@ -147,7 +148,7 @@ def _circle(radius: float, origin: Array, way: Array) -> tuple[Array, Array]:
 
 
 def _newton(rays: _Rays, todo: npt.NDArray[np.intp], now: Array, out: Out) -> npt.NDArray[np.intp]:
-    """Solve rays that meet the field once; return those that did not settle."""
+    """Solve rays that hit the field once; return those that did not converge."""
     for _ in range(_NEWTON_ROUNDS):
         if not todo.size:
             break
@@ -163,10 +164,10 @@ def _newton(rays: _Rays, todo: npt.NDArray[np.intp], now: Array, out: Out) -> np
 def _march(
     rays: _Rays, todo: npt.NDArray[np.intp], start: Array, stop: Array, rate: Array, out: Out
 ) -> None:
-    """Stride along each ray up to its first crossing, then close in on it."""
+    """Advance along each ray to its first crossing, then refine it."""
     stride = _STRIDE * (stop - start)
     gap = rays.gap(todo, start[todo])[0]
-    # Below the field from the start: through the wall.
+    # Rays that start below the field have passed its wall.
     todo, gap = todo[gap >= 0], gap[gap >= 0]
     now = start[todo]
     while todo.size:
@@ -183,7 +184,7 @@ def _march(
 def _close_in(
     rays: _Rays, todo: npt.NDArray[np.intp], above: Array, below: Array, out: Out
 ) -> None:
-    """Narrow brackets by Newton steps where they stay inside, and by halving now and then."""
+    """Narrow brackets by Newton steps that stay inside, otherwise and every third time by half."""
     now = below
     for turn in range(_CLOSING_ROUNDS):
         gap, slope, zx, zy = rays.gap(todo, now)

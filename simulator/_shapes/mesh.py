@@ -24,25 +24,25 @@ SUFFIXES = (".obj", ".ply", ".stl")
 
 @dataclass(frozen=True, eq=False)
 class MeshBody:
-    """A mesh in its place, seen from all sides.
+    """A mesh in its final position; its faces are visible from both sides.
 
     Parameters
     ----------
     vertices_mm
-        ``(V, 3)`` in the house frame.
+        ``(V, 3)`` vertices in the house frame.
     faces
-        ``(F, 3)`` numbers of vertices.
+        ``(F, 3)`` indices of vertices.
     smooth
-        True blends the normals of the faces around each vertex over the faces, weighted by the
-        angle of each face there; False leaves every face flat.
+        If True, normals are interpolated between the vertices; a vertex normal is the mean over its
+        faces, weighted by their angles. If False, faces are flat.
     name
-        Said in messages: the file, if there is one.
+        Name in messages: the file, if there is one.
 
     Raises
     ------
     DataError
-        If there are no faces, a vertex is not finite, a face names a vertex that is not there, or
-        a face has no area.
+        If there are no faces, a vertex is not finite, a face refers to a vertex that does not
+        exist, or a face has no area.
     """
 
     vertices_mm: Array
@@ -53,27 +53,29 @@ class MeshBody:
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices_mm), np.asarray(self.faces)
         if vertices.ndim != 2 or vertices.shape[1:] != (3,):
-            raise DataError(f"{self.name}: vertices of shape {vertices.shape}, wanted (V, 3)")
+            raise DataError(f"{self.name}: vertices have shape {vertices.shape}, expected (V, 3)")
         if faces.size == 0:
             raise DataError(f"{self.name}: the mesh has no faces: is it a point cloud?")
         if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-            raise DataError(f"{self.name}: faces are not triples of vertex numbers")
+            raise DataError(f"{self.name}: faces are not triples of vertex indices")
         bad = ~np.isfinite(vertices).all(axis=1)
         if bad.any():
-            raise DataError(f"{self.name}: vertex {int(bad.argmax())} is not finite; mend the mesh")
+            raise DataError(
+                f"{self.name}: vertex {int(bad.argmax())} is not finite; repair the mesh"
+            )
         out = ((faces < 0) | (faces >= len(vertices))).any(axis=1)
         if out.any():
             raise DataError(
-                f"{self.name}: face {int(out.argmax())} names a vertex that is not there, the mesh "
-                f"has {len(vertices)}"
+                f"{self.name}: face {int(out.argmax())} refers to a vertex that does not exist; "
+                f"the mesh has {len(vertices)} vertices"
             )
         object.__setattr__(self, "vertices_mm", np.ascontiguousarray(vertices, np.float64))
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, np.int64))
         flat = np.linalg.norm(self._crosses, axis=1) == 0
         if flat.any():
             raise DataError(
-                f"{self.name}: {int(flat.sum())} of {len(flat)} faces have no area, the first is "
-                f"face {int(flat.argmax())}; remove degenerate faces"
+                f"{self.name}: {int(flat.sum())} of {len(flat)} faces have no area, the first one "
+                f"is face {int(flat.argmax())}; remove degenerate faces"
             )
 
     @classmethod
@@ -85,49 +87,49 @@ class MeshBody:
         turn_deg: Sequence[float] = (0.0, 0.0, 0.0),
         smooth: bool = True,
     ) -> Self:
-        """Read a mesh file and rest it on the board in the middle of the field.
+        """Read a mesh file and place it on the board in the middle of the field.
 
         Parameters
         ----------
         path
-            OBJ, PLY or STL.
+            OBJ, PLY or STL file.
         radius_mm
-            The mesh is scaled until its footprint reaches just so far from the origin.
+            Radius of the footprint around the origin, to which the mesh is scaled.
         turn_deg
-            Angles of rotation about the x axis, then y, then z, before it is scaled.
+            Angles of rotation about the x axis, then y, then z, before scaling.
         smooth
-            See the class. The corners of an STL file are joined where they are equal.
+            See the class. Equal vertices of an STL file are merged.
 
         Returns
         -------
         MeshBody
-            The middle of its extent in x and y over the origin, its lowest point at z = 0.
+            Mesh whose extent in x and y is centred on the origin, with its lowest point at z = 0.
 
         Raises
         ------
         MissingPathError
-            If there is no such file.
+            If the file does not exist.
         DataError
-            If the file cannot be understood, or see the class.
+            If the file cannot be parsed, or for the reasons listed for the class.
         """
         vertices, faces = read_triangles(path)
         if not (math.isfinite(radius_mm) and radius_mm > 0):
-            raise DataError(f"{path}: a radius of {radius_mm} mm is not a positive length")
+            raise DataError(f"{path}: radius_mm is {radius_mm}, it must be a positive length in mm")
         if len(turn_deg) != 3 or not all(math.isfinite(angle) for angle in turn_deg):
-            raise DataError(f"{path}: a turn of {turn_deg} is not three angles in degrees")
-        # First as it comes: it names what is wrong in the file's own terms.
+            raise DataError(f"{path}: turn_deg is {turn_deg}, it must be three angles in degrees")
+        # Check the mesh before it is moved, so that messages refer to the values in the file.
         cls(vertices, faces, smooth, str(path))
         turned = vertices @ _rotation(turn_deg).T
         low, high = turned.min(axis=0), turned.max(axis=0)
         middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
         moved = turned - middle
-        # Vertices that no face uses count too: they are part of the file's extent.
+        # Vertices that no face uses are part of the extent, too.
         scale = radius_mm / float(np.hypot(moved[:, 0], moved[:, 1]).max())
         return cls(moved * scale, faces, smooth, str(path))
 
     @property
     def radius_mm(self) -> float:
-        """Radius around the origin that holds the whole footprint."""
+        """Radius around the origin that contains the footprint."""
         return float(np.hypot(self.vertices_mm[:, 0], self.vertices_mm[:, 1]).max())
 
     @property
@@ -137,23 +139,23 @@ class MeshBody:
 
     @cached_property
     def tree(self) -> TriangleTree:
-        """The triangles, ready for searching."""
+        """Search tree of the triangles."""
         return TriangleTree.grow(self.vertices_mm[self.faces])
 
     @cached_property
     def face_normals(self) -> Array:
-        """``(F, 3)`` unit normals of the faces, corners counterclockwise."""
+        """``(F, 3)`` unit normals of the faces; corners are counterclockwise."""
         crosses = self._crosses
         normals: Array = crosses / np.linalg.norm(crosses, axis=1, keepdims=True)
         return normals
 
     @cached_property
     def vertex_normals(self) -> Array:
-        """``(V, 3)`` unit normals, the mean over the faces by their angle at the vertex.
+        """``(V, 3)`` unit normals, the mean over the faces weighted by their angle at the vertex.
 
-        The weights of Thuermer and Wuethrich (Computing vertex normals from polygonal facets,
-        1998): they do not depend on how a flat part is cut into triangles. (0, 0, 1) where no
-        face is, or where the faces cancel out.
+        These weights (Thuermer and Wuethrich, Computing vertex normals from polygonal facets, 1998)
+        do not depend on the triangulation of a flat part. The normal is (0, 0, 1) if a vertex has
+        no faces or their normals cancel out.
         """
         total = np.zeros_like(self.vertices_mm)
         corners = self.vertices_mm[self.faces]
@@ -167,11 +169,11 @@ class MeshBody:
                     self.faces[:, c], angle * self.face_normals[:, axis], len(total)
                 )
         length = np.linalg.norm(total, axis=1, keepdims=True)
-        known = length > 1e-9
-        return np.where(known, total / np.where(known, length, 1.0), [0.0, 0.0, 1.0])
+        defined = length > 1e-9
+        return np.where(defined, total / np.where(defined, length, 1.0), [0.0, 0.0, 1.0])
 
     def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
-        """Return which positions of the board the mesh covers, seen straight from above."""
+        """Return which positions of the board the mesh covers, seen vertically from above."""
         x, y = np.broadcast_arrays(x_mm, y_mm)
         covered = np.zeros(x.shape, np.bool_)
         near = np.hypot(x, y) <= self.radius_mm
@@ -181,18 +183,18 @@ class MeshBody:
         return covered
 
     def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
-        """Find where rays first meet the mesh.
+        """Find the first hits of rays on the mesh.
 
         Parameters
         ----------
         origins_mm, directions
-            ``(..., 3)``, or shapes that broadcast to one another.
+            ``(..., 3)`` arrays that broadcast against each other.
 
         Returns
         -------
         BodyHits
-            Points to rounding. A face is seen from both sides: its normal is turned to the side
-            that the ray came from, and a smooth normal goes with its face.
+            Hits, to rounding error. A face is visible from both sides: its normal, also a smooth
+            one, is flipped to the side from which the ray arrives.
         """
         origins, directions = np.broadcast_arrays(origins_mm, directions)
         shape = origins.shape[:-1]
@@ -211,7 +213,7 @@ class MeshBody:
         return BodyHits(points.reshape(*shape, 3), normals.reshape(*shape, 3), hit.reshape(shape))
 
     def shadow_caster(self, step_mm: float) -> TriangleTree:
-        """Return the tree; its ``blocked`` finds what stands before a lamp."""
+        """Return the tree, whose ``blocked`` finds blocked shadow rays."""
         return self.tree
 
     @property
@@ -222,32 +224,34 @@ class MeshBody:
 
 
 def read_triangles(path: Path | str) -> tuple[Array, Faces]:
-    """Read the triangles of a mesh file, polygons cut into triangles.
+    """Read the triangles of a mesh file; polygons are triangulated.
 
     Parameters
     ----------
     path
-        OBJ, PLY or STL.
+        OBJ, PLY or STL file.
 
     Returns
     -------
     vertices, faces
-        ``(V, 3)`` in the units and axes of the file, ``(F, 3)``.
+        ``(V, 3)`` vertices in the units and axes of the file, ``(F, 3)`` indices.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If the file is not one of these, or is damaged.
+        If the file has another format or is damaged.
     """
     file = Path(path)
     if file.suffix.lower() not in SUFFIXES:
-        raise DataError(f"{file}: a mesh is read from {', '.join(SUFFIXES)}, not {file.suffix!r}")
+        raise DataError(
+            f"{file}: the suffix of a mesh file must be {', '.join(SUFFIXES)}, not {file.suffix!r}"
+        )
     mesh = read_mesh_file(file)
     faces = np.zeros((0, 3), np.int64) if mesh.faces is None else mesh.faces
     if file.suffix.lower() == ".stl":
-        # Each facet has vertices of its own: joined, or no normal could be blended.
+        # Each facet has its own vertices; they are merged so that normals can be interpolated.
         vertices, places = np.unique(mesh.vertices, axis=0, return_inverse=True)
         return vertices, places.reshape(-1)[faces]
     return mesh.vertices, faces

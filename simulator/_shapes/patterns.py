@@ -1,4 +1,4 @@
-"""Albedo over the plane: what is painted or printed on the object and on the board."""
+"""Albedo over the plane: paint or print on the object and on the board."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from simulator._shapes.waves import random_waves
 Array = npt.NDArray[np.float64]
 Albedo = float | tuple[float, float, float]
 
-# A marker is 6 x 6 modules within a square of 8 x 8, so that every edge lies on one grid.
+# A marker is 6 x 6 modules within a square of 8 x 8, so all edges are on one grid.
 _MODULES_PER_SQUARE, _MODULES_PER_MARKER = 8, 6
 _MARKERS = 250
 
 
 class Pattern(ABC):
-    """An albedo for every position (x, y), whatever the height there.
+    """Albedo as a function of the position (x, y), independent of the height.
 
-    ``sharp`` says that it has edges, which the renderer then averages over a pixel.
+    ``sharp`` is True for a pattern with edges; the renderer averages it over a pixel.
     """
 
     sharp: ClassVar[bool] = False
@@ -38,18 +38,19 @@ class Pattern(ABC):
         Parameters
         ----------
         x_mm, y_mm
-            Positions in the house frame, any one shape.
+            Positions in the house frame, arrays of one shape.
 
         Returns
         -------
         Array
-            That shape for a grey pattern, with a last axis of red, green, blue for a coloured one.
+            Array of that shape for a grey pattern; a coloured pattern adds a last axis of red,
+            green, blue.
         """
 
 
 @dataclass(frozen=True)
 class Even(Pattern):
-    """One albedo everywhere, grey or ``(r, g, b)``."""
+    """Uniform albedo, grey or ``(r, g, b)``."""
 
     albedo: Albedo = 0.8
 
@@ -62,12 +63,12 @@ class Even(Pattern):
 
 @dataclass(frozen=True)
 class Checker(Pattern):
-    """Squares of two albedos; a corner of four squares lies at the origin.
+    """Squares of two albedos; a corner of four squares is at the origin.
 
     Parameters
     ----------
     low, high
-        Albedos, grey or ``(r, g, b)``; ``high`` lies right above the origin.
+        Albedos, grey or ``(r, g, b)``; the square to the upper right of the origin has ``high``.
     square_mm
         Side of a square.
     """
@@ -88,14 +89,14 @@ class Checker(Pattern):
 
 @dataclass(frozen=True)
 class Gradient(Pattern):
-    """An even change from one albedo to another, constant before and after.
+    """Linear change from one albedo to another, constant on both sides of it.
 
     Parameters
     ----------
     low, high
         Albedos at both ends, grey or ``(r, g, b)``.
     length_mm
-        Way from one to the other, half of it on each side of the origin.
+        Length of the change, half of it on each side of the origin.
     angle_deg
         Direction of the change: 0 to the right (+X), 90 up (+Y).
     """
@@ -109,7 +110,7 @@ class Gradient(Pattern):
         _check_albedo("Gradient", low=self.low, high=self.high)
         _check_length("Gradient", length_mm=self.length_mm)
         if not math.isfinite(self.angle_deg):
-            raise DataError(f"Gradient: angle_deg is {self.angle_deg}, not a number")
+            raise DataError(f"Gradient: angle_deg is {self.angle_deg}, it must be a finite number")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         angle = math.radians(self.angle_deg)
@@ -119,7 +120,7 @@ class Gradient(Pattern):
 
 @dataclass(frozen=True)
 class Paint(Pattern):
-    """An albedo that wanders smoothly between two values, or one value where both are equal.
+    """Albedo that varies smoothly and randomly between two values.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ class Paint(Pattern):
     wavelength_mm
         Typical length of the variation.
     seed
-        Of the pattern.
+        Seed of the pattern.
     """
 
     low: float
@@ -139,28 +140,28 @@ class Paint(Pattern):
     def __post_init__(self) -> None:
         if not 0 <= self.low <= self.high <= 1 or not self.wavelength_mm > 0:
             raise DataError(
-                f"an albedo runs from low to high within 0..1 over a positive wavelength, "
-                f"not {self.low}..{self.high} over {self.wavelength_mm} mm"
+                f"Paint: low {self.low}, high {self.high}, wavelength_mm {self.wavelength_mm} are "
+                "out of range: 0 <= low <= high <= 1, wavelength_mm > 0"
             )
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         waves = random_waves(self.wavelength_mm, self.seed, count=5)
         swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
-        # Five waves seldom meet: tanh spreads their sum to the bounds and never past them.
+        # The sum of five waves is rarely near its extremes: tanh expands it to the bounds.
         albedo: Array = self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing))
         return albedo
 
 
 @dataclass(frozen=True)
 class ColourWheel(Pattern):
-    """All hues around the origin: red to the right, green and blue counterclockwise after it.
+    """All hues around the origin: red on the right, then counterclockwise green and blue.
 
     Parameters
     ----------
     radius_mm
-        Where the colours are full; they fade to grey toward the middle.
+        Radius of full saturation; the colours fade to grey toward the middle.
     low, high
-        Albedo of a full colour's weakest and strongest channel.
+        Albedo of the weakest and the strongest channel at full saturation.
     """
 
     radius_mm: float = 80.0
@@ -183,15 +184,15 @@ class ColourWheel(Pattern):
 
 @dataclass(frozen=True)
 class ChArUco(Pattern):
-    """A ChArUco board around the origin, of markers from OpenCV's ``DICT_4X4_250``.
+    """A ChArUco board around the origin, with markers from OpenCV's ``DICT_4X4_250``.
 
-    A checkerboard whose white squares carry markers, the first at the upper left. Around it is
-    white paper without end. A marker is 3/4 as wide as its square.
+    The white squares of a checkerboard have markers, the first one at the upper left. The paper
+    around the board is white and unlimited. The width of a marker is 3/4 of its square.
 
     Parameters
     ----------
     columns, rows
-        Squares in x and in y, 2 or more each, at most 500 in all.
+        Number of squares in x and in y, 2 or more each, at most 500 in total.
     square_mm
         Side of a square.
     black, white
@@ -210,8 +211,8 @@ class ChArUco(Pattern):
         _check_length("ChArUco", square_mm=self.square_mm)
         if min(self.columns, self.rows) < 2 or self.columns * self.rows > 2 * _MARKERS:
             raise DataError(
-                f"ChArUco: {self.columns} x {self.rows} squares; it takes 2 or more each way and "
-                f"at most {2 * _MARKERS} in all"
+                f"ChArUco: {self.columns} x {self.rows} squares; columns and rows must be 2 or "
+                f"more, and the total at most {2 * _MARKERS}"
             )
 
     @property

@@ -19,28 +19,29 @@ from simulator._shapes.waves import add_waves, random_waves
 
 Array = npt.NDArray[np.float64]
 
-_WAVES = 24  # plane waves in band noise: enough that no direction stands out
-_SAMPLES = 513  # along each side, to look for the extremes of a field
-_STEEPER = 1.3  # how much steeper than the steepest sample a field is taken to be
+_WAVES = 24  # plane waves in band noise, enough to look isotropic
+_SAMPLES = 513  # samples along each side to find the extremes of a field
+_STEEPER = 1.3  # safety factor on the steepest gradient of the samples
 _MOST_SAMPLES = 16_000_000
 
 
 @dataclass(frozen=True)
 class Surface(ABC):
-    """An object on the backing board: a height field inside an outline.
+    """An object on the board: a height field inside an outline.
 
     Parameters
     ----------
     radius_mm
-        Radius of the outline around the frame's origin. The board at z = 0 begins outside it;
-        the wall between the two is not drawn.
+        Radius of the outline around the frame's origin. The board at z = 0 begins outside it; the
+        wall between object and board is not rendered.
     outline
-        ``round``, or ``square``: the square that the circle holds, its sides along x and y.
+        ``round``, or ``square`` for the square inside the circle, with sides along x and y.
 
     Raises
     ------
     DataError
-        If a parameter is not a finite number or a length is not positive. The message names it.
+        If a parameter is not a finite number or a length is not positive. The message names the
+        parameter.
     """
 
     radius_mm: float
@@ -50,7 +51,9 @@ class Surface(ABC):
         for item in fields(self):
             value = getattr(self, item.name)
             if isinstance(value, int | float) and not math.isfinite(value):
-                raise DataError(f"{type(self).__name__}: {item.name} is {value}, not a number")
+                raise DataError(
+                    f"{type(self).__name__}: {item.name} is {value}, it must be a finite number"
+                )
         if self.outline not in ("round", "square"):
             raise DataError(
                 f"{type(self).__name__}: outline is {self.outline!r}, it must be round or square"
@@ -71,18 +74,18 @@ class Surface(ABC):
         Parameters
         ----------
         x_mm, y_mm
-            Positions, any one shape. Positions outside the outline are allowed: the field goes on
+            Positions, arrays of one shape. They may be outside the outline: the field continues
             there, so that a search may step over the edge.
 
         Returns
         -------
         z_mm, dz_dx, dz_dy
-            Height above the board and its exact derivatives, same shape.
+            Height above the board and its exact derivatives, with the same shape.
         """
 
     @cached_property
     def bounds(self) -> FieldBounds:
-        """Extremes of height and gradient within the outline, from samples and a margin."""
+        """Bounds of height and gradient within the outline, from samples plus a margin."""
         span = np.linspace(-self.radius_mm, self.radius_mm, _SAMPLES)
         x, y = np.meshgrid(span, span)
         within = x**2 + y**2 <= self.radius_mm**2
@@ -94,11 +97,11 @@ class Surface(ABC):
 
     @property
     def top_mm(self) -> float:
-        """Height above the board that the object does not exceed."""
+        """Upper bound of the object's height above the board."""
         return self.bounds.top_mm
 
     def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
-        """Return which positions lie within the outline, its edge included."""
+        """Return which positions are within the outline, including its edge."""
         within: npt.NDArray[np.bool_]
         if self.outline == "square":
             half = self.radius_mm / math.sqrt(2)
@@ -108,18 +111,18 @@ class Surface(ABC):
         return within
 
     def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
-        """Find where rays first meet the surface.
+        """Find the first hits of rays on the surface.
 
         Parameters
         ----------
         origins_mm, directions
-            ``(..., 3)``, or shapes that broadcast to one another.
+            ``(..., 3)`` arrays that broadcast against each other.
 
         Returns
         -------
         BodyHits
-            Points to 1e-9 mm. Where the surface hides parts of itself a ray may pass that only
-            grazes it, over less than 1e-3 of its way from top to bottom of the surface.
+            Hits, to 1e-9 mm. If the surface hides parts of itself, a grazing hit may be missed if
+            it is shorter than 1e-3 of the ray's path from top to bottom of the surface.
 
         Raises
         ------
@@ -151,29 +154,30 @@ class Surface(ABC):
         Parameters
         ----------
         step_mm
-            Distance of the samples.
+            Distance between samples.
 
         Returns
         -------
         HeightGrid
-            Symmetric about the origin, two steps wider than the outline, 0 outside it.
+            Grid that is symmetric about the origin and two steps wider than the outline on each
+            side; heights outside the outline are 0.
 
         Raises
         ------
         DataError
-            If the step is not positive or so small that the grid would not fit into memory.
+            If the step is not positive, or so small that the grid has too many samples.
         """
         if not (math.isfinite(step_mm) and step_mm > 0):
-            raise DataError(f"a shadow grid with a step of {step_mm} mm cannot be sampled")
+            raise DataError(f"the step of a shadow grid is {step_mm} mm, it must be positive")
         reach = math.ceil(self.radius_mm / step_mm) + 2
         if (2 * reach + 1) ** 2 > _MOST_SAMPLES:
             raise DataError(
                 f"a shadow grid with a step of {step_mm:g} mm has {(2 * reach + 1) ** 2} samples, "
-                f"more than {_MOST_SAMPLES}: take a larger step"
+                f"more than {_MOST_SAMPLES}: use a larger step"
             )
         span = step_mm * np.arange(-reach, reach + 1)
         heights = np.zeros((span.size, span.size), np.float32)
-        # Row by row bands: the gradients are not kept.
+        # In bands of rows, because the gradients of all samples would need too much memory.
         for band in np.array_split(np.arange(span.size), max(1, span.size**2 // 1_000_000)):
             x, y = np.meshgrid(span, span[band])
             within = self.inside(x, y)
@@ -186,9 +190,10 @@ class Surface(ABC):
 def drawn(
     draw: Callable[[Array, Array, Array], None], x_mm: Array, y_mm: Array, unit_mm: float = 1.0
 ) -> Array:
-    """Return ``(3, ...)`` height and gradient that a kernel draws at positions of any one shape.
+    """Return ``(3, ...)`` height and gradient of a kernel at positions x and y of one shape.
 
-    ``draw`` takes x and y, ``(n,)`` in units of its own, and writes into ``(3, n)`` zeros.
+    ``draw`` receives x and y, ``(n,)`` in units of ``unit_mm``, and an array of zeros ``(3, n)``
+    for its result.
     """
     x, y = np.broadcast_arrays(x_mm, y_mm)
     out = np.zeros((3, x.size))
@@ -223,7 +228,7 @@ class Plane(Surface):
 class SphericalCap(Surface):
     """A dome that meets the board at the outline: the top ``height_mm`` of a sphere.
 
-    A cap as high as its radius is half a sphere, upright at the rim.
+    If the height equals the radius, the cap is a hemisphere and vertical at its rim.
     """
 
     height_mm: float = 10.0
@@ -234,19 +239,19 @@ class SphericalCap(Surface):
         if self.height_mm > self.radius_mm:
             raise DataError(
                 f"SphericalCap: height_mm {self.height_mm} must not exceed radius_mm "
-                f"{self.radius_mm}: a camera above cannot see more than half a sphere"
+                f"{self.radius_mm}: a camera above cannot see more than a hemisphere"
             )
 
     @property
     def sphere_radius_mm(self) -> float:
-        """Radius of the sphere that the cap is cut from."""
+        """Radius of the sphere of which the cap is a part."""
         return (self.radius_mm**2 + self.height_mm**2) / (2 * self.height_mm)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         sphere = self.sphere_radius_mm
         squared = x_mm**2 + y_mm**2
         on_cap = squared <= self.radius_mm**2
-        # The rim of a half sphere is upright: its gradient is kept finite.
+        # The rim of a hemisphere is vertical; the gradient is kept finite there.
         least = (1e-12 * sphere) ** 2
         rise = np.sqrt(np.where(on_cap, np.maximum(sphere**2 - squared, least), sphere**2))
         z = np.where(on_cap, rise - (sphere - self.height_mm), 0.0)
@@ -259,7 +264,7 @@ class SphericalCap(Surface):
         return FieldBounds(0.0, self.height_mm, rim)
 
     def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
-        """Find where rays first meet the cap, in closed form (see `Surface.trace`)."""
+        """Find the first hits of rays on the cap in closed form (see `Surface.trace`)."""
         origins, directions = np.broadcast_arrays(origins_mm, directions)
         centre = np.array([0.0, 0.0, self.height_mm - self.sphere_radius_mm])
         offset = origins - centre
@@ -289,7 +294,7 @@ class Ripples(Surface):
         k = 2 * math.pi / self.wavelength_mm
         r = np.hypot(x_mm, y_mm)
         z = self.amplitude_mm * (1 + np.cos(k * r))
-        # sin(kr)/r by sinc: it has a limit at the centre.
+        # sinc gives the limit of sin(kr)/r at the centre.
         steep = -self.amplitude_mm * k * k * np.sinc(k * r / math.pi)
         return z, steep * x_mm, steep * y_mm
 
@@ -301,7 +306,7 @@ class Ripples(Surface):
 
 @dataclass(frozen=True)
 class BandNoise(Surface):
-    """Random waves of one wavelength in all directions, around z = ``height_mm``."""
+    """Random waves of one wavelength in all directions, with the mean height ``height_mm``."""
 
     rms_mm: float = 0.1
     wavelength_mm: float = 8.0

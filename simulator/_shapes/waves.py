@@ -1,4 +1,4 @@
-"""Plane waves of one length in all directions, the stuff of noise, grain and wandering paint."""
+"""Plane waves of one wavelength in all directions, for noise, grain and varying paint."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Array = npt.NDArray[np.float64]
 
 
 def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
-    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one length.
+    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one wavelength.
 
-    The directions are spread evenly over the half circle and then shaken, so that a few waves
-    already look the same from all sides.
+    The directions are uniform over the half circle plus a random offset, so that even a few waves
+    look isotropic.
     """
     rng = np.random.default_rng(seed)
     angle = (np.arange(count) + rng.uniform(-0.5, 0.5, count)) * math.pi / count

@@ -1,4 +1,4 @@
-"""A GenTL producer of our own: the virtual camera as a library for GenICam programs."""
+"""GenTL producer of the virtual camera, a library for GenICam programs."""
 
 from simulator.gentl._build import CompilerError, build
 

@@ -7,7 +7,7 @@ from simulator.gentl import build
 
 
 def main() -> int:
-    """Print the path of the ``.cti``; exit code 3 with one line where it cannot be built."""
+    """Print the path of the ``.cti``; if it cannot be built, print one line and return 3."""
     try:
         path = build()
     except RigError as error:

@@ -1,4 +1,4 @@
-"""The virtual camera's library, built by the local C compiler into the user's cache."""
+"""Build the virtual camera's library with the local C compiler in the user's cache."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ _TIMEOUT_S = 300.0
 
 
 class CompilerError(RigError):
-    """There is no C compiler, or it cannot build the virtual camera."""
+    """No C compiler is found, or it cannot build the virtual camera."""
 
 
 def build() -> Path:
-    """Build the GenTL producer unless the cache has it.
+    """Build the GenTL producer unless it is in the cache.
 
-    The cache is the folder ``sgp`` in ``$XDG_CACHE_HOME`` or ``~/.cache``. The file's folder is
-    named by a hash of sources, flags and compiler, so that every version has its own. The compiler
-    is ``$CC``, ``cc``, ``gcc`` or ``clang``, whichever is found first. Processes that build at the
-    same time do not disturb each other: the file appears whole.
+    The cache is the folder ``sgp`` in ``$XDG_CACHE_HOME`` or ``~/.cache``. The name of the file's
+    folder has a hash of sources, flags and compiler, so every version has its own folder. The
+    compiler is ``$CC`` if it is set, otherwise the first of ``cc``, ``gcc`` and ``clang`` that is
+    found. Processes can build at the same time: the complete file appears in one step.
 
     Returns
     -------
     Path
-        The ``.cti``, a shared library.
+        Path of the ``.cti``, a shared library.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def build() -> Path:
         try:
             built = scratch.path / cti.name
             command = [*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES]
-            # The compiler's own files too: one that is killed leaves them.
+            # Also for the compiler's temporary files, which remain if it is killed.
             _run(command, os.environ | {"TMPDIR": str(scratch.path)})
             write_durably(cti, built.read_bytes())
         finally:

@@ -15,8 +15,8 @@
 #include "picture.h"
 #include "stream.h"
 
-/* Exposures whose frames are not out yet; more do not fit the camera's memory. As many as pulses are
- * remembered, so that threads which a busy host keeps waiting miss none. */
+/* Maximum number of exposures whose frames have not been delivered, the camera's memory. It is the
+ * length of the ring of pulses, so that threads that wait for a busy host miss no pulse. */
 #define UNDER_WAY BENCH_PULSES
 #define POLL_NS 200000
 
@@ -25,12 +25,12 @@ static pthread_cond_t wake;
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 
 static struct control *control;
-static uint32_t unplugs; /* when it was opened */
+static uint32_t unplugs; /* counter at the time of opening */
 static pthread_t trigger_thread, frame_thread;
 static bool acquiring;
-/* Read without the lock too, while a frame is composed. */
+/* Also read without the lock, while a frame is composed. */
 static atomic_bool quit;
-static _Atomic uint64_t runs; /* starts and stops so far: frames of an earlier one are dropped */
+static _Atomic uint64_t runs; /* number of starts and stops; frames of earlier runs are dropped */
 static uint64_t next_block, frames_left;
 static int64_t armed_ns, lamps_ns, last_start_ns, last_end_ns;
 static uint64_t next_pulse;
@@ -40,7 +40,7 @@ static struct job {
     struct pixel_format format;
     struct fault fault;
     uint64_t run;
-    int64_t out_ns; /* read out */
+    int64_t out_ns; /* end of the readout */
 } jobs[UNDER_WAY];
 static uint64_t jobs_in, jobs_out;
 
@@ -90,7 +90,7 @@ static int64_t earliest_ns(int64_t exposure_ns)
 {
     const int64_t readout_ns = llrint(control->readout_us * 1000);
     const int64_t by_period = last_start_ns + llrint(least_period_us() * 1000);
-    /* A row is read when its exposure ends, and one row at a time. */
+    /* A row is read when its exposure ends; only one row is read at a time. */
     const int64_t by_readout = last_end_ns + readout_ns - exposure_ns;
     int64_t earliest = by_period > last_end_ns ? by_period : last_end_ns;
     return by_readout > earliest ? by_readout : earliest;
@@ -136,7 +136,7 @@ static void expose(int64_t trigger_ns)
     lamps_ns += exposure_ns;
     last_start_ns = start_ns;
     last_end_ns = start_ns + exposure_ns;
-    bench_tell_exposure(start_ns, control->rolling ? job->out_ns : last_end_ns);
+    bench_record_exposure(start_ns, control->rolling ? job->out_ns : last_end_ns);
     pthread_cond_broadcast(&wake);
 }
 
@@ -144,7 +144,7 @@ GC_ERROR acquisition_software_trigger(void)
 {
     if (!node_integer(TRIGGER_MODE) || node_integer(TRIGGER_SOURCE) != SOURCE_SOFTWARE)
         return fail(GC_ERR_ACCESS_DENIED,
-                    "TriggerSoftware needs TriggerMode On and TriggerSource Software");
+                    "TriggerSoftware requires TriggerMode On and TriggerSource Software");
     if (acquiring)
         expose(now_ns());
     else
@@ -152,7 +152,7 @@ GC_ERROR acquisition_software_trigger(void)
     return GC_ERR_SUCCESS;
 }
 
-/* Follow the trigger line; returns when to look again. */
+/* Expose at new pulses of the trigger line; returns the time of the next check. */
 static int64_t watch_line(void)
 {
     const uint64_t pulses = bench_pulses();
@@ -162,7 +162,7 @@ static int64_t watch_line(void)
         if (at == BENCH_WITHDRAWN)
             continue;
         const int64_t now = now_ns();
-        /* Of BENCH_NOT_YET too, to which nothing can be added. */
+        /* Also for BENCH_NOT_YET, to which adding a value would overflow. */
         if (at > now - shift)
             return at - now < POLL_NS - shift ? at + shift : now + POLL_NS;
         at += shift;
@@ -172,7 +172,7 @@ static int64_t watch_line(void)
     return now_ns() + POLL_NS;
 }
 
-/* Run free; returns when the next exposure is due. */
+/* Expose without triggers; returns the time of the next exposure. */
 static int64_t run_free(void)
 {
     const int64_t exposure_ns = llrint(node_float(EXPOSURE_TIME)) * 1000;
@@ -203,7 +203,7 @@ static void *watch_triggers(void *unused)
     return unused;
 }
 
-/* Whether nobody wants the frame under way any more. */
+/* Whether the frame in progress is no longer needed. */
 static bool give_up(void)
 {
     return quit || !acquisition_alive() || jobs[jobs_out % UNDER_WAY].run != runs;
@@ -253,9 +253,9 @@ GC_ERROR acquisition_open(struct control *camera, const struct files *files)
     lamps_ns = 0;
     if (!picture_open(camera, files)) {
         picture_close();
-        return fail(GC_ERR_OUT_OF_MEMORY, "no memory for frames");
+        return fail(GC_ERR_OUT_OF_MEMORY, "not enough memory for frames");
     }
-    /* Signals belong to the threads of the host. */
+    /* The threads of the host handle signals. */
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -272,7 +272,7 @@ GC_ERROR acquisition_open(struct control *camera, const struct files *files)
         pthread_join(trigger_thread, NULL);
     }
     picture_close();
-    return fail(GC_ERR_RESOURCE_EXHAUSTED, "no more threads (%s)", strerror(second));
+    return fail(GC_ERR_RESOURCE_EXHAUSTED, "a thread cannot be started (%s)", strerror(second));
 }
 
 void acquisition_close(void)

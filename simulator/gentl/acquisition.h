@@ -1,4 +1,4 @@
-/* The camera at work: triggers in, frames out. One lock guards it and the registers. */
+/* Acquisition: from triggers to frames. One lock protects it and the registers. */
 #ifndef ACQUISITION_H
 #define ACQUISITION_H
 
@@ -10,14 +10,14 @@ void device_unlock(void);
 
 GC_ERROR acquisition_open(struct control *camera, const struct files *files);
 void acquisition_close(void);
-/* Whether this camera is still the one that was opened: not unplugged since. */
+/* Whether this camera has not been unplugged since it was opened. */
 bool acquisition_alive(void);
 
 /* With the lock held: */
 void acquisition_start(void);
 void acquisition_stop(void);
 GC_ERROR acquisition_software_trigger(void);
-/* Registers have changed: look again. */
+/* Wake the threads: registers have changed. */
 void acquisition_notice(void);
 
 #endif

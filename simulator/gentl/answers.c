@@ -28,12 +28,12 @@ GC_ERROR last_error(GC_ERROR *code, char *text, size_t *size)
 GC_ERROR answer_bytes(struct answer to, INFO_DATATYPE type, const void *value, size_t size)
 {
     if (!to.size)
-        return fail(GC_ERR_INVALID_PARAMETER, "no place for the size of the answer");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the size of the answer is NULL");
     if (to.type)
         *to.type = type;
     if (to.buffer) {
         if (*to.size < size)
-            return fail(GC_ERR_BUFFER_TOO_SMALL, "the answer needs %zu bytes, not %zu", size,
+            return fail(GC_ERR_BUFFER_TOO_SMALL, "the answer requires %zu bytes, not %zu", size,
                         *to.size);
         memcpy(to.buffer, value, size);
     }
@@ -80,7 +80,7 @@ GC_ERROR answer_pointer(struct answer to, void *value)
 GC_ERROR answer_count(uint32_t *to, uint32_t count)
 {
     if (!to)
-        return fail(GC_ERR_INVALID_PARAMETER, "no place for the count");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the count is NULL");
     *to = count;
     return GC_ERR_SUCCESS;
 }

@@ -1,13 +1,13 @@
-/* How questions of the client are answered, and how a refusal says why. */
+/* Answers to queries of the client, and reasons of errors. */
 #ifndef ANSWERS_H
 #define ANSWERS_H
 
 #include "gentl.h"
 
-/* Where an answer goes: the three arguments that all questions of GenTL end with. */
+/* Destination of an answer: the last three arguments of all queries of GenTL. */
 struct answer {
     INFO_DATATYPE *type;
-    void *buffer; /* NULL asks for the size alone */
+    void *buffer; /* NULL: only the size is requested */
     size_t *size;
 };
 
@@ -19,10 +19,10 @@ GC_ERROR answer_u32(struct answer to, uint32_t value);
 GC_ERROR answer_u64(struct answer to, uint64_t value);
 GC_ERROR answer_size(struct answer to, size_t value);
 GC_ERROR answer_pointer(struct answer to, void *value);
-/* How many there are of something. */
+/* Answer a query for a number of items. */
 GC_ERROR answer_count(uint32_t *to, uint32_t count);
 
-/* Keep the reason of a refusal for GCGetLastError, and return its code. */
+/* Store the reason of an error for GCGetLastError, and return its code. */
 __attribute__((format(printf, 2, 3))) GC_ERROR fail(GC_ERROR code, const char *format, ...);
 GC_ERROR last_error(GC_ERROR *code, char *text, size_t *size);
 

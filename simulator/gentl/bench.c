@@ -74,9 +74,9 @@ void bench_close(void)
     bench = NULL;
 }
 
-/* Copy what the board has written, when it is not just writing. A board that died at it leaves the
- * count odd for ever: after a tenth of a second what is there is taken as it is, and from then on
- * at once. */
+/* Copy the bench state while the board is not writing. If the board died while it wrote, its change
+ * counter stays odd: after about a tenth of a second, the state is copied as it is, and later
+ * copies do not wait. */
 static struct bench copied(void)
 {
     static _Thread_local uint64_t given_up_on;
@@ -130,7 +130,7 @@ int64_t bench_pulse(uint64_t number)
     return written == (int64_t)number ? copy.pulses[slot].time_ns : BENCH_WITHDRAWN;
 }
 
-void bench_tell_exposure(int64_t start_ns, int64_t end_ns)
+void bench_record_exposure(int64_t start_ns, int64_t end_ns)
 {
     if (!bench)
         return;

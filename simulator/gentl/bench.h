@@ -1,5 +1,5 @@
-/* The bench state: the light and the trigger pulses of the board, and the exposures told to it.
- * The file's layout is that of `simulator/_bench_state.py`. */
+/* The bench state: light and trigger pulses of the board, and exposures of the camera.
+ * The layout of the file is that of `simulator/_bench_state.py`. */
 #ifndef BENCH_H
 #define BENCH_H
 
@@ -15,23 +15,23 @@
 
 struct lit {
     int32_t led;
-    int32_t dimming; /* its light is 1 - dimming / 4095 of the full */
+    int32_t dimming; /* the light is 1 - dimming / 4095 of full brightness */
     int64_t start_ns, end_ns;
 };
 #define BENCH_FULL_LEVEL 4095
 
-/* An empty path: nothing ever burns and no pulse ever comes. */
+/* With an empty path, all LEDs are always off and there are no pulses. */
 GC_ERROR bench_open(const char *path);
 void bench_close(void);
-/* Copy the periods that touch a window, oldest first. Returns how many; -1 where the ring may have
- * forgotten some. */
+/* Copy the periods that overlap a window, oldest first. Returns their number, or -1 if the ring may
+ * no longer contain some of them. */
 int bench_lit(int64_t start_ns, int64_t end_ns, struct lit lit[BENCH_LIT]);
-/* How many trigger pulses have been announced so far. */
+/* Number of trigger pulses announced so far. */
 uint64_t bench_pulses(void);
-/* When a pulse comes or came; BENCH_WITHDRAWN for one that does not or is forgotten, and
- * BENCH_NOT_YET while it is being written. */
+/* Time of a pulse in the past or future; BENCH_WITHDRAWN if it was cancelled or is no longer in the
+ * ring, BENCH_NOT_YET while it is being written. */
 int64_t bench_pulse(uint64_t number);
-/* Tell the board when the camera exposes. */
-void bench_tell_exposure(int64_t start_ns, int64_t end_ns);
+/* Record an exposure for the board. */
+void bench_record_exposure(int64_t start_ns, int64_t end_ns);
 
 #endif

@@ -11,8 +11,8 @@ static struct control *control;
 static struct files files;
 static bool is_open;
 
-/* The control file, opened when first needed. */
-static struct control *known(void)
+/* The control file, which is opened when it is first needed. */
+static struct control *opened_control(void)
 {
     if (!control)
         control = control_open(&files);
@@ -21,15 +21,15 @@ static struct control *known(void)
 
 bool camera_plugged(void)
 {
-    /* A damaged camera is shown, so that opening it can say what is wrong. */
-    return !known() || __atomic_load_n(&control->plugged, __ATOMIC_ACQUIRE);
+    /* A damaged camera is listed, so that the error of opening it can name the reason. */
+    return !opened_control() || __atomic_load_n(&control->plugged, __ATOMIC_ACQUIRE);
 }
 
-const char *camera_serial(void) { return known() ? control->serial : "damaged"; }
+const char *camera_serial(void) { return opened_control() ? control->serial : "damaged"; }
 
 GC_ERROR camera_open(void)
 {
-    if (!known())
+    if (!opened_control())
         return GC_ERR_IO;
     if (!camera_plugged())
         return fail(GC_ERR_IO, "camera %s is not plugged in", control->serial);

@@ -1,4 +1,4 @@
-/* The clock that all of the bench shares, and waiting by it. */
+/* The clock of all parts of the bench, and functions that wait. */
 #ifndef CLOCK_H
 #define CLOCK_H
 
@@ -22,7 +22,7 @@ static inline void condition_init(pthread_cond_t *condition)
     pthread_condattr_destroy(&attributes);
 }
 
-/* Wait until the condition is signalled, or at most up to a time. */
+/* Wait until the condition is signalled, or until a time at the latest. */
 static inline void wait_until(pthread_cond_t *condition, pthread_mutex_t *lock, int64_t until_ns)
 {
     const struct timespec until = {until_ns / 1000000000, until_ns % 1000000000};

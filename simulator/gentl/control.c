@@ -18,15 +18,15 @@
 static const char MAGIC[8] = "SGPCAMRA";
 
 static struct control *control;
-static struct control alone; /* the camera without a control file */
+static struct control alone; /* camera without a control file */
 static int control_fd = -1;
 static struct {
     void *at;
     size_t size;
 } maps[3];
 
-/* Found when the library is loaded: a relative path means another file once the host has changed
- * its folder. */
+/* Set when the library is loaded: a relative path is no longer valid after the host has changed its
+ * folder. */
 static char library_path[PATH_MAX];
 
 __attribute__((constructor)) static void find_library(void)
@@ -38,7 +38,7 @@ __attribute__((constructor)) static void find_library(void)
 
 const char *control_library(void) { return library_path; }
 
-static void beside(const char *name, char *path, size_t size)
+static void path_in_folder(const char *name, char *path, size_t size)
 {
     const char *library = control_library();
     const char *slash = strrchr(library, '/');
@@ -63,32 +63,32 @@ static void be_alone(void)
     strcpy(alone.serial, "SGP-0000");
 }
 
-/* Say what is wrong with a control file, or NULL. */
+/* Description of the first fault of a control file, or NULL. */
 static const char *complaint(const struct control *c)
 {
     if (memcmp(c->magic, MAGIC, sizeof MAGIC) != 0)
-        return "it does not begin as a control file does";
+        return "it does not begin with SGPCAMRA";
     if (c->version != CONTROL_VERSION || c->size != sizeof *c)
-        return "it is of another version";
+        return "it has another version";
     if (c->width < 1 || c->width > 65535 || c->height < 1 || c->height > 65535)
         return "the sensor's size is out of range";
     if (c->leds > CONTROL_MAX_LEDS)
         return "too many LEDs";
     if (c->content > CONTENT_FRAMES || c->bit_depth < 8 || c->bit_depth > 16)
-        return "content or bit depth are out of range";
+        return "content or bit depth is out of range";
     if (!memchr(c->serial, 0, sizeof c->serial) || !memchr(c->hidden, 0, sizeof c->hidden) ||
         !memchr(c->bench_path, 0, sizeof c->bench_path) || !memchr(c->cfa, 0, sizeof c->cfa))
-        return "a text does not end";
+        return "a text is not terminated";
     if (c->cfa[0] && strcmp(c->cfa, "RGGB") != 0 && strcmp(c->cfa, "GRBG") != 0 &&
         strcmp(c->cfa, "GBRG") != 0 && strcmp(c->cfa, "BGGR") != 0)
-        return "an unknown mosaic";
+        return "unknown mosaic";
     const double finite[] = {c->readout_us,         c->frame_period_us,      c->shake_px,
                              c->read_noise_e,       c->black_level_dn,       c->quantum_efficiency,
                              c->dark_current_e_per_s, c->warm_up_s,          c->flicker,
                              c->pwm_hz,             c->pwm_duty,             c->electrons_per_dn};
     for (size_t i = 0; i < sizeof finite / sizeof *finite; i++)
         if (!isfinite(finite[i]) || finite[i] < 0)
-            return "a number is negative or none";
+            return "a number is negative or not finite";
     if (!isfinite(c->warm_up) || !(c->electrons_per_dn > 0) || !(c->full_well_e > 0) ||
         !(c->shake_px <= 8) || !(c->warm_up_s > 0) || !(c->pwm_duty > 0) || !(c->pwm_duty <= 1) ||
         !(c->readout_us <= 1e7) || !(c->frame_period_us <= 1e7))
@@ -99,13 +99,13 @@ static const char *complaint(const struct control *c)
 static const void *map_file(int slot, const char *name, size_t size)
 {
     char path[PATH_MAX];
-    beside(name, path, sizeof path);
+    path_in_folder(name, path, sizeof path);
     struct stat about;
     const int fd = open(path, O_RDONLY | O_CLOEXEC);
     if (fd < 0 || fstat(fd, &about) != 0) {
         fail(GC_ERR_IO, "%s: cannot be opened (%s)", path, strerror(errno));
     } else if ((size_t)about.st_size != size) {
-        fail(GC_ERR_IO, "%s: has %lld bytes where the camera needs %zu", path,
+        fail(GC_ERR_IO, "%s: has %lld bytes, but the camera requires %zu", path,
              (long long)about.st_size, size);
     } else {
         void *at = mmap(NULL, size, PROT_READ, MAP_SHARED, fd, 0);
@@ -136,7 +136,7 @@ static bool map_files(struct files *files)
 struct control *control_open(struct files *files)
 {
     char path[PATH_MAX];
-    beside("camera.control", path, sizeof path);
+    path_in_folder("camera.control", path, sizeof path);
     memset(files, 0, sizeof *files);
     control_fd = open(path, O_RDWR | O_CLOEXEC);
     if (control_fd < 0 && errno == ENOENT && access(control_library(), F_OK) == 0) {

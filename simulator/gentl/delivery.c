@@ -46,7 +46,7 @@ void adjust_automatics(const struct shot *shot, const struct control *camera)
             sum += picture_row(row)[column];
     const double end = ldexp(1, (int)camera->bit_depth) - 1;
     const double mean = sum / ((double)shot->width * shot->height) - shot->black_dn;
-    /* To the middle of the range, at most by a factor of two from frame to frame. */
+    /* Move the mean to the middle of the range, at most by a factor of two per frame. */
     const double factor = fmin(fmax(end / 2 / fmax(mean, 1), 0.5), 2);
     if (exposure)
         node_set_float(EXPOSURE_TIME,

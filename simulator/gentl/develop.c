@@ -2,13 +2,13 @@
 
 #include <math.h>
 
-/* Which of the mosaic's 2 x 2 filters a pixel of the picture has: 0 to 3, row by row. */
+/* Index of a pixel's filter among the mosaic's 2 x 2 filters: 0 to 3, row by row. */
 static int filter_of(const struct shot *shot, uint32_t row, uint32_t column)
 {
     return (int)((row + shot->y) % 2 * 2 + (column + shot->x) % 2);
 }
 
-/* Make the means of red and blue that of green. */
+/* Scale red and blue to the mean of green. */
 static void balance_white(uint16_t *grey, const struct shot *shot, const struct control *camera)
 {
     double sums[4] = {0}, gains[4], green = 0;

@@ -1,4 +1,4 @@
-/* What automatics do to a picture after the sensor: white balance and gamma. */
+/* Automatic functions that change a picture after the sensor: white balance and gamma. */
 #ifndef DEVELOP_H
 #define DEVELOP_H
 

@@ -1,4 +1,4 @@
-/* Random numbers by counter: `simulator/_dice.py` in C. Change both. */
+/* Counter-based random numbers: `simulator/_dice.py` in C. Change both together. */
 #ifndef DICE_H
 #define DICE_H
 
@@ -8,7 +8,7 @@
 
 #define TWO_PI 6.283185307179586
 
-/* The 64 random bits at a place of a stream (SplitMix64). */
+/* The 64 random bits at a position of a stream (SplitMix64). */
 static inline uint64_t dice_bits(uint64_t state, uint64_t counter)
 {
     uint64_t x = state + (counter + 1) * 0x9E3779B97F4A7C15u;
@@ -17,7 +17,7 @@ static inline uint64_t dice_bits(uint64_t state, uint64_t counter)
     return x ^ (x >> 31);
 }
 
-/* The stream that whole numbers name, or one more number after those of `state`. */
+/* The stream of a key, or of the key of `state` continued by these numbers. */
 static inline uint64_t dice_stream(uint64_t state, const uint64_t *key, size_t count)
 {
     for (size_t i = 0; i < count; i++)

@@ -18,7 +18,7 @@ static GC_ERROR check_id(const char *id, const char *expected)
 {
     if (id && strcmp(id, expected) == 0)
         return GC_ERR_SUCCESS;
-    return fail(GC_ERR_INVALID_ID, "there is no '%s' but '%s'", id ? id : "", expected);
+    return fail(GC_ERR_INVALID_ID, "there is no '%s', only '%s'", id ? id : "", expected);
 }
 
 static GC_ERROR system_info(int32_t what, struct answer to)
@@ -73,7 +73,7 @@ GC_API GC_ERROR TLGetInterfaceID(HANDLE tl, uint32_t index, char *id, size_t *si
 {
     CHECK(tl, SYSTEM);
     if (index != 0)
-        return fail(GC_ERR_INVALID_INDEX, "there is one interface");
+        return fail(GC_ERR_INVALID_INDEX, "there is only one interface");
     return answer_text((struct answer){NULL, id, size}, INTERFACE_ID);
 }
 
@@ -91,15 +91,15 @@ GC_API GC_ERROR TLGetInterfaceInfo(HANDLE tl, const char *id, int32_t what, INFO
                                    void *buffer, size_t *size)
 {
     CHECK(tl, SYSTEM);
-    const GC_ERROR known = check_id(id, INTERFACE_ID);
-    return known ? known : interface_info(what, ANSWER);
+    const GC_ERROR checked = check_id(id, INTERFACE_ID);
+    return checked ? checked : interface_info(what, ANSWER);
 }
 
 GC_API GC_ERROR TLOpenInterface(HANDLE tl, const char *id, HANDLE *interface)
 {
     CHECK(tl, SYSTEM);
-    const GC_ERROR known = check_id(id, INTERFACE_ID);
-    return known ? known : module_open(INTERFACE, interface);
+    const GC_ERROR checked = check_id(id, INTERFACE_ID);
+    return checked ? checked : module_open(INTERFACE, interface);
 }
 
 GC_API GC_ERROR TLUpdateInterfaceList(HANDLE tl, bool8_t *changed, uint64_t timeout_ms)
@@ -180,8 +180,8 @@ GC_API GC_ERROR IFGetDeviceInfo(HANDLE interface, const char *id, int32_t what,
                                 INFO_DATATYPE *type, void *buffer, size_t *size)
 {
     CHECK(interface, INTERFACE);
-    const GC_ERROR known = check_id(id, camera_serial());
-    return known ? known : device_info(what, ANSWER);
+    const GC_ERROR checked = check_id(id, camera_serial());
+    return checked ? checked : device_info(what, ANSWER);
 }
 
 GC_API GC_ERROR IFOpenDevice(HANDLE interface, const char *id, int32_t access, HANDLE *device)
@@ -189,7 +189,7 @@ GC_API GC_ERROR IFOpenDevice(HANDLE interface, const char *id, int32_t access, H
     CHECK(interface, INTERFACE);
     GC_ERROR result = check_id(id, camera_serial());
     if (!result && access <= DEVICE_ACCESS_NONE)
-        result = fail(GC_ERR_ACCESS_DENIED, "no access has been asked for");
+        result = fail(GC_ERR_ACCESS_DENIED, "no access was requested");
     if (!result)
         result = module_open(DEVICE, device);
     if (!result && (result = camera_open()))
@@ -233,7 +233,7 @@ GC_API GC_ERROR DevGetDataStreamID(HANDLE device, uint32_t index, char *id, size
 {
     CHECK(device, DEVICE);
     if (index != 0)
-        return fail(GC_ERR_INVALID_INDEX, "there is one stream");
+        return fail(GC_ERR_INVALID_INDEX, "there is only one stream");
     return answer_text((struct answer){NULL, id, size}, STREAM_ID);
 }
 

@@ -13,7 +13,7 @@ static const char *const FILES[MODULES] = {"sgp_system", "sgp_interface", "sgp_l
                                            "sgp_camera", "sgp_stream"};
 #define MOST_TEXTS 5
 
-/* What the node map of a module of the transport layer holds. */
+/* Texts in the node map of a module of the transport layer. */
 static size_t texts(enum module module, struct text_node nodes[MOST_TEXTS])
 {
     const struct text_node all[MODULES][MOST_TEXTS] = {
@@ -32,7 +32,7 @@ static size_t texts(enum module module, struct text_node nodes[MOST_TEXTS])
     return count;
 }
 
-/* The node map of a module; `room` is for one that has to be written. */
+/* The node map of a module; `room` is memory for a node map that is written on request. */
 static const char *node_map(enum module module, char room[TEXT_NODES_XML])
 {
     if (module == REMOTE)
@@ -63,8 +63,9 @@ static GC_ERROR check_port(HANDLE port, const void *data, const size_t *size)
     if (result)
         return result;
     if (module_of(port) == MODULES)
-        return fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open port");
-    return data && size ? GC_ERR_SUCCESS : fail(GC_ERR_INVALID_PARAMETER, "no place for data");
+        return fail(GC_ERR_INVALID_HANDLE, "the handle is not that of an open port");
+    return data && size ? GC_ERR_SUCCESS
+                        : fail(GC_ERR_INVALID_PARAMETER, "the pointer to data or size is NULL");
 }
 
 GC_API GC_ERROR GCReadPort(HANDLE port, uint64_t address, void *data, size_t *size)
@@ -83,7 +84,7 @@ GC_API GC_ERROR GCWritePort(HANDLE port, uint64_t address, const void *data, siz
     if (result)
         return result;
     if (module_of(port) != REMOTE)
-        return fail(GC_ERR_ACCESS_DENIED, "this port cannot be written");
+        return fail(GC_ERR_ACCESS_DENIED, "this port is read-only");
     return camera_write(address, data, *size);
 }
 
@@ -118,7 +119,7 @@ GC_API GC_ERROR GCGetPortInfo(HANDLE port, int32_t what, INFO_DATATYPE *type, vo
                                                "TLDataStream"};
     const enum module module = module_of(port);
     if (module == MODULES)
-        return fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open port");
+        return fail(GC_ERR_INVALID_HANDLE, "the handle is not that of an open port");
     switch (what) {
     case PORT_INFO_ID: return answer_text(ANSWER, FILES[module]);
     case PORT_INFO_VENDOR: return answer_text(ANSWER, VENDOR);
@@ -174,7 +175,7 @@ GC_API GC_ERROR GCGetPortURLInfo(HANDLE port, uint32_t index, int32_t what, INFO
     if (result)
         return result;
     if (index != 0)
-        return fail(GC_ERR_INVALID_INDEX, "there is one URL");
+        return fail(GC_ERR_INVALID_INDEX, "there is only one URL");
     return url_info(module_of(port), what, ANSWER);
 }
 

@@ -29,7 +29,7 @@ GC_API GC_ERROR DSAnnounceBuffer(HANDLE stream, void *memory, size_t size, void 
 {
     CHECK(stream, STREAM);
     if (!memory)
-        return fail(GC_ERR_INVALID_PARAMETER, "no memory for the buffer");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the buffer's memory is NULL");
     return stream_announce(memory, size, user, buffer);
 }
 
@@ -75,7 +75,7 @@ GC_API GC_ERROR DSGetBufferID(HANDLE stream, uint32_t index, HANDLE *buffer)
 {
     CHECK(stream, STREAM);
     if (!buffer)
-        return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the handle is NULL");
     return stream_buffer_id(index, buffer);
 }
 
@@ -96,11 +96,11 @@ GC_API GC_ERROR DSGetNumBufferParts(HANDLE stream, HANDLE buffer, uint32_t *coun
 GC_API GC_ERROR GCRegisterEvent(HANDLE source, int32_t which, HANDLE *event)
 {
     if (!event)
-        return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the handle is NULL");
     if (module_of(source) == MODULES)
-        return fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open module");
+        return fail(GC_ERR_INVALID_HANDLE, "the handle is not that of an open module");
     if (module_of(source) != STREAM || which != EVENT_NEW_BUFFER)
-        return fail(GC_ERR_NOT_IMPLEMENTED, "there are no events but that of new buffers");
+        return fail(GC_ERR_NOT_IMPLEMENTED, "only the event for new buffers is implemented");
     return stream_event_register(event);
 }
 
@@ -108,7 +108,7 @@ GC_API GC_ERROR GCUnregisterEvent(HANDLE source, int32_t which)
 {
     CHECK(source, STREAM);
     if (which != EVENT_NEW_BUFFER)
-        return fail(GC_ERR_NOT_IMPLEMENTED, "there are no events but that of new buffers");
+        return fail(GC_ERR_NOT_IMPLEMENTED, "only the event for new buffers is implemented");
     return stream_event_unregister();
 }
 
@@ -122,11 +122,11 @@ GC_API GC_ERROR EventGetDataInfo(HANDLE event, const void *data, size_t data_siz
 {
     (void)event;
     if (!data || data_size < sizeof(EVENT_NEW_BUFFER_DATA))
-        return fail(GC_ERR_INVALID_PARAMETER, "the data of an event is too short");
-    const EVENT_NEW_BUFFER_DATA *told = data;
+        return fail(GC_ERR_INVALID_PARAMETER, "the data of the event is too short");
+    const EVENT_NEW_BUFFER_DATA *filled = data;
     switch (what) {
-    case EVENT_DATA_ID: return answer_pointer(ANSWER, told->buffer);
-    case EVENT_DATA_VALUE: return answer_pointer(ANSWER, told->user_pointer);
+    case EVENT_DATA_ID: return answer_pointer(ANSWER, filled->buffer);
+    case EVENT_DATA_VALUE: return answer_pointer(ANSWER, filled->user_pointer);
     default: return fail(GC_ERR_NOT_AVAILABLE, "no event data info %d", (int)what);
     }
 }
@@ -140,7 +140,7 @@ GC_API GC_ERROR EventGetInfo(HANDLE event, int32_t what, INFO_DATATYPE *type, vo
 GC_API GC_ERROR EventFlush(HANDLE event) { return stream_event_flush(event); }
 GC_API GC_ERROR EventKill(HANDLE event) { return stream_event_kill(event); }
 
-/* What a client looks up by name and this producer does not have. */
+/* Functions that clients look up by name and that this producer does not implement. */
 #define ABSENT(name)                                                                             \
     GC_API GC_ERROR name(void)                                                                   \
     {                                                                                            \

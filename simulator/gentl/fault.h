@@ -1,10 +1,10 @@
-/* Faults that the maker of the camera has asked for. */
+/* Faults that are set in the control file. */
 #ifndef FAULT_H
 #define FAULT_H
 
 #include "control.h"
 
-/* Take the fault that waits for this exposure; its kind is FAULT_NONE where there is none. */
+/* Remove and return the fault of this exposure; its kind is FAULT_NONE if there is no fault. */
 struct fault fault_take(struct control *camera, int64_t exposure);
 
 #endif

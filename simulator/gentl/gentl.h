@@ -1,5 +1,5 @@
-/* The part of the GenTL 1.5 interface (GenICam, EMVA) that this producer speaks, and the later
- * functions that clients look up by name. Values are those of the standard. */
+/* The part of the GenTL 1.5 interface (GenICam, EMVA) that this producer implements, and later
+ * functions that clients look up by name. The values are those of the standard. */
 #ifndef GENTL_H
 #define GENTL_H
 

@@ -17,7 +17,7 @@ GC_ERROR check_initialised(void)
 GC_ERROR initialise(void)
 {
     if (initialised)
-        return fail(GC_ERR_RESOURCE_IN_USE, "GCInitLib has been called already");
+        return fail(GC_ERR_RESOURCE_IN_USE, "GCInitLib has already been called");
     initialised = true;
     return GC_ERR_SUCCESS;
 }
@@ -45,13 +45,14 @@ GC_ERROR check_module(HANDLE handle, enum module module)
         return result;
     return module_of(handle) == module
                ? GC_ERR_SUCCESS
-               : fail(GC_ERR_INVALID_HANDLE, "the handle is not of an open module of this kind");
+               : fail(GC_ERR_INVALID_HANDLE,
+                      "the handle is not that of an open module of this kind");
 }
 
 GC_ERROR module_handle(enum module module, HANDLE *handle)
 {
     if (!handle)
-        return fail(GC_ERR_INVALID_PARAMETER, "no place for the handle");
+        return fail(GC_ERR_INVALID_PARAMETER, "the pointer to the handle is NULL");
     *handle = &handles[module];
     return GC_ERR_SUCCESS;
 }
@@ -62,7 +63,7 @@ GC_ERROR module_open(enum module module, HANDLE *handle)
 {
     GC_ERROR result = check_initialised();
     if (!result && opened[module])
-        result = fail(GC_ERR_RESOURCE_IN_USE, "it is open already");
+        result = fail(GC_ERR_RESOURCE_IN_USE, "the module is already open");
     if (!result)
         result = module_handle(module, handle);
     if (!result)

@@ -1,4 +1,4 @@
-/* Which modules of the transport layer are open, and whose handle is whose. */
+/* Open modules of the transport layer and their handles. */
 #ifndef MODULES_H
 #define MODULES_H
 
@@ -6,7 +6,7 @@
 
 #include "gentl.h"
 
-/* A module closes with the one before it, all but the stream, which closes alone. */
+/* Closing a module closes all modules after it. */
 enum module { SYSTEM, INTERFACE, DEVICE, REMOTE, STREAM, MODULES };
 
 #define VENDOR "sgp"
@@ -19,14 +19,14 @@ GC_ERROR initialise(void);
 GC_ERROR finalise(void);
 GC_ERROR check_initialised(void);
 GC_ERROR check_module(HANDLE handle, enum module module);
-/* The open module of a handle, MODULES where there is none. */
+/* The open module of a handle, or MODULES. */
 enum module module_of(HANDLE handle);
 GC_ERROR module_handle(enum module module, HANDLE *handle);
 bool module_is_open(enum module module);
 GC_ERROR module_open(enum module module, HANDLE *handle);
 void module_close(enum module module);
 
-/* Return from the function where a handle is not of the open module. */
+/* Return from the function with an error if a handle does not belong to the open module. */
 #define CHECK(handle, module)                                                                    \
     do {                                                                                         \
         const GC_ERROR checked = check_module(handle, module);                                   \
@@ -34,7 +34,7 @@ void module_close(enum module module);
             return checked;                                                                      \
     } while (0)
 
-/* The last three arguments of every question. */
+/* The last three arguments of every query. */
 #define ANSWER (struct answer){type, buffer, size}
 
 #endif

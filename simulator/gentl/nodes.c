@@ -91,7 +91,7 @@ double node_maximum(enum node node)
     }
 }
 
-/* Bring up to date what follows from others. */
+/* Update the value of a node that depends on others. */
 static void refresh(enum node node)
 {
     switch (node) {
@@ -127,7 +127,7 @@ GC_ERROR nodes_read(uint64_t address, void *to, size_t size)
     return GC_ERR_SUCCESS;
 }
 
-/* Whether an automatic of this camera cannot be changed: it takes the value and does not obey. */
+/* Whether an automatic function of this camera is stuck: it accepts a value but ignores it. */
 static bool stuck(enum node node)
 {
     return (node == EXPOSURE_AUTO && camera->stuck & AUTO_EXPOSURE) ||
@@ -138,8 +138,8 @@ static bool stuck(enum node node)
 
 static GC_ERROR refuse(enum node node, double value)
 {
-    return fail(GC_ERR_INVALID_VALUE, "%s cannot be %g: %g to %g", NODE_TABLE[node].name, value,
-                NODE_TABLE[node].min, node_maximum(node));
+    return fail(GC_ERR_INVALID_VALUE, "%s is %g, it must be within %g to %g", NODE_TABLE[node].name,
+                value, NODE_TABLE[node].min, node_maximum(node));
 }
 
 static bool has_entry(enum node node, int64_t value)
@@ -162,7 +162,7 @@ GC_ERROR nodes_write(uint64_t address, const void *from, size_t size, enum node 
     const enum node node = *written = (enum node)at;
     const struct node_entry *entry = &NODE_TABLE[node];
     if (!entry->writable)
-        return fail(GC_ERR_ACCESS_DENIED, "%s cannot be written", entry->name);
+        return fail(GC_ERR_ACCESS_DENIED, "%s is read-only", entry->name);
     if (entry->locked && values[TL_PARAMS_LOCKED].integer)
         return fail(GC_ERR_ACCESS_DENIED, "%s cannot be changed while TLParamsLocked is 1",
                     entry->name);
@@ -179,8 +179,8 @@ GC_ERROR nodes_write(uint64_t address, const void *from, size_t size, enum node 
         return refuse(node, (double)value.integer);
     }
     if ((node == OFFSET_X || node == OFFSET_Y) && camera->cfa[0] && value.integer % 2)
-        return fail(GC_ERR_INVALID_VALUE, "%s must be even on a mosaic", entry->name);
-    /* A command is done at once: its register reads 0 again. */
+        return fail(GC_ERR_INVALID_VALUE, "%s must be even for a mosaic", entry->name);
+    /* A command is complete immediately: its register reads 0 again. */
     if (!stuck(node) && entry->kind != KIND_COMMAND)
         memcpy(&values[node], &value, 8);
     return GC_ERR_SUCCESS;

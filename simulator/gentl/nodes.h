@@ -1,4 +1,4 @@
-/* The camera's features: one table that the node map (XML) and the registers both follow. */
+/* The camera's features and their values. Node map (XML) and registers use the same table. */
 #ifndef NODES_H
 #define NODES_H
 
@@ -56,12 +56,12 @@ enum node {
     NODES
 };
 
-enum { OFF, ON };                                 /* modes and automatics */
+enum { OFF, ON };                                 /* modes and automatic functions */
 enum { MODE_CONTINUOUS, MODE_SINGLE, MODE_MULTI };
 enum { SOURCE_SOFTWARE, SOURCE_LINE0 };
 enum { RISING_EDGE, FALLING_EDGE };
 
-/* Values as after power-up. */
+/* Set the values after power-up. */
 void nodes_reset(const struct control *camera);
 int64_t node_integer(enum node node);
 double node_float(enum node node);
@@ -71,12 +71,12 @@ struct pixel_format node_pixel_format(void);
 /* Bytes of a frame. */
 size_t node_payload(void);
 
-/* The greatest value that the node may have now. */
+/* The present maximum of a node. */
 double node_maximum(enum node node);
 
-/* The registers: addresses from 0x1000, 64 bytes a node. */
+/* The registers: addresses from 0x1000, 64 bytes per node. */
 GC_ERROR nodes_read(uint64_t address, void *to, size_t size);
-/* Check a value against what the node may hold and keep it; tells which node it was. */
+/* Check a value against the range of its node and store it; `written` returns the node. */
 GC_ERROR nodes_write(uint64_t address, const void *from, size_t size, enum node *written);
 
 #define NODE_STRIDE 64u

@@ -1,4 +1,4 @@
-/* What each node is; only registers and node map read it. */
+/* Table of the nodes, for registers and node map. */
 #ifndef NODES_TABLE_H
 #define NODES_TABLE_H
 
@@ -15,8 +15,8 @@ struct node_entry {
     bool locked; /* while TLParamsLocked is 1 */
     double initial, min, max;
     const char *unit;
-    enum node max_node;   /* the node that holds the greatest value, 0 for none */
-    const char *names[3]; /* of an enumeration, counted from 0 */
+    enum node max_node;   /* node with the maximum, or 0 */
+    const char *names[3]; /* entries of an enumeration, from value 0 */
     int entries;
 };
 

@@ -13,8 +13,8 @@
 
 static const struct control *camera;
 static struct files files;
-static uint16_t *grey;  /* of the area read out, its width apart */
-static float *photons;  /* one row; the whole sensor twice where the camera trembles */
+static uint16_t *grey;  /* grey values of the area read out, row by row */
+static float *photons;  /* one row; the whole sensor twice if the camera shakes */
 static const uint16_t *rows;
 static size_t row_length;
 
@@ -45,7 +45,7 @@ static int64_t row_delay_ns(uint32_t row)
     return camera->rolling ? llrint(camera->readout_us * 1000 * row / camera->height) : 0;
 }
 
-/* The stream of random numbers of a shot; equal shots have one each. */
+/* The stream of random numbers of a shot; each of several equal shots has its own stream. */
 static uint64_t shot_stream(const struct shot *shot, int32_t led)
 {
     const struct shot_kind kind = {(uint64_t)(led + 1), (uint64_t)shot->exposure_ns,
@@ -125,7 +125,7 @@ static void compose_pattern(const struct shot *shot)
                 (uint16_t)((4 * (row + shot->y) + 8 * (column + shot->x) + 16 * shot->block) & end);
 }
 
-/* The frame of the LED that burned longest. */
+/* The frame of the LED that was on longest. */
 static const uint16_t *prepared_frame(const struct light *light)
 {
     int64_t longest_ns = 0;

@@ -81,7 +81,7 @@ static void put_pairs(struct packer *to, const uint16_t *samples, size_t count)
     to->at = at;
 }
 
-/* Samples as one string of bits, the first at the low end; four fill whole bytes. */
+/* Samples as one string of bits, the first one in the lowest bits; four fill whole bytes. */
 static void put_stream(struct packer *to, const uint16_t *samples, size_t count)
 {
     const int bits = to->format.bits, drop = to->drop;

@@ -1,4 +1,4 @@
-/* Pixel formats: their names and numbers (PFNC), and samples packed as they say. */
+/* Pixel formats: names and codes (PFNC), and packing of samples. */
 #ifndef PIXELS_H
 #define PIXELS_H
 
@@ -8,20 +8,20 @@
 struct pixel_format {
     char name[20];
     uint32_t code;
-    int bits; /* of a sample */
+    int bits; /* per sample */
     enum packing { PACK_BYTES, PACK_WORDS, PACK_STREAM, PACK_PAIRS } packing;
 };
 
 #define PIXEL_FORMATS 8
 
-/* The formats of a sensor with this mosaic ("" for none), fewest bits first. */
+/* The formats of a sensor with this mosaic ("" for monochrome), fewest bits first. */
 void pixel_formats(const char *cfa, struct pixel_format formats[PIXEL_FORMATS]);
 size_t packed_size(const struct pixel_format *format, size_t samples);
 
-/* Packs samples one run after the other, as rows come. */
+/* State while samples are packed row by row. */
 struct packer {
     struct pixel_format format;
-    int drop; /* low bits that the format has no room for */
+    int drop; /* number of low bits that the format does not have */
     uint8_t *at;
     uint64_t pending;
     int pending_bits;

@@ -5,7 +5,7 @@
 
 #include "dice.h"
 
-/* Open addressing: a free place has the count 0. */
+/* Hash table with open addressing: a free entry has the count 0. */
 static struct entry {
     struct shot_kind kind;
     uint64_t count;

@@ -6,7 +6,7 @@
 
 #define EXACT_BELOW_E 12.0f
 #define LONGEST_INVERSION 47
-#define BLOCK 256 /* pixels at a time */
+#define BLOCK 256 /* pixels per block */
 
 struct sensor sensor_for(const struct control *camera, int64_t exposure_ns, double gain_db,
                          double black_dn, uint64_t state)
@@ -28,17 +28,17 @@ struct sensor sensor_for(const struct control *camera, int64_t exposure_ns, doub
 
 static inline float smaller(float a, float b) { return a < b ? a : b; }
 
-/* 31 bits as a number above 0 and at most 1. */
+/* 31 bits as a number in (0, 1]. */
 static inline float unit(int32_t bits) { return ((float)bits + 0.5f) * 0x1p-31f; }
 
-/* The logarithm of a number above 0 and at most 1, to 2e-7. */
+/* Logarithm of a number in (0, 1], to 2e-7. */
 static inline float log_of(float x)
 {
     union {
         float value;
         int32_t bits;
     } m = {x};
-    /* x = m * 2^e with m from the root of 1/2 to that of 2. */
+    /* x = m * 2^e with m from sqrt(1/2) to sqrt(2). */
     const int32_t e = (m.bits - 0x3F3504F3) >> 23;
     m.bits -= e * (1 << 23);
     const float f = m.value - 1.0f;
@@ -52,11 +52,11 @@ static inline float log_of(float x)
     return (float)e * 0.6931472f + (f - 0.5f * f * f + f * f * f * tail);
 }
 
-/* Two independent normal numbers (Box and Muller) of two times 31 bits. */
+/* Two independent normal numbers (Box and Muller) from two times 31 bits. */
 static inline void normal_pair(int32_t high, int32_t low, float *first, float *second)
 {
     const float radius = sqrtf(-2.0f * log_of(unit(high)));
-    /* Quarters of a turn, and what is left of -1/2 to 1/2. */
+    /* Whole quarters of a turn, and the remainder from -1/2 to 1/2. */
     const float quarters = 4.0f * unit(low);
     const int32_t q = (int32_t)(quarters + 0.5f);
     const float r = quarters - (float)q, square = r * r;
@@ -88,8 +88,8 @@ static inline float poisson_by_expansion(float mean, float z)
            z * (1.0f - square) / (72.0f * root);
 }
 
-/* Shot noise on the charges, and read noise beside the offsets. In loops of one kind each, which
- * compilers make several pixels at a time of. */
+/* Add shot noise to the charges and read noise to the offsets. Each loop is simple enough that
+ * compilers vectorise it. */
 static void add_noise(const struct sensor *s, uint64_t first, uint32_t count, float *charge,
                       float *offset)
 {
@@ -119,7 +119,7 @@ static void add_noise(const struct sensor *s, uint64_t first, uint32_t count, fl
         }
 }
 
-/* Rounded to the converter's steps, which end at 0 and at its greatest value. */
+/* Round to a grey value and clip to the range of the converter. */
 static inline uint16_t grey_value(const struct sensor *s, float value)
 {
     const float dn = s->black_dn + s->dn_per_electron * value + 0.5f;

@@ -1,4 +1,5 @@
-/* The sensor: `simulator/_camera/sensor.py` in C, to the same random numbers. Change both. */
+/* The sensor: `simulator/_camera/sensor.py` in C with the same random numbers. Change both
+ * together. */
 #ifndef SENSOR_H
 #define SENSOR_H
 
@@ -7,19 +8,19 @@
 
 #include "control.h"
 
-/* What is the same for all pixels of a frame. */
+/* Values that are the same for all pixels of a frame. */
 struct sensor {
     float efficiency, dark_e, exposure_s, full_well_e, read_noise_e;
     float dn_per_electron, black_dn, end_dn;
     bool noisy;
-    uint64_t state; /* of the shot's random numbers */
+    uint64_t state; /* stream of the shot's random numbers */
 };
 
 struct sensor sensor_for(const struct control *camera, int64_t exposure_ns, double gain_db,
                          double black_dn, uint64_t state);
 
-/* A run of pixels: their photons, and their places in the maps of the fixed pattern (NULL where
- * all pixels are alike). `first` is the place of the first one on the sensor. */
+/* A run of pixels: their photons, and pointers to them in the maps of the fixed pattern (NULL if
+ * all pixels are alike). `first` is the index of the first pixel on the sensor. */
 struct pixel_run {
     const float *photons, *response, *offset, *hot;
     uint64_t first;

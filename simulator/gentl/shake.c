@@ -13,7 +13,7 @@
 
 struct kernel {
     int reach; /* taps on each side */
-    int step;  /* every how many pixels one takes part */
+    int step;  /* distance between the pixels of two taps */
     float taps[MOST_TAPS];
 };
 
@@ -50,7 +50,7 @@ static struct kernel kernel_for(double shift, int step)
     return kernel;
 }
 
-/* The mirror image, the edge pixel not twice. */
+/* Index in the mirror image, which does not repeat the edge pixel. */
 static int mirrored(int at, int size)
 {
     if (size == 1)

@@ -37,11 +37,11 @@ void stream_move(struct buffer *buffer, enum place to)
 
 struct buffer *stream_oldest(enum place place)
 {
-    struct buffer *found = NULL;
+    struct buffer *oldest = NULL;
     for (uint32_t i = 0; i < announced; i++)
-        if (buffers[i]->place == place && (!found || buffers[i]->since < found->since))
-            found = buffers[i];
-    return found;
+        if (buffers[i]->place == place && (!oldest || buffers[i]->since < oldest->since))
+            oldest = buffers[i];
+    return oldest;
 }
 
 size_t stream_count(enum place place)
@@ -58,13 +58,13 @@ static void move_all(enum place from, enum place to)
         stream_move(b, to);
 }
 
-/* Where a buffer stands in the table; -1 for what is none. */
+/* Index of a buffer in the table; -1 if the handle is not that of a buffer. */
 static int find(HANDLE handle)
 {
     for (uint32_t i = 0; i < announced; i++)
         if (buffers[i] == handle)
             return (int)i;
-    fail(GC_ERR_INVALID_HANDLE, "no such buffer");
+    fail(GC_ERR_INVALID_HANDLE, "the handle is not that of a buffer");
     return -1;
 }
 
@@ -107,7 +107,7 @@ GC_ERROR stream_start(uint64_t frames)
     GC_ERROR result = GC_ERR_SUCCESS;
     stream_lock();
     if (grabbing)
-        result = fail(GC_ERR_RESOURCE_IN_USE, "the stream is started already");
+        result = fail(GC_ERR_RESOURCE_IN_USE, "the stream is already started");
     else
         wanted = frames;
     grabbing = true;
@@ -154,12 +154,13 @@ GC_ERROR stream_info(int what, size_t payload, struct answer to)
 GC_ERROR stream_announce(void *memory, size_t size, void *user, HANDLE *handle)
 {
     if (!handle || !size)
-        return fail(GC_ERR_INVALID_PARAMETER, "a buffer needs a size and a place for its handle");
+        return fail(GC_ERR_INVALID_PARAMETER,
+                    "the size of the buffer is 0 or the pointer to its handle is NULL");
     struct buffer *buffer = calloc(1, sizeof *buffer);
     uint8_t *own = buffer && !memory ? calloc(1, size) : NULL;
     if (!buffer || (!memory && !own)) {
         free(buffer);
-        return fail(GC_ERR_OUT_OF_MEMORY, "no memory for a buffer of %zu bytes", size);
+        return fail(GC_ERR_OUT_OF_MEMORY, "not enough memory for a buffer of %zu bytes", size);
     }
     *buffer = (struct buffer){.memory = memory ? memory : own, .size = size, .user = user,
                               .ours = !memory};
@@ -172,7 +173,7 @@ GC_ERROR stream_announce(void *memory, size_t size, void *user, HANDLE *handle)
     if (!room) {
         free(own);
         free(buffer);
-        return fail(GC_ERR_RESOURCE_EXHAUSTED, "more than %u buffers", limit);
+        return fail(GC_ERR_RESOURCE_EXHAUSTED, "at most %u buffers can be announced", limit);
     }
     *handle = buffer;
     return GC_ERR_SUCCESS;
@@ -202,7 +203,7 @@ GC_ERROR stream_queue(HANDLE handle)
     if (index < 0)
         result = GC_ERR_INVALID_HANDLE;
     else if (buffers[index]->place != UNQUEUED)
-        result = fail(GC_ERR_RESOURCE_IN_USE, "the buffer is queued already");
+        result = fail(GC_ERR_RESOURCE_IN_USE, "the buffer is already queued");
     else
         stream_move(buffers[index], INPUT);
     stream_unlock();
@@ -228,7 +229,7 @@ GC_ERROR stream_flush(int what)
         move_all(INPUT, UNQUEUED);
         move_all(OUTPUT, UNQUEUED);
         break;
-    default: result = fail(GC_ERR_INVALID_PARAMETER, "no such way to flush: %d", what);
+    default: result = fail(GC_ERR_INVALID_PARAMETER, "unknown flush operation %d", what);
     }
     stream_unlock();
     return result;
@@ -253,7 +254,8 @@ GC_ERROR stream_buffer_info(HANDLE handle, int what, struct answer to)
     return result;
 }
 
-/* The buffer for the next frame, if the client wants one. Counts an underrun where none is free. */
+/* Buffer for the next frame, or NULL if the client requests no frame. Counts an underrun if no
+ * buffer is free. */
 static struct buffer *next_buffer(bool underrun)
 {
     if (!grabbing || !wanted)

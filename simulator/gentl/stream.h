@@ -1,4 +1,4 @@
-/* The data stream: the client's buffers on their way round, and the event that tells of each. */
+/* The data stream: the client's buffers and the event that reports each filled buffer. */
 #ifndef STREAM_H
 #define STREAM_H
 
@@ -9,17 +9,17 @@
 
 struct buffer;
 
-/* What a frame is, as the buffer's info tells it. */
+/* Properties of a frame, for the buffer's info. */
 struct frame_info {
     uint64_t block;
     int64_t start_ns;
     uint32_t width, height, x, y;
     uint32_t format;
-    size_t size;        /* of a whole frame */
-    size_t size_filled; /* less where it is incomplete */
+    size_t size;        /* of a complete frame */
+    size_t size_filled; /* less if the frame is incomplete */
 };
 
-/* At most so many buffers may be announced; 0 for as many as there is room for. */
+/* `most_buffers` is the maximum number of announced buffers; 0: limit of this library. */
 void stream_open(uint32_t most_buffers);
 void stream_close(void);
 GC_ERROR stream_start(uint64_t frames);
@@ -40,11 +40,11 @@ GC_ERROR stream_event_info(HANDLE event, int what, struct answer to);
 GC_ERROR stream_event_flush(HANDLE event);
 GC_ERROR stream_event_kill(HANDLE event);
 
-/* The camera's side: whether a frame would find a buffer now; counts an underrun where not, or
- * where it is to be treated so. */
+/* For the camera: whether there is a buffer for a frame now. Counts an underrun if there is no
+ * buffer, or if `underrun` is true. */
 bool stream_awaits(bool underrun);
-/* Memory for the next frame, NULL where none is queued or large enough. It is
- * the camera's alone until it is given back filled. */
+/* Memory for the next frame; NULL if no buffer is queued or the oldest one is too small. Only the
+ * camera may use it until stream_deliver. */
 struct buffer *stream_take(size_t size, uint8_t **memory);
 void stream_deliver(struct buffer *buffer, const struct frame_info *frame);
 

@@ -14,7 +14,7 @@ GC_ERROR stream_event_register(HANDLE *event)
     killed &= was;
     stream_unlock();
     *event = &handle;
-    return was ? fail(GC_ERR_RESOURCE_IN_USE, "the event of new buffers is registered already")
+    return was ? fail(GC_ERR_RESOURCE_IN_USE, "the event for new buffers is already registered")
                : GC_ERR_SUCCESS;
 }
 
@@ -25,41 +25,43 @@ GC_ERROR stream_event_unregister(void)
     registered = false;
     stream_wake();
     stream_unlock();
-    return was ? GC_ERR_SUCCESS : fail(GC_ERR_INVALID_HANDLE, "no event of new buffers");
+    return was ? GC_ERR_SUCCESS
+               : fail(GC_ERR_INVALID_HANDLE, "the event for new buffers is not registered");
 }
 
 /* With the lock held. */
 static GC_ERROR check_event(HANDLE event)
 {
     return event == &handle && registered ? GC_ERR_SUCCESS
-                                          : fail(GC_ERR_INVALID_HANDLE, "no such event");
+                                          : fail(GC_ERR_INVALID_HANDLE,
+                                                 "the handle is not that of a registered event");
 }
 
 GC_ERROR stream_event_get(HANDLE event, void *data, size_t *size, uint64_t timeout_ms)
 {
-    EVENT_NEW_BUFFER_DATA told = {NULL, NULL};
-    if (!size || !data || *size < sizeof told)
-        return fail(GC_ERR_BUFFER_TOO_SMALL, "the event needs %zu bytes", sizeof told);
+    EVENT_NEW_BUFFER_DATA filled = {NULL, NULL};
+    if (!size || !data || *size < sizeof filled)
+        return fail(GC_ERR_BUFFER_TOO_SMALL, "the event requires %zu bytes", sizeof filled);
     const bool forever = timeout_ms > INT64_MAX / 2000000;
     const int64_t until = forever ? 0 : now_ns() + (int64_t)timeout_ms * 1000000;
     stream_lock();
     GC_ERROR result;
-    while (!(result = check_event(event)) && !killed && !(told.buffer = stream_oldest(OUTPUT))) {
+    while (!(result = check_event(event)) && !killed && !(filled.buffer = stream_oldest(OUTPUT))) {
         if (!forever && now_ns() >= until)
             break;
         stream_wait(until);
     }
     if (!result && killed) {
-        result = fail(GC_ERR_ABORT, "the waiting was ended by EventKill");
+        result = fail(GC_ERR_ABORT, "EventKill ended the wait");
         killed = false;
-    } else if (!result && !told.buffer) {
+    } else if (!result && !filled.buffer) {
         result = fail(GC_ERR_TIMEOUT, "no buffer within %llu ms", (unsigned long long)timeout_ms);
     }
     if (!result) {
-        told.user_pointer = ((struct buffer *)told.buffer)->user;
-        stream_move(told.buffer, UNQUEUED);
-        memcpy(data, &told, sizeof told);
-        *size = sizeof told;
+        filled.user_pointer = ((struct buffer *)filled.buffer)->user;
+        stream_move(filled.buffer, UNQUEUED);
+        memcpy(data, &filled, sizeof filled);
+        *size = sizeof filled;
     }
     stream_unlock();
     return result;

@@ -1,4 +1,4 @@
-/* What the files of the data stream share; nobody else reads it. */
+/* Internals that the files of the data stream share. */
 #ifndef STREAM_PARTS_H
 #define STREAM_PARTS_H
 
@@ -10,7 +10,7 @@ struct buffer {
     uint8_t *memory;
     size_t size;
     void *user;
-    bool ours; /* allocated here */
+    bool ours; /* allocated by this library */
     bool new_data;
     enum place place;
     uint64_t since; /* order within its place */
@@ -21,9 +21,9 @@ void stream_lock(void);
 void stream_unlock(void);
 
 /* With the lock held: */
-/* Wait until something has changed or, unless it is 0, up to a time. */
+/* Wait for a change, or until a time at the latest unless it is 0. */
 void stream_wait(int64_t until_ns);
-/* Wake those who wait. */
+/* Wake all waiting threads. */
 void stream_wake(void);
 struct buffer *stream_oldest(enum place place);
 size_t stream_count(enum place place);

@@ -1,4 +1,4 @@
-"""A client of GenTL that holds back nothing: for what harvesters hides."""
+"""A GenTL client with access to all functions, including those that harvesters hides."""
 
 import ctypes
 import re
@@ -47,13 +47,13 @@ class Frame:
 
     @property
     def pixels(self) -> np.ndarray:
-        """(H, W) of a format that is not packed."""
+        """(H, W) pixels of an unpacked format."""
         kind = np.uint8 if len(self.data) == self.height * self.width else np.uint16
         return np.frombuffer(self.data, kind).reshape(self.height, self.width)
 
 
 class Library:
-    """The producer, loaded and initialised, with its one interface open."""
+    """The loaded and initialised producer with its interface open."""
 
     def __init__(self, cti) -> None:
         self.c = ctypes.CDLL(str(cti))
@@ -96,7 +96,7 @@ class Library:
 
 
 class Device:
-    """The camera, opened, with its stream; nodes are set and read by name."""
+    """The open camera with its stream; nodes are set and read by name."""
 
     def __init__(self, library: Library, buffers: int = 4) -> None:
         self.library = library
@@ -191,7 +191,7 @@ class Device:
         self.queue(buffer)
         return frame
 
-    def nothing_comes(self, for_s: float = 0.05) -> bool:
+    def no_frame_arrives(self, for_s: float = 0.05) -> bool:
         try:
             self.take(for_s)
         except GentlError as error:
@@ -203,7 +203,7 @@ class Device:
         return self.fetch()
 
     def counter(self, what: int) -> int:
-        """Return a number of 64 bits that the stream tells."""
+        """Return a 64-bit number from the stream's info."""
         value, size = ctypes.c_uint64(), ctypes.c_size_t(8)
         self.library.call(
             "DSGetInfo", self.stream, what, None, ctypes.byref(value), ctypes.byref(size)
@@ -230,7 +230,7 @@ class Device:
 
 
 class Bench:
-    """The board's side of a bench state, and cameras over it, opened by this client."""
+    """The board's part of a bench state, and cameras with it that this client opens."""
 
     def __init__(self, path) -> None:
         self.path = path
@@ -238,21 +238,21 @@ class Bench:
         self.opened: list[tuple[Library, GentlCamera]] = []
 
     def open(self, planes, *, buffers: int = 4, **options) -> Device:
-        made = GentlCamera(planes, bench_state_path=self.path, **options)
-        library = Library(made.cti)
-        self.opened.append((library, made))
+        camera = GentlCamera(planes, bench_state_path=self.path, **options)
+        library = Library(camera.cti)
+        self.opened.append((library, camera))
         return Device(library, buffers)
 
     def close(self) -> None:
-        for library, made in self.opened:
+        for library, camera in self.opened:
             library.close()
-            made.close()
+            camera.close()
         self.writer.close()
 
 
 def wait_for(happened, timeout_s: float = 5.0) -> None:
-    """Wait until something is so."""
+    """Wait until a condition is true."""
     until = time.monotonic() + timeout_s
     while not happened():
-        assert time.monotonic() < until, "it did not happen"
+        assert time.monotonic() < until, "the condition did not become true"
         time.sleep(0.001)

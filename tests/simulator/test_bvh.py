@@ -1,4 +1,4 @@
-"""The tree's searches against brute force over all triangles, and on shared edges."""
+"""The searches of the tree, compared with brute force, and on shared edges."""
 
 import math
 
@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 from simulator._shapes.bvh import TriangleTree
 
 
-def _soup(count, seed, size=0.3):
-    """Triangles thrown about, some large, some tiny, some slivers."""
+def _random_triangles(count, seed, size=0.3):
+    """Random triangles: some large, some tiny, some slivers."""
     rng = np.random.default_rng(seed)
     middle = rng.uniform(-1, 1, (count, 1, 3))
     return middle + size * rng.normal(size=(count, 3, 3)) * rng.uniform(0.05, 1.5, (count, 1, 1))
 
 
 def _rays(count, seed):
-    """Rays from around toward places among the triangles, where t is 1."""
+    """Rays from outside toward points between the triangles, where t is 1."""
     origins, aims = np.random.default_rng(seed).uniform(-1, 1, (2, count, 3)) * [[[2]], [[0.8]]]
     return origins, aims - origins
 
@@ -39,8 +39,8 @@ def _brute(corners, origins, directions):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5, 17, 400])
-def test_closest_is_that_of_brute_force(count):
-    corners, (origins, directions) = _soup(count, seed=count), _rays(300, seed=1)
+def test_closest_equals_brute_force(count):
+    corners, (origins, directions) = _random_triangles(count, seed=count), _rays(300, seed=1)
     t, weights, face = TriangleTree.grow(corners).closest(origins, directions)
     every = _brute(corners, origins, directions)
     np.testing.assert_allclose(t, every.min(axis=1), rtol=1e-9)
@@ -53,27 +53,27 @@ def test_closest_is_that_of_brute_force(count):
 
 
 @pytest.mark.parametrize("reach", [0.3, 1.0, math.inf])
-def test_blocked_is_that_of_brute_force(reach):
-    corners, (origins, directions) = _soup(120, seed=8), _rays(500, seed=2)
-    found = TriangleTree.grow(corners).blocked(origins, directions, reach)
+def test_blocked_equals_brute_force(reach):
+    corners, (origins, directions) = _random_triangles(120, seed=8), _rays(500, seed=2)
+    result = TriangleTree.grow(corners).blocked(origins, directions, reach)
     expected = _brute(corners, origins, directions).min(axis=1) < reach
-    np.testing.assert_array_equal(found, expected)
-    assert 25 < found.sum() < 475
+    np.testing.assert_array_equal(result, expected)
+    assert 25 < result.sum() < 475
 
 
 @settings(max_examples=25, deadline=None)
 @given(count=st.integers(1, 80), seed=st.integers(0, 10_000), axis=st.integers(0, 2))
 def test_rays_along_an_axis(count, seed, axis):
-    """Two components of the direction are 0: divisions by zero must stay harmless."""
-    corners, (origins, _) = _soup(count, seed), _rays(40, seed)
+    """Two components of the direction are 0: divisions by zero must be harmless."""
+    corners, (origins, _) = _random_triangles(count, seed), _rays(40, seed)
     directions = np.zeros((40, 3))
     directions[:, axis] = np.where(np.arange(40) % 2, 1.0, -2.0)
     t, _, _ = TriangleTree.grow(corners).closest(origins, directions)
     np.testing.assert_allclose(t, _brute(corners, origins, directions).min(axis=1), rtol=1e-7)
 
 
-def test_tree_holds_every_triangle_within_its_boxes():
-    corners = _soup(700, seed=3)
+def test_every_triangle_is_within_the_boxes_of_the_tree():
+    corners = _random_triangles(700, seed=3)
     tree = TriangleTree.grow(corners)
     np.testing.assert_array_equal(np.sort(tree.faces), np.arange(700))
     np.testing.assert_array_equal(tree.corners, corners[tree.faces])
@@ -99,13 +99,14 @@ def test_tree_holds_every_triangle_within_its_boxes():
 @pytest.mark.parametrize(
     "corners",
     [
-        pytest.param(np.tile(_soup(1, seed=1), (3000, 1, 1)), id="all-the-same"),
+        pytest.param(np.tile(_random_triangles(1, seed=1), (3000, 1, 1)), id="all-the-same"),
         pytest.param(
-            _soup(1, seed=1) * 1.5 ** -np.arange(600.0)[:, None, None], id="each-smaller-than-last"
+            _random_triangles(1, seed=1) * 1.5 ** -np.arange(600.0)[:, None, None],
+            id="each-smaller-than-last",
         ),
     ],
 )
-def test_awkward_triangles_do_not_outgrow_the_stack(corners):
+def test_degenerate_triangles_do_not_exceed_the_stack(corners):
     origins, directions = _rays(200, seed=4)
     directions = corners[0].mean(axis=0) - origins
     t, _, face = TriangleTree.grow(corners).closest(origins, directions)
@@ -115,8 +116,8 @@ def test_awkward_triangles_do_not_outgrow_the_stack(corners):
     assert np.isfinite(t).all()
 
 
-def test_no_ray_slips_through_a_closed_mesh():
-    """Aimed exactly at edges and vertices from inside, where cracks would show."""
+def test_no_ray_passes_through_a_closed_mesh():
+    """Rays exactly at edges and vertices from inside, where gaps would be visible."""
     ball = trimesh.creation.icosphere(subdivisions=3)
     corners = ball.triangles
     tree = TriangleTree.grow(np.asarray(corners))
@@ -131,8 +132,8 @@ def test_no_ray_slips_through_a_closed_mesh():
         assert tree.blocked(origins, aims - origins, 1.001).all()
 
 
-def test_no_ray_slips_through_a_grid_in_the_plane():
-    """Camera rays through the very corners of a height field cut into triangles."""
+def test_no_ray_passes_through_a_grid_in_the_plane():
+    """Camera rays exactly through the vertices of a triangulated height field."""
     n = 40
     y, x = np.mgrid[:n, :n].astype(float)
     points = np.stack([x, y, 0.3 * np.sin(x) * np.cos(1.3 * y)], axis=-1).reshape(-1, 3)

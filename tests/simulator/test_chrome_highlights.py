@@ -1,4 +1,4 @@
-"""Mirrored LEDs: place, energy and width against the law of reflection and brute force."""
+"""Mirrored LEDs: position, energy and width, compared with the law of reflection and ray counts."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def _pixel_ray(camera, pixel):
 
 
 def _mirrored(camera, sphere, pixel):
-    """Start and direction of a pixel's ray after the sphere, by the quadratic formula."""
+    """Start and direction of a pixel's ray after its reflection, by the quadratic formula."""
     eye = np.array([0, 0, camera.working_distance_mm])
     ray, offset = _pixel_ray(camera, pixel), eye - sphere.centre_mm
     b = ray @ offset
@@ -52,11 +52,11 @@ def _pairs(scene):
             yield s, n, sphere, scene.lights.positions_mm[n]
 
 
-def test_every_led_shows_in_every_sphere():
+def test_every_led_is_mirrored_in_every_sphere():
     assert np.isfinite(RENDERING.truth.highlights_px).all()
 
 
-def test_ray_of_the_highlight_meets_the_led():
+def test_ray_of_the_highlight_hits_the_led():
     for s, n, sphere, led in _pairs(SCENE):
         start, direction = _mirrored(SCENE.camera, sphere, RENDERING.truth.highlights_px[s, n])
         miss = np.linalg.norm(np.cross(led - start, direction))
@@ -78,11 +78,11 @@ def test_mirror_point_obeys_the_law_of_reflection(place, radius, led):
     assert np.linalg.norm(normal) == pytest.approx(1.0, abs=1e-9)
     to_eye, to_led = EYE - points[0], led - points[0]
     half = to_eye / np.linalg.norm(to_eye) + to_led / np.linalg.norm(to_led)
-    # The half way between both directions is the normal, on the outer side.
+    # The bisector of both directions is the normal, on the outer side.
     np.testing.assert_allclose(half / np.linalg.norm(half), normal, atol=1e-9)
 
 
-def test_led_on_the_line_of_sight_shows_at_the_centre():
+def test_led_on_the_line_of_sight_is_mirrored_at_the_centre():
     sphere = ChromeSphere((40.0, -30.0, 15.0), 15.0)
     led = EYE + 0.4 * (np.array(sphere.centre_mm) - EYE)
     points, visible = mirror_points(LENS, sphere, led[None], near=True)
@@ -100,14 +100,14 @@ def test_led_behind_the_sphere_is_not_seen():
     assert visible.tolist() == [False, True]
 
 
-def test_sphere_in_the_way_hides_the_highlight():
+def test_another_sphere_hides_the_highlight():
     low = Lights(positions_mm=np.array([[300.0, 0, 30.0], [-300.0, 0, 300.0]]))
     pair = (ChromeSphere((-60.0, 0, 20.0), 20.0), ChromeSphere((40.0, 0, 20.0), 20.0))
     seen = np.isfinite(find_highlights(replace(SCENE, lights=low, spheres=pair)).signal)
     assert seen.tolist() == [[False, True], [True, True]]
 
 
-def test_light_from_the_right_shows_right_of_the_centre():
+def test_a_light_on_the_right_is_mirrored_right_of_the_centre():
     lights = Lights(positions_mm=np.array([[300.0, 0, 300.0], [0.0, 300, 300]]))
     sphere = (ChromeSphere((0, 0, 20.0), 20.0),)
     x, y = find_highlights(replace(SCENE, lights=lights, spheres=sphere)).pixels[0].T
@@ -119,7 +119,7 @@ def test_light_from_the_right_shows_right_of_the_centre():
 
 
 def _spot(plane, pixel, reach=6):
-    """Centroid and sum of what is brighter than anything matte around a highlight."""
+    """Centroid and sum of the pixels of a highlight that are brighter than matte surfaces."""
     x0, y0 = np.round(pixel).astype(int)
     window = plane[y0 - reach : y0 + reach + 1, x0 - reach : x0 + reach + 1].astype(float)
     y, x = np.mgrid[y0 - reach : y0 + reach + 1, x0 - reach : x0 + reach + 1]
@@ -127,7 +127,7 @@ def _spot(plane, pixel, reach=6):
     return np.array([(spot * x).sum(), (spot * y).sum()]) / spot.sum(), spot.sum()
 
 
-def test_drawn_highlight_lies_where_the_truth_says():
+def test_rendered_highlight_is_at_its_true_position():
     worst = max(
         np.abs(
             _spot(RENDERING.planes[n], RENDERING.truth.highlights_px[s, n])[0]
@@ -138,7 +138,7 @@ def test_drawn_highlight_lies_where_the_truth_says():
     assert worst < 0.02
 
 
-def test_drawn_highlight_holds_its_energy():
+def test_rendered_highlight_has_its_energy():
     dark = replace(SCENE, board=Even(0.0), surroundings=0.0, ambient=0.0)
     signal = find_highlights(dark).signal * dark.electrons_per_us
     planes = render(dark).planes
@@ -172,7 +172,7 @@ def _bench(lens, **more):
 
 
 def _opencv_rays(lens, pixels):
-    """Origins and unit rays by OpenCV, or by hand for the orthographic lens."""
+    """Origins and unit rays by OpenCV, or in closed form for the orthographic lens."""
     if lens.camera is None:
         rows, columns = lens.size
         flat = (pixels - [(columns - 1) / 2, (rows - 1) / 2]) * [lens.pixel_mm, -lens.pixel_mm]
@@ -197,10 +197,10 @@ def _reflected(lens, sphere, pixels):
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_ray_of_the_highlight_meets_the_led_under_every_lens(lens):
+def test_ray_of_the_highlight_hits_the_led_with_every_lens(lens):
     bench = _bench(lens)
-    found = find_highlights(bench).pixels
-    for sphere, pixels in zip(bench.spheres, found, strict=True):
+    result = find_highlights(bench).pixels
+    for sphere, pixels in zip(bench.spheres, result, strict=True):
         start, way = _reflected(lens, sphere, pixels)
         toward = bench.lights.positions_mm - start
         assert np.linalg.norm(np.cross(toward, way), axis=1).max() < 1e-6
@@ -217,14 +217,14 @@ def test_ray_of_the_highlight_meets_the_led_under_every_lens(lens):
     ],
 )
 def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
-    """Trace a fine grid of rays and weigh those that end on the luminous disc."""
+    """Trace a fine grid of rays and add the weights of those that hit the luminous disc."""
     dome = dome_lights(9, seed=3)
     lights = replace(dome, axes=dome.axes + turn, mu=np.full(9, mu))
     bench = _bench(lens, lights=lights, led_radius_mm=radius)
-    found, fine = find_highlights(bench), 120
+    result, fine = find_highlights(bench), 120
     for s, n in ((0, 5), (3, 0), (3, 7)):
         sphere, led, axis = bench.spheres[s], lights.positions_mm[n], lights.axes[n]
-        spots = found.spots[s, n]
+        spots = result.spots[s, n]
         middle, half = spots.mean(axis=0), 0.8 * np.ptp(spots, axis=0).max()
         step = half * ((np.arange(2 * fine) + 0.5) / fine - 1)
         pixels = middle + np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
@@ -233,36 +233,36 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
         weight = np.where(np.linalg.norm(end - led, axis=1) < radius, -(way @ axis), 0.0)
         weight[weight > 0] **= mu - 1
         assert np.count_nonzero(weight) > 5000
-        # A disc of radiance L cos^(mu-1) gives E = L pi a^2 cos^mu / r^2; white shows E / pi.
+        # A disc of radiance L cos^(mu-1) gives E = L pi a^2 cos^mu / r^2; white has E / pi.
         squared = led @ led
         at_origin = (-(led @ axis) / np.sqrt(squared)) ** mu
         radiance = bench.irradiance[n] * squared / at_origin / (np.pi * radius**2)
         expected = np.pi * sphere.reflectance * radiance * weight.sum() * (half / fine) ** 2
-        assert found.signal[s, n] == pytest.approx(expected, rel=2e-3)
-        drawn = np.average(spots, axis=0, weights=found.shares[s, n])
+        assert result.signal[s, n] == pytest.approx(expected, rel=2e-3)
+        drawn = np.average(spots, axis=0, weights=result.shares[s, n])
         np.testing.assert_allclose(
             drawn, np.average(pixels, axis=0, weights=weight), atol=0.003 * max(half, 1)
         )
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_drawn_centroid_lies_on_the_mirror_point_under_every_lens(lens):
+def test_drawn_centroid_is_at_the_mirror_point_with_every_lens(lens):
     bench = _bench(lens)
-    found, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
-    draw_highlights(bench, found, planes)
+    result, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
+    draw_highlights(bench, result, planes)
     y, x = np.mgrid[: lens.size[0], : lens.size[1]]
     for s, sphere in enumerate(bench.spheres):
         window = lens.window(sphere.centre_mm, sphere.radius_mm)
         for n, plane in enumerate(planes):
             spot = plane[window].astype(float)
             place = [(spot * v[window]).sum() / spot.sum() for v in (x, y)]
-            np.testing.assert_allclose(place, found.pixels[s, n], atol=0.02)
-            assert spot.sum() == pytest.approx(found.signal[s, n], rel=1e-4)
+            np.testing.assert_allclose(place, result.pixels[s, n], atol=0.02)
+            assert spot.sum() == pytest.approx(result.signal[s, n], rel=1e-4)
 
 
 @pytest.mark.parametrize("lens", LENSES[1:])
-def test_rendered_highlight_lies_on_the_mirror_point_under_every_lens(lens):
-    """The whole picture: board and neighbouring spheres mirrored around the highlights too."""
+def test_rendered_highlight_is_at_the_mirror_point_with_every_lens(lens):
+    """The complete image, with board and neighbouring spheres mirrored around the highlights."""
     scene = _bench(lens)
     rendering = render(scene)
     for n, plane in enumerate(rendering.planes):
@@ -271,22 +271,22 @@ def test_rendered_highlight_lies_on_the_mirror_point_under_every_lens(lens):
 
 
 def test_orthographic_view_of_distant_lights_in_closed_form():
-    """Half way between view and light lies the normal; a mirror ball scatters evenly all around.
+    """The normal bisects view and light; a mirror ball scatters uniformly in all directions.
 
-    So each highlight holds pi E rho R^2 / 4 of area, wherever it is.
+    Each highlight therefore has pi E rho R^2 / 4 of area, independent of its position.
     """
     directions = np.array([[0.0, 0, 1], [0.3, -0.5, 0.6], [-0.9, 0.1, 0.1], [0.5, 0.5, 0.05]])
     lights = Lights(directions=directions, intensities=np.array([1.0, 2, 3, 4]))
     sphere = ChromeSphere((12.0, -7.0, 30.0), 25.0, reflectance=0.7)
-    found = find_highlights(
+    result = find_highlights(
         _bench(Lens.orthographic(401, 301, 0.25, 99.0), lights=lights, spheres=(sphere,))
     )
     half = lights.directions + np.array([0, 0, 1])
     half /= np.linalg.norm(half, axis=1)[:, None]
     pixels = (half[:, :2] * 25 + [12, -7]) / [0.25, -0.25] + [200, 150]
-    np.testing.assert_allclose(found.pixels[0], pixels, atol=1e-9)
+    np.testing.assert_allclose(result.pixels[0], pixels, atol=1e-9)
     expected = np.pi * lights.intensities[:, 0] * 0.7 * (25 / 0.25) ** 2 / 4
-    np.testing.assert_allclose(found.signal[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(result.signal[0], expected, rtol=1e-6)
 
 
 def test_distant_lights_are_the_limit_of_far_leds():
@@ -297,7 +297,7 @@ def test_distant_lights_are_the_limit_of_far_leds():
     np.testing.assert_allclose(distant.signal, far.signal, rtol=1e-4)
 
 
-def test_bayer_pixels_take_their_own_colours_intensity():
+def test_bayer_pixels_use_the_intensity_of_their_channel():
     lights = Lights(positions_mm=np.array([[100.0, 50, 400]]), intensities=np.array([[3.0, 2, 1]]))
     grey, mosaic = (Lens.of(FAR_CAMERA, cfa=cfa, psf_sigma_px=3.0) for cfa in (None, "GRBG"))
     planes = np.zeros((2, 1, *grey.size), np.float32)
@@ -312,8 +312,8 @@ def test_bayer_pixels_take_their_own_colours_intensity():
         np.testing.assert_allclose(values[np.isfinite(values)], gain, rtol=1e-5)
 
 
-def test_a_hill_takes_the_highlights_of_the_leds_behind_it():
-    """The way from mirror point to LED passes through the ball of which the hill is a cap."""
+def test_a_hill_hides_the_highlights_of_the_leds_behind_it():
+    """The line from mirror point to LED passes the ball of which the hill is a cap."""
     hill = SphericalCap(70.0, 45.0)
     ball = (70.0**2 + 45.0**2) / (2 * 45.0)
     turn = np.arange(16) * 2 * np.pi / 16
@@ -323,7 +323,7 @@ def test_a_hill_takes_the_highlights_of_the_leds_behind_it():
         SCENE, body=hill, spheres=(sphere,), lights=Lights(positions_mm=low), led_radius_mm=1e-3
     )
     free = find_highlights(scene)
-    found = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
+    result = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
     points, _ = mirror_points(scene.lens, sphere, low, near=True)
     way = (low - points) / np.linalg.norm(low - points, axis=1)[:, None]
     to_middle = np.array([0, 0, 45.0 - ball]) - points
@@ -332,14 +332,14 @@ def test_a_hill_takes_the_highlights_of_the_leds_behind_it():
     assert np.abs(past).min() > 0.5
     hidden = (past < 0) & (along > 0)
     assert 3 <= hidden.sum() <= 13
-    np.testing.assert_array_equal(np.isnan(found.signal[0]), hidden | np.isnan(free.signal[0]))
-    np.testing.assert_array_equal(found.pixels[0, ~hidden], free.pixels[0, ~hidden])
+    np.testing.assert_array_equal(np.isnan(result.signal[0]), hidden | np.isnan(free.signal[0]))
+    np.testing.assert_array_equal(result.pixels[0, ~hidden], free.pixels[0, ~hidden])
 
 
-def test_highlight_that_the_distortion_would_fold_into_the_image_is_left_out():
-    """A ball far outside the field: Brown's polynomial turns back and puts it into the image."""
+def test_a_highlight_that_the_distortion_folds_into_the_image_is_omitted():
+    """A ball far outside the field, which Brown's polynomial folds back into the image."""
     lens = Lens.of(CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-1.5, 0, 0, 0, 0])))
-    # r - 1.5 r^3 vanishes at r = 0.816, and so would the distance from the image's centre.
+    # r - 1.5 r^3 is 0 at r = 0.816, and so would be the distance from the image's centre.
     away = ChromeSphere((0.816 * 560.0, 0.0, 40.0), 5.0)
     lights = Lights(positions_mm=np.array([[300.0, 50, 400]]))
     bench = _bench(lens, lights=lights, spheres=(away,))
@@ -351,17 +351,17 @@ def test_highlight_that_the_distortion_would_fold_into_the_image_is_left_out():
     assert not planes.any()
 
 
-def test_energy_follows_radiance_and_hardly_the_disc():
+def test_energy_depends_on_the_radiance_and_hardly_on_the_disc():
     base = find_highlights(SCENE)
     lights = replace(SCENE.lights, intensities=2 * SCENE.lights.intensities)
     brighter = find_highlights(replace(SCENE, lights=lights))
     wider = find_highlights(replace(SCENE, led_radius_mm=20.0))
     np.testing.assert_allclose(brighter.signal, 2 * base.signal, rtol=1e-12)
-    # Of second order in the angle that the disc fills, (20 / 450)^2.
+    # The effect is of second order in the angle of the disc, (20 / 450)^2.
     np.testing.assert_allclose(wider.signal, base.signal, rtol=4e-3)
 
 
-def test_energy_in_pixels_grows_with_the_square_of_the_resolution():
+def test_energy_in_pixels_is_proportional_to_the_square_of_the_resolution():
     fine = find_highlights(scene_named("spheres", width=1280, height=1024, seed=11))
     np.testing.assert_allclose(fine.signal, 16 * find_highlights(SCENE).signal, rtol=1e-4)
 
@@ -370,7 +370,7 @@ def test_energy_in_pixels_grows_with_the_square_of_the_resolution():
     ("x", "y", "sigma"),
     [(20.0, 14.0, 0.7), (20.37, 14.81, 0.7), (20.5, 14.5, 1.9)],
 )
-def test_splat_keeps_sum_place_and_width(x, y, sigma):
+def test_splat_has_its_sum_position_and_width(x, y, sigma):
     plane = np.zeros((30, 40), np.float32)
     splat(plane, x, y, sigma, 5.0)
     rows, columns = np.mgrid[:30, :40]
@@ -389,7 +389,7 @@ def test_splat_at_the_border_draws_only_inside(x, y):
     assert np.isfinite(plane).all()
 
 
-def test_sphere_masks_follow_the_cone_of_tangents():
+def test_sphere_masks_equal_the_cone_of_tangents():
     camera = SCENE.camera
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T * [1, -1, -1]
@@ -399,7 +399,7 @@ def test_sphere_masks_follow_the_cone_of_tangents():
         np.testing.assert_array_equal(mask, miss < sphere.radius_mm)
 
 
-def test_outline_is_smoothed():
+def test_outline_is_antialiased():
     black = replace(
         SCENE,
         spheres=tuple(replace(s, reflectance=0.0) for s in SCENE.spheres),

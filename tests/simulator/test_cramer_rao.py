@@ -11,7 +11,7 @@ from simulator._camera.sensor import sensor_image
 from simulator._render.cramer_rao import cramer_rao_deg
 
 NOISE = NoiseModel(2.5, 6.0, 64.0, 12)
-# One photon per microsecond of a white surface: exposures are photons.
+# One photon per microsecond from a white surface: exposure times equal photons.
 RATE = 1.0
 
 
@@ -32,13 +32,13 @@ def bound(normal, lights, *, albedo=0.5, noise=NOISE, exposure_us=(8000.0,), **o
     )[0, 0]
 
 
-def test_three_orthogonal_lights_seen_from_their_middle():
+def test_three_orthogonal_lights_around_the_normal():
     # Every sample is s = A rho / sqrt(3); F = A^2 / v I; angle^2 = 2 v / (A rho)^2.
     amount, albedo = 8000.0, 0.5
     variance = variance_e(NOISE, amount * albedo / np.sqrt(3))
     expected = np.degrees(np.sqrt(2 * variance) / (amount * albedo))
-    found = bound(np.ones(3) / np.sqrt(3), Lights(directions=np.eye(3)), albedo=albedo)
-    assert found == pytest.approx(expected, rel=1e-5)
+    result = bound(np.ones(3) / np.sqrt(3), Lights(directions=np.eye(3)), albedo=albedo)
+    assert result == pytest.approx(expected, rel=1e-5)
 
 
 def ring(count, elevation_deg):
@@ -72,7 +72,7 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
     per_dn = noise.electrons_per_dn / 10 ** (gain_db / 20)
     variance = electrons + noise.read_noise_e**2 + per_dn**2 / 12
     expected = np.degrees(2 * np.sqrt(variance / count) / (scale * np.cos(rise) * albedo))
-    found = bound(
+    result = bound(
         (0, 0, 1),
         Lights(directions=ring(count, 40)),
         albedo=albedo,
@@ -81,10 +81,10 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
         gain_db=gain_db,
         background_per_us=background,
     )
-    assert found == pytest.approx(expected, rel=1e-5)
+    assert result == pytest.approx(expected, rel=1e-5)
 
 
-def test_repeats_count_by_their_number_and_saturated_brackets_not_at_all():
+def test_every_repeat_counts_and_saturated_brackets_do_not():
     lights = Lights(directions=ring(8, 50))
     one = bound((0, 0, 1), lights)
     assert bound((0, 0, 1), lights, exposure_us=(8000.0,) * 4) == pytest.approx(one / 2, rel=1e-6)
@@ -94,8 +94,8 @@ def test_repeats_count_by_their_number_and_saturated_brackets_not_at_all():
     assert bound((0, 0, 1), lights, noise=full) == np.inf
 
 
-def test_a_near_light_is_a_distant_one_of_its_irradiance():
-    """Around a point off the origin, by the law of cos^mu / r^2 written out."""
+def test_a_near_light_equals_a_distant_one_of_the_same_irradiance():
+    """For a point away from the origin, with the explicit law cos^mu / r^2."""
     place = 400 * ring(9, 55) + [[20.0, 0, 0]]
     axes = -ring(9, 55)
     mu = np.linspace(0.6, 1.4, 9)
@@ -113,8 +113,8 @@ def test_a_near_light_is_a_distant_one_of_its_irradiance():
     same = Lights(
         directions=toward, intensities=intensities * fall_off(point) / fall_off(np.zeros(3))
     )
-    found = bound(normal, lights, points_mm=point[None, None])
-    assert found == pytest.approx(bound(normal, same), rel=1e-5)
+    result = bound(normal, lights, points_mm=point[None, None])
+    assert result == pytest.approx(bound(normal, same), rel=1e-5)
 
 
 def test_mosaic_pixels_see_the_intensity_of_their_channel():
@@ -122,9 +122,9 @@ def test_mosaic_pixels_see_the_intensity_of_their_channel():
     colours = np.array([[0.5, 1.0, 0.25]]) * np.ones((6, 1))
     lights = Lights(directions=directions, intensities=colours)
     normals = np.tile(np.float32([0, 0, 1]), (1, 3, 1))
-    found = cramer_rao_deg(
+    result = cramer_rao_deg(
         normals,
-        # Of each pixel only the albedo of its own channel counts.
+        # Only the albedo of a pixel's own channel matters.
         np.where(np.eye(3, dtype=bool), 0.5, 0.9)[None],
         lights,
         NOISE,
@@ -136,14 +136,14 @@ def test_mosaic_pixels_see_the_intensity_of_their_channel():
         bound((0, 0, 1), Lights(directions=directions, intensities=np.full(6, i)))
         for i in (0.5, 1.0, 0.5)
     ]
-    np.testing.assert_allclose(found, alone, rtol=1e-6)
+    np.testing.assert_allclose(result, alone, rtol=1e-6)
 
 
 def test_a_monochrome_pixel_sees_the_mean_of_intensity_times_albedo():
     directions = ring(6, 45)
     colours = np.linspace(0.4, 1.6, 18).reshape(6, 3)
     albedo = np.array([0.9, 0.3, 0.6])
-    found = cramer_rao_deg(
+    result = cramer_rao_deg(
         np.float32([[[0, 0, 1]]]),
         albedo[None, None],
         Lights(directions=directions, intensities=colours),
@@ -152,10 +152,10 @@ def test_a_monochrome_pixel_sees_the_mean_of_intensity_times_albedo():
         exposures_us=(8000.0,),
     )[0, 0]
     grey = Lights(directions=directions, intensities=(colours @ albedo) / 3 / 0.6)
-    assert found == pytest.approx(bound((0, 0, 1), grey, albedo=0.6), rel=1e-6)
+    assert result == pytest.approx(bound((0, 0, 1), grey, albedo=0.6), rel=1e-6)
 
 
-def test_lights_that_do_not_reach_the_point_say_nothing():
+def test_lights_that_do_not_reach_the_point_give_no_information():
     directions = np.vstack([ring(6, 45), [[0.9, 0, -0.1]]])
     few = bound((0, 0, 1), Lights(directions=directions[:5]))
     shadows = np.zeros((7, 1, 1), np.bool_)
@@ -168,21 +168,21 @@ def test_lights_that_do_not_reach_the_point_say_nothing():
 @pytest.mark.parametrize(
     ("directions", "albedo"),
     [
-        pytest.param([[1, 0, 1], [-1, 0, 1], [0, 0, 1]], 0.5, id="lights in a plane"),
+        pytest.param([[1, 0, 1], [-1, 0, 1], [0, 0, 1]], 0.5, id="coplanar lights"),
         pytest.param(np.eye(3), 0.0, id="black"),
     ],
 )
-def test_no_bound_where_the_normal_cannot_be_told(directions, albedo):
+def test_the_bound_is_infinite_if_the_normal_is_undetermined(directions, albedo):
     lights = Lights(directions=np.array(directions, float))
     assert bound(np.array([0.1, 0.2, 1]) / np.sqrt(1.05), lights, albedo=albedo) == np.inf
 
 
-def test_outside_the_mask_there_is_no_bound():
+def test_the_bound_is_nan_outside_the_mask():
     assert np.isnan(bound((0, 0, 0), Lights(directions=np.eye(3))))
 
 
 def estimate(grey, noise, exposure_us, directions):
-    """Weighted least squares on every row of (trials, N), weights by the fit before."""
+    """Weighted least squares on every row of (trials, N); weights are from the previous fit."""
     electrons = (grey - noise.black_level_dn) * noise.electrons_per_dn
     design = exposure_us * directions
     weights = np.ones_like(electrons)
@@ -203,7 +203,7 @@ def estimate(grey, noise, exposure_us, directions):
         pytest.param((0.1, 0.2, 1.0), 0.8, 6000.0, 3, id="three lights"),
     ],
 )
-def test_an_efficient_estimator_comes_up_to_the_bound(normal, albedo, exposure_us, count):
+def test_an_efficient_estimator_reaches_the_bound(normal, albedo, exposure_us, count):
     trials = 40_000
     normal = np.array(normal) / np.linalg.norm(normal)
     directions = ring(count, 50)
@@ -212,17 +212,17 @@ def test_an_efficient_estimator_comes_up_to_the_bound(normal, albedo, exposure_u
     assert (directions @ normal > 0).all()
     photons = albedo * exposure_us * np.tile(directions @ normal, (trials, 1))
     grey = sensor_image(photons.astype(np.float32), NOISE, key=(11,))
-    found = estimate(grey.astype(np.float64), NOISE, exposure_us, directions)
-    error = np.arctan2(np.linalg.norm(np.cross(found, normal), axis=1), found @ normal)
+    result = estimate(grey.astype(np.float64), NOISE, exposure_us, directions)
+    error = np.arctan2(np.linalg.norm(np.cross(result, normal), axis=1), result @ normal)
     rms = np.degrees(np.sqrt(np.mean(error**2)))
     least = bound(normal, Lights(directions=directions), albedo=albedo, exposure_us=(exposure_us,))
-    # The mean square of two normal errors over the trials is known to 1 / sqrt(trials) of itself
-    # at worst, its root to half of that.
+    # The relative error of the mean square of two normal errors is at most 1 / sqrt(trials); that
+    # of its root is half of it.
     sampling = 0.5 / np.sqrt(trials)
     assert least * (1 - 4 * sampling) < rms < 1.05 * least
 
 
-def test_in_a_rendered_scene_too():
+def test_the_bound_holds_in_a_rendered_scene():
     """Near lights, painted albedo and cast shadows; light vectors are those of `Lights`."""
     scene = scene_named("coin", width=80, height=64, leds=20, seed=4)
     rendering = render(scene)
@@ -260,7 +260,7 @@ def test_in_a_rendered_scene_too():
         sine = np.linalg.norm(np.cross(m, normals), axis=1)
         error = np.degrees(np.arctan2(sine, (m * normals).sum(axis=1)))
         squared.append((error / least[mask]) ** 2)
-    # A ratio whose mean square over some 15 000 independent pixels is known to under a percent.
+    # The error of the ratio's mean square over about 15 000 independent pixels is below 1 %.
     count = 12 * mask.sum()
     assert count > 10_000
     assert 1 - 4 * 0.5 / np.sqrt(count) < np.sqrt(np.mean(squared)) < 1.05
@@ -270,7 +270,7 @@ def test_in_a_rendered_scene_too():
     ("changed", "message"),
     [
         pytest.param({"albedo": np.ones((2, 2))}, r"albedo has shape \(2, 2\)", id="albedo"),
-        pytest.param({"lights": Lights(positions_mm=np.eye(3))}, "need points_mm", id="points"),
+        pytest.param({"lights": Lights(positions_mm=np.eye(3))}, "require points_mm", id="points"),
         pytest.param({"shadows": np.ones((2, 2, 3), bool)}, "shadows has shape", id="shadows"),
         pytest.param({"exposures_us": ()}, "must be positive", id="no exposure"),
         pytest.param({"exposures_us": (1.0, 0.0)}, "must be positive", id="zero exposure"),
@@ -286,8 +286,8 @@ def test_in_a_rendered_scene_too():
         pytest.param({"photons_per_us": np.ones(7)}, "photons_per_us has shape", id="rate"),
     ],
 )
-def test_bad_input(changed, message):
-    given = {
+def test_invalid_input_is_refused(changed, message):
+    arguments = {
         "normals": np.ones((2, 3, 3), np.float32),
         "albedo": np.ones((2, 3), np.float32),
         "lights": Lights(directions=np.eye(3)),
@@ -296,4 +296,4 @@ def test_bad_input(changed, message):
         "exposures_us": (1.0,),
     }
     with pytest.raises(DataError, match=message):
-        cramer_rao_deg(**{**given, **changed})
+        cramer_rao_deg(**{**arguments, **changed})

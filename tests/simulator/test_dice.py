@@ -1,4 +1,4 @@
-"""Random numbers by counter: known values, and that streams do not know of each other."""
+"""Counter-based random numbers: known values, and independence of streams."""
 
 import numpy as np
 import pytest
@@ -23,11 +23,11 @@ def test_the_numbers_are_those_of_splitmix64(counter, value):
 
 @settings(deadline=None)
 @given(state=WORDS, counter=WORDS)
-def test_the_kernel_draws_the_same_bits(state, counter):
+def test_the_kernel_returns_the_same_bits(state, counter):
     assert int(hashed(np.uint64(state), np.uint64(counter))) == bits(state, counter)
 
 
-def test_streams_of_like_keys_are_unlike():
+def test_streams_of_similar_keys_are_independent():
     keys = [(), (0,), (0, 0), (1,), (0, 1), (1, 0), (2**63,), (1, 0, 0)]
     states = [stream(*key) for key in keys]
     assert len(set(states)) == len(keys)
@@ -36,7 +36,7 @@ def test_streams_of_like_keys_are_unlike():
     assert np.abs(off).max() < 5 / np.sqrt(2000)
 
 
-def test_uniform_and_normal_numbers_are_distributed_so():
+def test_uniform_and_normal_numbers_have_their_distributions():
     state = stream(7, 8)
     even = [uniform(state, i) for i in range(20_000)]
     assert stats.kstest(even, stats.uniform.cdf).pvalue > 1e-3
@@ -48,7 +48,7 @@ def test_uniform_and_normal_numbers_are_distributed_so():
 
 @settings(deadline=None)
 @given(number=WORDS)
-def test_the_polynomials_are_those_functions(number):
+def test_the_polynomials_approximate_their_functions(number):
     high, low = number >> 33, (number & 0xFFFFFFFF) >> 1
     u, turn = (high + 0.5) / 2**31, 2 * np.pi * (low + 0.5) / 2**31
     assert float(unit(np.uint64(number))) == pytest.approx(u, rel=1e-7)

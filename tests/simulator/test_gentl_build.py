@@ -1,4 +1,4 @@
-"""Building the producer with whatever compiler there is."""
+"""Build the producer with the installed compiler."""
 
 import os
 import stat
@@ -21,14 +21,14 @@ def cache(tmp_path, monkeypatch):
 
 
 def compiler(folder: Path, script: str) -> str:
-    """Write a C compiler that does what a shell script does."""
+    """Write a shell script that stands in for a C compiler."""
     path = folder / "mycc"
     path.write_text(f"#!/bin/sh\n{script}\n")
     path.chmod(path.stat().st_mode | stat.S_IXUSR)
     return str(path)
 
 
-def test_it_is_built_once_into_the_cache(cache):
+def test_the_library_is_built_once_in_the_cache(cache):
     path = build()
     assert path.is_relative_to(cache / "sgp")
     assert path.suffix == ".cti"
@@ -49,14 +49,14 @@ def test_another_compiler_builds_another_library(cache, tmp_path, monkeypatch):
     assert build() != before
 
 
-def test_without_a_compiler_it_says_what_to_install(cache, monkeypatch):
+def test_without_a_compiler_the_message_names_what_to_install(cache, monkeypatch):
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(cache))
     with pytest.raises(CompilerError, match="cc, gcc or clang was not found; install one"):
         build()
 
 
-def test_a_compiler_that_is_named_and_absent_is_named(cache, monkeypatch):
+def test_a_missing_compiler_is_named(cache, monkeypatch):
     monkeypatch.setenv("CC", "nosuchcc -m32")
     with pytest.raises(CompilerError, match="nosuchcc"):
         build()
@@ -73,7 +73,9 @@ def test_a_compiler_that_is_named_and_absent_is_named(cache, monkeypatch):
         pytest.param("exit 1", "no reason given", id="no reason"),
     ],
 )
-def test_a_compiler_that_fails_is_quoted_in_one_line(cache, tmp_path, monkeypatch, script, message):
+def test_the_error_of_the_compiler_is_quoted_in_one_line(
+    cache, tmp_path, monkeypatch, script, message
+):
     version = 'test "$1" = --version && exit 0;'
     monkeypatch.setenv("CC", compiler(tmp_path, version + script))
     with pytest.raises(CompilerError, match=message) as caught:
@@ -90,7 +92,7 @@ def test_a_cache_that_cannot_be_written_is_named(tmp_path, monkeypatch):
         build()
 
 
-def test_processes_that_build_at_the_same_time_get_the_same_whole_file(cache):
+def test_processes_that_build_at_the_same_time_get_the_same_complete_file(cache):
     command = [sys.executable, "-m", "simulator.gentl"]
     both = [
         subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) for _ in range(2)
@@ -101,7 +103,7 @@ def test_processes_that_build_at_the_same_time_get_the_same_whole_file(cache):
     assert os.listdir(Path(paths[0]).parent) == [Path(paths[0]).name]
 
 
-def test_the_command_says_in_one_line_what_is_wrong(cache):
+def test_the_command_reports_an_error_in_one_line(cache):
     ran = subprocess.run(
         [sys.executable, "-m", "simulator.gentl"],
         cwd=ROOT,

@@ -1,4 +1,4 @@
-"""What the virtual GenICam camera sees, against the virtual camera in Python and closed forms."""
+"""Frames of the virtual GenICam camera, compared with the camera in Python and closed forms."""
 
 import time
 
@@ -35,7 +35,7 @@ def plane(led):
 
 class Bench(gentl.Bench):
     def camera(self, planes=plane, *, size=SIZE, leds=LEDS, noise=PLAIN, **options):
-        # Shots may follow each other at once.
+        # Shots may follow each other without a pause.
         options = {"frame_rate_hz": 1e5, **options}
         device = self.open(planes, size=size, leds=leds, noise=noise, **options)
         device.set("TriggerMode", "On")
@@ -89,7 +89,7 @@ def both(bench, shots, noise, **options):
         pytest.param(NoiseModel(40.0, 9.0, 2.0, 8), {}, id="8 bits"),
     ],
 )
-def test_frames_are_those_of_the_camera_in_python(bench, noise, options):
+def test_frames_equal_those_of_the_camera_in_python(bench, noise, options):
     for expected, seen in both(bench, SHOTS, noise, **options):
         assert np.abs(seen - expected).max() <= 1
         assert np.mean(seen != expected) <= 1e-4
@@ -97,14 +97,14 @@ def test_frames_are_those_of_the_camera_in_python(bench, noise, options):
 
 @pytest.mark.parametrize("cfa", [None, "RGGB"])
 @pytest.mark.parametrize("shake_px", [0.1, 3.0])
-def test_shaken_frames_are_those_of_the_camera_in_python(bench, cfa, shake_px):
-    """The sums of the interpolation are taken in another order: to one grey value in a 1000."""
+def test_shaken_frames_equal_those_of_the_camera_in_python(bench, cfa, shake_px):
+    """The interpolation sums in another order: 1 of 1000 pixels may differ by one grey value."""
     for expected, seen in both(bench, SHOTS[:4], PLAIN, noisy=False, cfa=cfa, shake_px=shake_px):
         assert np.abs(seen - expected).max() <= 1
         assert np.mean(seen != expected) <= 1e-3
 
 
-def test_the_reference_itself_differs_where_it_should(bench):
+def test_the_frames_of_the_reference_differ_as_expected(bench):
     frames = [seen for _, seen in both(bench, SHOTS, PLAIN)]
     assert not np.array_equal(frames[1], frames[2])
     assert frames[5].max() == 4095
@@ -114,7 +114,7 @@ EVEN = NoiseModel(1.0, 0.0, 20.0, 16)
 
 
 def even(value, leds, size=(4, 6)):
-    """Planes of 1 photon per us and LED + 1 for each LED, 0.125 of ambient light."""
+    """Planes: LED number plus 1 photons per us for each LED, 0.125 for the ambient light."""
 
     def planes(led):
         return np.full(size, 0.125 if led is None else value * (led + 1), np.float32)
@@ -122,7 +122,7 @@ def even(value, leds, size=(4, 6)):
     return {"planes": planes, "size": size, "leds": leds, "noise": EVEN, "noisy": False}
 
 
-def test_light_counts_for_the_time_it_burned_in_the_exposure(bench):
+def test_an_led_counts_for_the_time_it_is_on_during_the_exposure(bench):
     device = bench.camera(**even(1, 3))
     device.set("ExposureTime", 40_000.0)
     device.execute("TriggerSoftware")
@@ -145,10 +145,10 @@ def test_two_leds_at_once_add_up_and_a_dimmed_one_counts_less(bench):
 
 
 def test_leds_without_a_plane_are_dark(bench):
-    made = even(1, 3)
-    planes = made["planes"]
-    made["planes"] = lambda led: None if led in (None, 1) else planes(led)
-    device = bench.camera(**made)
+    options = even(1, 3)
+    planes = options["planes"]
+    options["planes"] = lambda led: None if led in (None, 1) else planes(led)
+    device = bench.camera(**options)
     device.set("ExposureTime", 1000.0)
     for led, value in ((1, 20), (2, 3020), (3, 20), (1000, 20)):
         bench.light(led)
@@ -156,22 +156,22 @@ def test_leds_without_a_plane_are_dark(bench):
         bench.writer.put_out(time.monotonic_ns())
 
 
-def test_an_exposure_in_which_more_leds_burned_than_are_remembered_is_no_frame(bench):
+def test_an_exposure_with_more_led_changes_than_the_ring_gives_no_frame(bench):
     device = bench.camera(**even(1, 3))
     device.set("ExposureTime", 200_000.0)
     device.execute("TriggerSoftware")
     for _ in range(70):
         bench.light(0, 0.001)
-    assert device.nothing_comes(0.4)
+    assert device.no_frame_arrives(0.4)
     assert bench.opened[0][1].counts().dropped == 1
     device.set("ExposureTime", 1000.0)
     assert device.shoot().block == 1
 
 
-def test_rows_of_a_rolling_shutter_see_the_light_one_after_the_other(bench):
+def test_rows_of_a_rolling_shutter_are_exposed_one_after_the_other(bench):
     rows, readout_us, exposure_us = 100, 20_000.0, 5000.0
-    made = even(1, 1, (rows, 3))
-    device = bench.camera(**made, shutter="rolling", readout_us=readout_us)
+    options = even(1, 1, (rows, 3))
+    device = bench.camera(**options, shutter="rolling", readout_us=readout_us)
     assert device.get("SensorShutterMode") == "Rolling"
     assert device.get("SensorReadoutTime") == readout_us
     device.set("ExposureTime", exposure_us)
@@ -196,13 +196,13 @@ def test_pwm_makes_bands_across_the_rows_of_a_rolling_shutter(bench):
     device.set("ExposureTime", 100.0)
     bench.light(0)
     bands = device.shoot().pixels[:, 0].astype(float) - 20 - 12.5
-    # Four cycles in the readout: a quarter of the rows each; twice the mean or nothing.
+    # Four cycles during the readout, each a quarter of the rows: twice the mean or nothing.
     assert np.mean(bands > 800) == pytest.approx(0.5, abs=0.06)
     spectrum = np.abs(np.fft.rfft(bands - bands.mean()))
     assert spectrum.argmax() == 4
 
 
-def test_precomposed_frames_are_those_of_the_led_that_burned_longest(bench):
+def test_a_precomposed_frame_is_that_of_the_led_that_was_on_longest(bench):
     frames = np.random.default_rng(1).integers(0, 4096, (4, *SIZE), np.uint16)
     device = bench.camera(
         lambda led: frames[0 if led is None else led + 1], leds=3, precomposed=True
@@ -215,7 +215,7 @@ def test_precomposed_frames_are_those_of_the_led_that_burned_longest(bench):
         bench.writer.put_out(time.monotonic_ns())
 
 
-def test_white_balance_and_gamma_change_the_picture_only_when_they_are_on(bench):
+def test_white_balance_and_gamma_change_the_image_only_if_they_are_on(bench):
     filters = np.tile(np.float32([[1, 2], [2, 4]]), (8, 8))
     noise = NoiseModel(1.0, 0.0, 0.0, 12)
     device = bench.camera(
@@ -247,25 +247,27 @@ def test_the_black_level_can_be_set(bench):
     ("options", "message"),
     [
         pytest.param({"cfa": "RGB"}, "cfa 'RGB' is not one of RGGB", id="cfa"),
-        pytest.param({"shake_px": 9.0}, "shake of 9.0 px", id="shake"),
-        pytest.param({"leds": 1025}, "1025 LEDs cannot be", id="LEDs"),
-        pytest.param({"size": (0, 4)}, r"size of \(0, 4\)", id="size"),
-        pytest.param({"frame_rate_hz": 1e-300}, "1e-300 Hz", id="frame rate"),
-        pytest.param({"without_nodes": ["x" * 255]}, "too many nodes", id="nodes left out"),
-        pytest.param({"readout_us": -1.0}, "readout of -1.0 us", id="readout"),
-        pytest.param({"serial": "x" * 64}, "1 to 63 letters", id="serial number"),
+        pytest.param({"shake_px": 9.0}, "shake_px is 9.0", id="shake"),
+        pytest.param({"leds": 1025}, "leds is 1025", id="LEDs"),
+        pytest.param({"size": (0, 4)}, r"size is \(0, 4\)", id="size"),
+        pytest.param({"frame_rate_hz": 1e-300}, "frame_rate_hz is 1e-300", id="frame rate"),
+        pytest.param(
+            {"without_nodes": ["x" * 255]}, "without_nodes is too long", id="nodes left out"
+        ),
+        pytest.param({"readout_us": -1.0}, "readout_us is -1.0", id="readout"),
+        pytest.param({"serial": "x" * 64}, "1 to 63 characters", id="serial number"),
         pytest.param({"size": (4, 5)}, r"plane of LED None is float32 of shape", id="plane"),
-        pytest.param({"precomposed": True}, "wanted uint16", id="plane's type"),
+        pytest.param({"precomposed": True}, "expected uint16", id="plane's type"),
     ],
 )
-def test_a_camera_that_cannot_be(options, message):
+def test_invalid_arguments_are_refused(options, message):
     options = {"size": SIZE, "leds": LEDS, "noise": PLAIN, **options}
     with pytest.raises(CameraError, match=message) as caught:
         GentlCamera(plane, **options)
     assert "\n" not in str(caught.value)
 
 
-def test_the_folder_of_a_camera_goes_with_it():
+def test_close_removes_the_folder_of_a_camera():
     camera = GentlCamera(plane, size=SIZE, leds=LEDS, noise=PLAIN)
     folder = camera.cti.parent
     assert camera.cti.exists()

@@ -1,4 +1,4 @@
-"""Pixel formats, bit for bit from the producer through harvesters to an array."""
+"""Pixel formats, bit by bit from the producer via harvesters to an array."""
 
 import contextlib
 import time
@@ -27,10 +27,10 @@ def camera(frame, bits, cfa=None):
 
 
 @contextlib.contextmanager
-def acquirer_of(made):
+def acquirer_of(opened):
     harvester = Harvester()
     try:
-        harvester.add_file(str(made.cti), check_existence=True, check_validity=True)
+        harvester.add_file(str(opened.cti), check_existence=True, check_validity=True)
         harvester.update()
         acquirer = harvester.create()
         yield acquirer
@@ -50,7 +50,7 @@ def grab(acquirer, name):
         component = buffer.payload.components[0]
         size = component.height, component.width
         if name.endswith("10Packed"):
-            # harvesters 1.4.3 takes it for 10 bits a sample and cuts the rest off; it has 12.
+            # harvesters 1.4.3 assumes 10 bits per sample and truncates the rest; the format has 12.
             raw = buffer.module.raw_buffer
             pixels = samples(bytes(raw), name, size[0] * size[1]).reshape(size)
         else:
@@ -64,7 +64,7 @@ def grab(acquirer, name):
 @pytest.mark.parametrize("cfa", MOSAICS)
 def test_every_format_arrives_bit_for_bit(cfa):
     frame = np.random.default_rng(3).integers(0, 2**16, SIZE, np.uint16)
-    with camera(frame, 16, cfa) as made, acquirer_of(made) as acquirer:
+    with camera(frame, 16, cfa) as opened, acquirer_of(opened) as acquirer:
         names = acquirer.remote_device.node_map.PixelFormat.symbolics
         assert names == tuple(MOSAICS[cfa] + suffix for suffix in SUFFIXES)
         for name, bits in zip(names, SUFFIXES.values(), strict=True):
@@ -73,18 +73,18 @@ def test_every_format_arrives_bit_for_bit(cfa):
 
 
 def samples(data: bytes, name: str, count: int) -> np.ndarray:
-    """Samples of a packed format by its definition, one at a time (PFNC 2.4; GigE Vision 2)."""
+    """Unpack samples one by one according to the definition (PFNC 2.4; GigE Vision 2)."""
     if not name.endswith("Packed"):
         bits = int(name.rstrip("p")[-2:])
         number = int.from_bytes(data, "little")
         return np.array([number >> (bits * i) & (2**bits - 1) for i in range(count)])
     low = int(name.removesuffix("Packed")[-2:]) - 8
-    found = []
+    result = []
     for i in range(0, len(data), 3):
         first, both, second = data[i : i + 3]
-        found.append(first << low | both & (2**low - 1))
-        found.append(second << low | both >> 4 & (2**low - 1))
-    return np.array(found[:count])
+        result.append(first << low | both & (2**low - 1))
+        result.append(second << low | both >> 4 & (2**low - 1))
+    return np.array(result[:count])
 
 
 @pytest.mark.parametrize("name", ["10p", "12p", "10Packed", "12Packed"])
@@ -93,8 +93,8 @@ def samples(data: bytes, name: str, count: int) -> np.ndarray:
 def test_packed_formats_of_any_size_follow_their_definition(name, size, cfa):
     frame = np.random.default_rng(4).integers(0, 2**12, size, np.uint16)
     with (
-        camera(frame, 12, cfa) as made,
-        gentl.Library(made.cti) as library,
+        camera(frame, 12, cfa) as opened,
+        gentl.Library(opened.cti) as library,
         gentl.Device(library) as device,
     ):
         device.set("TriggerMode", "On")
@@ -117,19 +117,19 @@ def test_packed_formats_of_any_size_follow_their_definition(name, size, cfa):
         pytest.param(16, "Mono16", id="16 bits"),
     ],
 )
-def test_a_camera_starts_with_the_format_that_holds_its_samples_whole(bits, name):
+def test_a_camera_starts_with_the_format_of_its_bit_depth(bits, name):
     frame = np.random.default_rng(5).integers(0, 2**bits, SIZE, np.uint16)
-    with camera(frame, bits) as made, acquirer_of(made) as acquirer:
+    with camera(frame, bits) as opened, acquirer_of(opened) as acquirer:
         assert acquirer.remote_device.node_map.PixelFormat.value == name
         np.testing.assert_array_equal(grab(acquirer, name), frame)
-        # A wider format holds the same values at its low end.
+        # A wider format has the same values in its low bits.
         np.testing.assert_array_equal(grab(acquirer, "Mono16"), frame)
 
 
 @pytest.mark.parametrize("name", ["Mono8", "Mono12p", "Mono16"])
 def test_a_part_of_the_sensor(name):
     frame = np.random.default_rng(6).integers(0, 2**16, SIZE, np.uint16)
-    with camera(frame, 16) as made, acquirer_of(made) as acquirer:
+    with camera(frame, 16) as opened, acquirer_of(opened) as acquirer:
         nodes = acquirer.remote_device.node_map
         nodes.Width.value, nodes.Height.value = 8, 5
         assert (nodes.OffsetX.max, nodes.OffsetY.max) == (12, 7)
@@ -138,14 +138,14 @@ def test_a_part_of_the_sensor(name):
         np.testing.assert_array_equal(grab(acquirer, name), expected)
 
 
-def test_frames_of_five_megapixels_come_at_the_rate_of_the_camera():
+def test_frames_of_five_megapixels_arrive_at_the_rate_of_the_camera():
     frame = np.random.default_rng(7).integers(0, 2**12, (2048, 2448), np.uint16)
     noise = NoiseModel(1.0, 0.0, 0.0, 12)
-    made = GentlCamera(
+    opened = GentlCamera(
         lambda led: frame, size=frame.shape, leds=0, noise=noise, precomposed=True,
         frame_rate_hz=20.0,
     )  # fmt: skip
-    with made, gentl.Library(made.cti) as library, gentl.Device(library) as device:
+    with opened, gentl.Library(opened.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 5000.0)
         device.start()
         first = device.fetch()
@@ -156,6 +156,6 @@ def test_frames_of_five_megapixels_come_at_the_rate_of_the_camera():
             frames.append(device.take(5.0))
         busy = time.process_time() - busy
         assert (first.pixels == frame).all()
-        # 10 frames take half a second; a fifth of a core is the limit.
+        # 10 frames take half a second; the limit is a fifth of a core.
         assert busy < 0.1
         assert device.library is library

@@ -1,4 +1,4 @@
-"""When the virtual GenICam camera exposes: software, the trigger line, its own pace."""
+"""Exposures of the virtual GenICam camera: by software, by the trigger line, free-running."""
 
 import time
 
@@ -55,7 +55,7 @@ def bench(tmp_path):
     bench.close()
 
 
-def test_a_pulse_on_the_line_begins_the_exposure_exactly_at_its_time(bench):
+def test_the_exposure_begins_exactly_at_the_pulse(bench):
     device = bench.camera()
     at_ns = bench.pulse(20)
     bench.writer.light(1, at_ns - MS, at_ns + 10 * MS)
@@ -65,54 +65,52 @@ def test_a_pulse_on_the_line_begins_the_exposure_exactly_at_its_time(bench):
     assert [(e.start_ns, e.end_ns) for e in bench.state.exposures()] == [(at_ns, at_ns + MS)]
 
 
-def test_pulses_announced_together_make_one_frame_each_in_order(bench):
+def test_pulses_announced_together_give_one_frame_each_in_order(bench):
     device = bench.camera()
     times = [bench.pulse(5 + 4 * i) for i in range(6)]
     frames = [device.fetch() for _ in times]
     assert [frame.start_ns for frame in frames] == times
     assert [frame.block for frame in frames] == list(range(6))
-    assert device.nothing_comes()
+    assert device.no_frame_arrives()
 
 
-def test_a_pulse_seen_late_still_begins_at_its_time(bench):
+def test_the_exposure_of_a_pulse_read_late_begins_at_its_time(bench):
     device = bench.camera()
     time.sleep(0.01)
     at_ns = bench.pulse(-0.5)
     assert device.fetch().start_ns == at_ns
 
 
-def test_a_withdrawn_pulse_makes_no_frame(bench):
+def test_a_cancelled_pulse_gives_no_frame(bench):
     device = bench.camera()
     bench.pulse(100)
     bench.writer.put_out(time.monotonic_ns())
     at_ns = bench.pulse(5)
     assert device.fetch().start_ns == at_ns
-    assert device.nothing_comes(0.15)
+    assert device.no_frame_arrives(0.15)
     assert (bench.counts().exposures, bench.counts().missed) == (1, 0)
 
 
 @pytest.mark.parametrize(("edge", "later_ns"), [("RisingEdge", 0), ("FallingEdge", 200_000)])
-def test_a_pulse_of_a_board_that_stopped_in_mid_writing_counts_when_it_is_whole(
-    bench, edge, later_ns
-):
+def test_a_partly_written_pulse_counts_when_it_is_complete(bench, edge, later_ns):
     device = bench.camera(armed=False)
     device.set("TriggerActivation", edge)
     device.start()
     map_, count_at = bench.writer._map, 32
     whole = bytes(map_)
-    # The board's change is begun and its pulse counted, not written.
+    # The board has begun its change and counted the pulse, but has not written it.
     map_[16:24] = (1).to_bytes(8, "little")
     map_[count_at : count_at + 8] = (1).to_bytes(8, "little")
     map_[64 + 64 * 24 : 64 + 64 * 24 + 8] = (-64).to_bytes(8, "little", signed=True)
-    # Until the camera takes what is there as it is.
-    assert device.nothing_comes(0.4)
+    # Wait until the camera uses the state as it is.
+    assert device.no_frame_arrives(0.4)
     map_[:] = whole
     at_ns = bench.pulse(5)
     assert device.fetch().start_ns == at_ns + later_ns
     assert bench.counts().exposures == 1
 
 
-def test_the_light_of_a_board_that_died_in_mid_writing_is_taken_as_it_is(bench):
+def test_the_light_of_a_board_that_died_while_writing_is_used_as_it_is(bench):
     device = bench.camera(trigger="Software", exposure_us=1000.0)
     now = time.monotonic_ns()
     bench.writer.light(1, now, now + 10 * S)
@@ -123,7 +121,7 @@ def test_the_light_of_a_board_that_died_in_mid_writing_is_taken_as_it_is(bench):
     assert time.monotonic() - began < 3
 
 
-def test_pulses_of_before_the_start_are_not_for_this_acquisition(bench):
+def test_pulses_before_the_start_are_ignored(bench):
     device = bench.camera(armed=False)
     bench.pulse(0)
     later_ns = bench.pulse(100)
@@ -142,15 +140,15 @@ def test_more_pulses_than_the_ring_holds(bench):
     assert device.fetch().start_ns == at_ns
 
 
-def test_a_pulse_in_the_exposure_is_missed_and_counted(bench):
+def test_a_pulse_during_the_exposure_is_missed_and_counted(bench):
     device = bench.camera(exposure_us=30_000.0)
     first, _, third = (bench.pulse(ms) for ms in (5, 20, 36))
     assert [device.fetch().start_ns for _ in range(2)] == [first, third]
     assert (bench.counts().exposures, bench.counts().missed) == (2, 1)
 
 
-def test_no_pulse_of_a_run_is_missed_while_frames_are_held_up(bench):
-    """The exposures are those of the pulses, however late threads or frames are."""
+def test_no_pulse_is_missed_while_frames_are_delayed(bench):
+    """The exposures are those of the pulses, even if threads or frames are late."""
     device = bench.camera(buffers=48)
     bench.opened[0][1].set_fault(0, "late", late_ms=250.0)
     first_ns = time.monotonic_ns() + 20 * MS
@@ -170,15 +168,15 @@ def test_a_pulse_within_the_frame_period_is_missed(bench):
     assert bench.counts().missed == 1
 
 
-def test_an_exposure_may_overlap_the_readout_before_but_not_end_in_it(bench):
+def test_an_exposure_may_overlap_the_previous_readout_but_not_end_in_it(bench):
     device = bench.camera(exposure_us=10_000.0, readout_us=20_000.0)
-    # Exposed 5..15 and read until 35: one of 24..34 would end before, one of 26..36 does not.
+    # Exposure 5..15, readout until 35: 24..34 would end before that, 26..36 does not.
     first, _, third = (bench.pulse(ms) for ms in (5, 24, 26))
     assert [device.fetch().start_ns for _ in range(2)] == [first, third]
     assert bench.counts().missed == 1
 
 
-def test_frames_come_when_they_have_been_read_out(bench):
+def test_frames_are_delivered_after_their_readout(bench):
     device = bench.camera(readout_us=30_000.0)
     at_ns = bench.pulse(2)
     device.fetch()
@@ -199,7 +197,7 @@ def test_a_setting_moves_the_start_of_the_exposure(bench, node, value, later_ns)
     assert device.fetch().start_ns == at_ns + later_ns
 
 
-def test_the_status_of_the_line_follows_the_pulse(bench):
+def test_the_line_status_follows_the_pulse(bench):
     device = bench.camera(armed=False)
     assert device.get("LineStatus") == 0
     bench.writer.pulse(time.monotonic_ns())
@@ -219,19 +217,19 @@ def test_a_software_trigger_begins_before_the_call_returns(bench):
     assert time.monotonic_ns() >= frame.start_ns + 20 * MS
 
 
-def test_a_software_trigger_in_the_exposure_is_missed(bench):
+def test_a_software_trigger_during_the_exposure_is_missed(bench):
     device = bench.camera(trigger="Software", exposure_us=200_000.0)
     device.execute("TriggerSoftware")
     device.execute("TriggerSoftware")
     assert device.fetch().block == 0
-    assert device.nothing_comes(0.25)
+    assert device.no_frame_arrives(0.25)
     assert (bench.counts().exposures, bench.counts().missed) == (1, 1)
 
 
-def test_each_source_hears_only_its_own_triggers(bench):
+def test_only_triggers_of_the_selected_source_count(bench):
     device = bench.camera(trigger="Software")
     bench.pulse(1)
-    assert device.nothing_comes()
+    assert device.no_frame_arrives()
     device.set("TriggerSource", "Line0")
     with pytest.raises(gentl.GentlError, match="TriggerSource Software") as caught:
         device.execute("TriggerSoftware")
@@ -243,11 +241,11 @@ def test_a_software_trigger_before_the_start_is_missed(bench):
     device.execute("TriggerSoftware")
     assert bench.counts().missed == 1
     device.start()
-    assert device.nothing_comes()
+    assert device.no_frame_arrives()
 
 
 @pytest.mark.parametrize("base", [0, 1])
-def test_block_ids_start_anew_with_the_acquisition(bench, base):
+def test_block_ids_start_again_with_the_acquisition(bench, base):
     device = bench.camera(trigger="Software", first_block_id=base, frame_rate_hz=1e5)
     assert [device.shoot().block for _ in range(3)] == [base, base + 1, base + 2]
     device.stop()
@@ -255,17 +253,17 @@ def test_block_ids_start_anew_with_the_acquisition(bench, base):
     assert device.shoot().block == base
 
 
-def test_running_free_keeps_the_frame_rate(bench):
+def test_the_free_running_camera_keeps_the_frame_rate(bench):
     device = bench.camera(trigger=None, frame_rate_hz=200.0)
     device.set("AcquisitionFrameRateEnable", 1)
     device.set("AcquisitionFrameRate", 100.0)
     starts = np.array([device.fetch().start_ns for _ in range(10)])
-    # A busy machine may delay one, never hasten one.
+    # A busy computer may delay a frame, but never advance one.
     assert np.diff(starts).min() >= 10 * MS
     assert np.median(np.diff(starts)) < 12 * MS
 
 
-def test_the_greatest_frame_rate_follows_from_the_camera(bench):
+def test_the_maximum_frame_rate_is_that_of_the_camera(bench):
     device = bench.camera(trigger=None, armed=False, frame_rate_hz=20.0)
     assert device.get("AcquisitionFrameRate") == 20.0
     with pytest.raises(gentl.GentlError, match=r"0\.1 to 20$"):
@@ -273,17 +271,17 @@ def test_the_greatest_frame_rate_follows_from_the_camera(bench):
 
 
 @pytest.mark.parametrize(("mode", "count"), [("SingleFrame", 1), ("MultiFrame", 3)])
-def test_an_acquisition_of_so_many_frames_ends_by_itself(bench, mode, count):
+def test_a_multi_frame_acquisition_ends_by_itself(bench, mode, count):
     device = bench.camera(trigger=None, armed=False)
     device.set("AcquisitionMode", mode)
     device.set("AcquisitionFrameCount", 3)
     device.start()
     for _ in range(count):
         device.fetch()
-    assert device.nothing_comes()
+    assert device.no_frame_arrives()
 
 
-def test_stopping_forgets_frames_that_are_under_way(bench):
+def test_stopping_discards_frames_in_progress(bench):
     device = bench.camera(trigger="Software", exposure_us=100_000.0)
     device.execute("TriggerSoftware")
     began = time.monotonic()
@@ -291,15 +289,15 @@ def test_stopping_forgets_frames_that_are_under_way(bench):
     assert time.monotonic() - began < 0.09
     device.set("ExposureTime", 1000.0)
     device.start()
-    assert device.nothing_comes(0.15)
+    assert device.no_frame_arrives(0.15)
     frame = device.shoot()
     assert (frame.block, frame.start_ns > began * 1e9) == (0, True)
     assert bench.counts().dropped == 1
 
 
-def test_watching_the_line_takes_little_of_the_processor(bench):
+def test_watching_the_line_uses_little_processor_time(bench):
     bench.camera()
     busy = time.process_time()
     time.sleep(0.5)
-    # 5000 looks a second take some 8 % of a core, more on a busy machine.
+    # 5000 checks per second take about 8 % of a core, more on a busy computer.
     assert time.process_time() - busy < 0.15

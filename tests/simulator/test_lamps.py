@@ -1,4 +1,4 @@
-"""Lamps over time against closed forms, and what the virtual camera makes of them."""
+"""Lamps over time, compared with closed forms, and their effect on the virtual camera."""
 
 import time
 
@@ -15,22 +15,22 @@ from simulator._scene.lamps import Lamps, gate_share
 S = 10**9
 
 
-def test_without_faults_a_lamp_gives_exactly_what_it_should():
+def test_without_faults_the_factor_of_a_lamp_is_1():
     assert Lamps().factor(3, 7 * S, 123.0, (1, 2)) == 1.0
 
 
 def test_warm_up_is_the_mean_of_the_exponential_over_the_exposure():
     lamps = Lamps(warm_up=0.2, warm_up_s=30.0)
-    # Short against the time constant: the value at the moment.
+    # Much shorter than the time constant: the value at that time.
     assert lamps.factor(0, 0, 1.0, ()) == pytest.approx(1.2, rel=1e-7)
     assert lamps.factor(0, 30 * S, 1.0, ()) == pytest.approx(1 + 0.2 / np.e, rel=1e-7)
     assert lamps.factor(0, 3000 * S, 1.0, ()) == pytest.approx(1.0, rel=1e-12)
-    # As long as the time constant: (1 - 1/e) of the difference, by integration.
+    # As long as the time constant: (1 - 1/e) of the excess, by integration.
     assert lamps.factor(0, 0, 30e6, ()) == pytest.approx(1 + 0.2 * (1 - 1 / np.e), rel=1e-12)
     assert Lamps(warm_up=-0.1, warm_up_s=5.0).factor(0, 0, 1.0, ()) == pytest.approx(0.9, rel=1e-6)
 
 
-def test_flicker_has_its_spread_and_depends_on_shot_and_led_alone():
+def test_flicker_has_its_spread_and_depends_only_on_shot_and_led():
     lamps = Lamps(flicker=0.02)
     draws = np.array([lamps.factor(0, i * S, 100.0, (4, i)) for i in range(4000)])
     assert draws.mean() == pytest.approx(1.0, abs=5 * 0.02 / np.sqrt(4000))
@@ -67,7 +67,7 @@ def test_share_of_a_gate_is_the_sum_over_fine_steps(phase, cycles, duty):
     steps = 20_000
     at = phase + (np.arange(steps) + 0.5) / steps * cycles
     counted = np.mean(at % 1.0 < duty)
-    # Every edge of the gate in the window may be off by one step.
+    # Every edge of the gate in the window may have an error of one step.
     assert gate_share(phase, cycles, duty) == pytest.approx(counted, abs=(2 * cycles + 3) / steps)
 
 
@@ -77,20 +77,20 @@ def test_pwm_is_seen_by_short_exposures_only():
     def draws(exposure_us):
         return np.array([lamps.factor(0, 0, exposure_us, (1, i)) for i in range(3000)])
 
-    # A tenth of a cycle: all or nothing but for the edges; 10.05 cycles: a little; whole: none.
+    # A tenth of a cycle: all or nothing except at edges; 10.05 cycles: a little; integer: none.
     short, long, whole = draws(100.0), draws(10_050.0), draws(10_000.0)
     assert short.min() == 0.0
     assert short.max() == pytest.approx(2.5)
     np.testing.assert_allclose(whole, 1.0, rtol=1e-12)
-    # At any phase at random the mean is the intensity; edges share a window of w cycles so that
-    # the variance of the all-or-nothing share is d (1 - d) less w / 3, over d^2.
+    # With a random phase, the mean is the intensity. Edges share a window of w cycles so that
+    # the variance of the all-or-nothing share is (d (1 - d) - w / 3) / d^2.
     variance = (0.4 * 0.6 - 0.1 / 3) / 0.16
     assert short.var() == pytest.approx(variance, rel=0.1)
     assert short.mean() == pytest.approx(1.0, abs=5 * np.sqrt(variance / 3000))
     assert 0 < long.std() < 0.01
 
 
-def test_dead_leds_give_nothing_and_others_all():
+def test_only_dead_leds_give_no_light():
     lamps = Lamps(dead=(2, 5), flicker=0.01)
     assert lamps.factor(2, 0, 10.0, (0,)) == 0.0
     assert lamps.factor(3, 0, 10.0, (0,)) > 0.9
@@ -100,7 +100,7 @@ def test_dead_leds_give_nothing_and_others_all():
     ("values", "message"),
     [
         pytest.param({"warm_up": -1.0}, "warm_up -1", id="warm-up below nothing"),
-        pytest.param({"warm_up_s": 0.0}, "within 0 s", id="no time constant"),
+        pytest.param({"warm_up_s": 0.0}, "warm_up_s 0 s", id="no time constant"),
         pytest.param({"flicker": -0.1}, "flicker is -0.1", id="negative flicker"),
         pytest.param({"flicker": 0.3}, "flicker is 0.3", id="wild flicker"),
         pytest.param({"flicker": float("nan")}, "flicker is nan", id="nan"),
@@ -108,10 +108,10 @@ def test_dead_leds_give_nothing_and_others_all():
         pytest.param({"pwm_hz": float("inf")}, "pwm_hz is inf", id="endless frequency"),
         pytest.param({"pwm_duty": 0.0}, "pwm_duty 0", id="never on"),
         pytest.param({"pwm_duty": 1.1}, "pwm_duty 1.1", id="more than on"),
-        pytest.param({"dead": (-1,)}, "counted from 0", id="LED below 0"),
+        pytest.param({"dead": (-1,)}, "not be negative", id="LED below 0"),
     ],
 )
-def test_bad_lamps(values, message):
+def test_invalid_lamps_are_refused(values, message):
     with pytest.raises(DataError, match=message) as caught:
         Lamps(**values)
     assert "\n" not in str(caught.value)
@@ -122,7 +122,7 @@ SENSOR = NoiseModel(1.0, 0.0, 20.0, 16)
 
 
 def frames(tmp_path, shots, **options):
-    """The grey values above black of (LED, exposure) shots, one electron per grey value."""
+    """Return grey values above black of (LED, exposure) shots, one electron per grey value."""
     writer = BenchWriter(tmp_path / "bench.state")
     camera = VirtualCamera(
         lambda led: np.full(SIZE, 0.5 if led is None else 4.0, np.float32),
@@ -147,13 +147,13 @@ def frames(tmp_path, shots, **options):
     return np.array(taken)
 
 
-def test_the_camera_sees_lamps_and_not_the_room_change(tmp_path):
+def test_lamps_do_not_change_the_ambient_light(tmp_path):
     shots = [(0, 8000), (1, 8000), (None, 8000)]
     lit = frames(tmp_path, shots, lamps=Lamps(dead=(1,)))
     np.testing.assert_array_equal(lit, [36_000, 4000, 4000])
 
 
-def test_lamps_warm_up_by_the_time_exposed(tmp_path):
+def test_the_clock_of_warm_up_is_the_exposed_time(tmp_path):
     shots = [(0, 10_000)] * 4 + [(None, 10_000)]
     lamps = Lamps(warm_up=0.25, warm_up_s=0.02)
     seen = frames(tmp_path, shots, lamps=lamps)
@@ -173,7 +173,7 @@ def test_flicker_and_pwm_do_not_depend_on_the_order_of_shots(tmp_path):
 
 
 def test_twice_the_exposure_is_twice_the_signal(tmp_path):
-    """To a thousandth, with no warm-up left and whole cycles of the PWM."""
+    """To a thousandth, after warm-up and with an integer number of PWM cycles."""
     lamps = Lamps(pwm_hz=1000.0, pwm_duty=0.3)
     exposures = [1000, 2000, 4000, 8000]
     seen = frames(tmp_path, [(0, e) for e in exposures], lamps=lamps)

@@ -1,4 +1,4 @@
-"""The lens: rays and projections against OpenCV and against closed forms."""
+"""The lens: rays and projections, compared with OpenCV and closed forms."""
 
 import cv2
 import numpy as np
@@ -42,7 +42,7 @@ def _opencv(camera, points):
 
 
 @pytest.mark.parametrize("distortion", DISTORTIONS)
-def test_projection_is_opencvs(distortion):
+def test_projection_equals_that_of_opencv(distortion):
     camera = _camera(distortion)
     points = np.random.default_rng(4).uniform([-140, -110, -50], [140, 110, 80], (500, 3))
     ours = Lens.of(camera).project(points)
@@ -68,7 +68,7 @@ def test_point_on_a_pixels_ray_projects_onto_the_pixel_by_opencv(distortion):
     tangential=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),
     skew=st.floats(-20, 20),
 )
-def test_there_and_back(radial, tangential, skew):
+def test_round_trip(radial, tangential, skew):
     lens = Lens.of(_camera([radial[0], radial[1], *tangential, radial[2]], skew))
     x, y = _pixels()
     origins, rays = lens.origins_and_rays(x, y)
@@ -84,8 +84,8 @@ def test_skew_shears_the_columns():
     )
 
 
-def test_pinhole_in_plain_numbers():
-    """10 mm right and 20 mm up at 500 mm: up is toward the first row."""
+def test_pinhole_with_simple_numbers():
+    """A point 10 mm right and 20 mm up at 500 mm; up is toward the first row."""
     x, y = Lens.of(_camera()).project(np.array([10.0, 20.0, 100.0]))
     assert x == pytest.approx(322.3 + 1307 * 0.02)
     assert y == pytest.approx(250.9 - 1311.5 * 0.04)
@@ -94,8 +94,8 @@ def test_pinhole_in_plain_numbers():
 @pytest.mark.parametrize(
     "distortion",
     [
-        # The fold of k1 alone lies at r^2 = 1 / (3 |k1|), its image at 2/3 of that radius; the
-        # corners of this image lie at 0.317.
+        # The fold of k1 alone is at r^2 = 1 / (3 |k1|), its image at 2/3 of that radius; the
+        # corners of this image are at 0.317.
         pytest.param([-1.7, 0, 0, 0, 0], id="fold-inside-the-corners"),
         pytest.param([-8.0, 0, 0, 0, 0], id="fold-in-mid-image"),
         pytest.param([0, 0, 0, 3.0, 0], id="tangential-fold"),
@@ -109,7 +109,7 @@ def test_distortion_that_folds_over_is_refused(distortion):
         )
 
 
-def test_k1_is_refused_exactly_from_its_fold_on():
+def test_k1_is_refused_exactly_from_the_fold():
     corner = np.hypot(320.0, 256.0) / 1300.0
     limit = (2 / 3 / corner) ** 2 / 3
     matrix = np.array([[1300, 0, 319.5], [0, 1300, 255.5], [0, 0, 1]])
@@ -118,7 +118,7 @@ def test_k1_is_refused_exactly_from_its_fold_on():
         Lens.of(_camera([-1.001 * limit], matrix=matrix))
 
 
-def test_orthographic_lens_in_plain_numbers():
+def test_orthographic_lens_with_simple_numbers():
     lens = Lens.orthographic(101, 51, 0.25, 300.0)
     origins, rays = lens.origins_and_rays([50, 0, 100], [25, 0, 50])
     np.testing.assert_allclose(origins, [[0, 0, 300], [-12.5, 6.25, 300], [12.5, -6.25, 300]])
@@ -130,7 +130,7 @@ def test_orthographic_lens_in_plain_numbers():
     np.testing.assert_array_equal(Lens.orthographic(9, 9, 1, 9, vignetting=1).vignette(0, 0), 1.0)
 
 
-def test_orthographic_there_and_back():
+def test_orthographic_round_trip():
     lens = Lens.orthographic(WIDTH, HEIGHT, 0.37, 300.0)
     x, y = _pixels()
     origins, rays = lens.origins_and_rays(x, y)
@@ -148,7 +148,7 @@ def test_orthographic_is_the_limit_of_a_far_camera():
     np.testing.assert_allclose(lens.eye_to(points), near.eye_to(points), atol=2e-6)
 
 
-def test_eye_to_goes_up_the_ray():
+def test_eye_to_is_opposite_to_the_ray():
     lens = Lens.of(_camera([-0.2, 0.1, 0.001, 0.002, 0]))
     x, y = _pixels()
     origins, rays = lens.origins_and_rays(x, y)
@@ -194,15 +194,15 @@ LENSES = [
     ("centre", "radius"),
     [((-60.0, 50.0, 20.0), 20.0), ((10.0, -5.0, 90.0), 90.0), ((120.0, -95.0, 30.0), 30.0)],
 )
-def test_window_holds_every_pixel_that_meets_a_ball(lens, centre, radius):
+def test_window_contains_every_pixel_whose_ray_hits_the_ball(lens, centre, radius):
     y, x = np.mgrid[: lens.size[0], : lens.size[1]]
     origins, rays = lens.origins_and_rays(x, y)
     miss = np.linalg.norm(np.cross(rays, origins - centre), axis=-1) / np.linalg.norm(rays, axis=-1)
     rows, columns = (np.flatnonzero((miss < radius).any(axis=a)) for a in (1, 0))
     window = lens.window(centre, radius)
-    for found, span, most in zip((rows, columns), window, lens.size, strict=True):
-        assert max(found[0] - 3, 0) <= span.start <= found[0]
-        assert found[-1] + 1 <= span.stop <= min(found[-1] + 4, most)
+    for result, span, most in zip((rows, columns), window, lens.size, strict=True):
+        assert max(result[0] - 3, 0) <= span.start <= result[0]
+        assert result[-1] + 1 <= span.stop <= min(result[-1] + 4, most)
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -214,8 +214,8 @@ def test_window_of_a_ball_outside_the_image_is_empty(lens):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        pytest.param(lambda: Lens(), "has no pixels", id="nothing"),
-        pytest.param(lambda: Lens.orthographic(0, 5, 1, 1), "has no pixels", id="no-width"),
+        pytest.param(lambda: Lens(), "pixels is invalid", id="nothing"),
+        pytest.param(lambda: Lens.orthographic(0, 5, 1, 1), "pixels is invalid", id="no-width"),
         pytest.param(lambda: Lens.orthographic(5, 5, -1, 1), "pixel_mm is -1", id="pixel"),
         pytest.param(lambda: Lens.orthographic(5, 5, 1, np.nan), "height_mm is nan", id="height"),
         pytest.param(lambda: Lens.of(bench_camera(), width=3), "one or the other", id="both"),
@@ -227,7 +227,7 @@ def test_window_of_a_ball_outside_the_image_is_empty(lens):
         pytest.param(lambda: Lens.of(bench_camera(), cfa="RGB"), "not one of RGGB", id="cfa"),
     ],
 )
-def test_impossible_lens_is_one_line(make, message):
+def test_an_invalid_lens_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Meshes in the scene: against other programs' ray casting, closed forms, and bad files."""
+"""Meshes: comparison with the ray casting of other programs and closed forms; invalid files."""
 
 import math
 import os
@@ -19,14 +19,14 @@ H, W, FOCAL, EYE = 360, 400, 1000.0, np.array([0.0, 0.0, 600.0])
 def _body(name, **more):
     if name == "torus":
         ring = trimesh.creation.torus(2.0, 0.8, major_sections=64, minor_sections=32)
-        # Turned and shifted: no edge runs through the centres of pixels.
+        # Rotated and shifted, so that no edge passes through the centres of pixels.
         vertices = _moved(ring.vertices @ _turn(0.2), 25.0, (0.3, -0.7, 40.0))
         return MeshBody(vertices, np.asarray(ring.faces), **more)
     if "SGP_DATA" not in os.environ:
         pytest.skip("SGP_DATA is not set")
     path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
     if not path.exists():
-        pytest.skip(f"{path} is not there")
+        pytest.skip(f"{path} does not exist")
     return MeshBody.read(path, radius_mm=80.0, **more)
 
 
@@ -53,7 +53,7 @@ def _angle_deg(a, b):
 
 
 def _rasterised(body, normals):
-    """Draw normals of all triangle corners (3 F, 3) by OpenCV's rasteriser: hit, normals, depth."""
+    """Draw normals of all triangle corners (3 F, 3) with OpenCV: hit, normals, depth."""
     corners = body.vertices_mm[body.faces].reshape(-1, 1, 3).astype(np.float32)
     numbers = np.arange(len(corners), dtype=np.int32).reshape(-1, 1, 3)
     to_camera = np.eye(4, dtype=np.float32)
@@ -89,24 +89,24 @@ def test_normal_map_agrees_with_a_rasteriser(name, smooth):
     rays = _camera_rays()
     hits = body.trace(EYE, rays)
     assert hit.mean() > 0.2
-    # The rasteriser's float32 may fall to the other side of a silhouette, and of an edge.
+    # With float32, a pixel may be on the other side of a silhouette or an edge.
     assert (hits.hit != hit).sum() <= 3
     seen = hits.hit & hit
-    # Its depth buffer resolves 600 mm to some 0.03 mm.
+    # The resolution of its depth buffer is about 0.03 mm at 600 mm.
     apart = np.abs(EYE[2] - hits.points_mm[..., 2] - depth)[seen]
     assert np.percentile(apart, 99.9) < 0.1
     expected = expected / np.maximum(np.linalg.norm(expected, axis=-1, keepdims=True), 1e-9)
-    # A smooth normal turned to the camera's side with its face may differ in sign.
+    # A smooth normal that is flipped with its face may differ in sign.
     flipped = _angle_deg(hits.normals, -expected)
     error = np.minimum(_angle_deg(hits.normals, expected), flipped)[seen]
     assert (error < 0.01).mean() > 0.999
-    # What is left lies on the edges of triangles, where float32 may choose the other side.
+    # The remaining ones are on edges of triangles, where float32 may choose the other side.
     _, weights, _ = body.tree.closest(np.tile(EYE, (seen.sum(), 1)), rays[seen])
     assert error[weights.min(axis=1) > 0.01].max() < 0.01
 
 
 class _Boxes:
-    """Stands in for trimesh's rtree: candidates are the triangles whose box meets the ray's box."""
+    """Replaces trimesh's rtree: candidates are triangles whose box overlaps the ray's box."""
 
     def __init__(self, triangles):
         self.low, self.high = triangles.min(axis=1), triangles.max(axis=1)
@@ -136,15 +136,15 @@ def test_normal_map_agrees_with_trimesh_ray_casting(name):
     assert (hits.normals * rays).sum(axis=1)[hits.hit].max() < 0
 
 
-def test_smooth_sphere_has_the_normals_of_a_sphere():
+def test_a_smooth_sphere_has_the_normals_of_a_sphere():
     ball = trimesh.creation.icosphere(subdivisions=4, radius=50.0)
     body = MeshBody(_moved(ball.vertices, 1.0, (0, 0, 50.0)), np.asarray(ball.faces))
     hits = body.trace(EYE, _camera_rays())
     centre = np.array([0, 0, 50.0])
     radial = hits.points_mm[hits.hit] - centre
-    # Facets are 4 degrees wide: blended normals are far closer than that.
+    # Facets are 4 degrees wide; interpolated normals have much smaller errors.
     assert _angle_deg(hits.normals[hits.hit], radial).max() < 0.15
-    # An edge of 4.4 degrees, seen from the middle, sags by r (1 - cos 2.6) within its face.
+    # An edge of 4.4 degrees, seen from the centre, sags by r (1 - cos 2.6) within its face.
     assert np.linalg.norm(radial, axis=1).min() > 50 * math.cos(math.radians(2.8))
     np.testing.assert_allclose(np.linalg.norm(hits.normals[hits.hit], axis=1), 1.0, rtol=1e-12)
     sine = math.sin(math.atan2(50.0, math.sqrt(550.0**2 - 50.0**2)))
@@ -175,7 +175,7 @@ def test_cube_has_flat_sides_and_known_heights():
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_a_mesh_wound_the_other_way_looks_the_same(smooth):
+def test_a_mesh_with_opposite_winding_looks_the_same(smooth):
     body = _body("torus", smooth=smooth)
     turned = MeshBody(body.vertices_mm, body.faces[:, ::-1], smooth=smooth)
     rays = _camera_rays()[::5, ::5]
@@ -203,7 +203,7 @@ def _file(folder, kind, vertices=PYRAMID, faces=SIDES):
 
 
 @pytest.mark.parametrize("kind", ["obj", "ply", "stl"])
-def test_read_rests_the_mesh_in_the_middle_of_the_board(tmp_path, kind):
+def test_read_places_the_mesh_in_the_middle_of_the_board(tmp_path, kind):
     body = MeshBody.read(_file(tmp_path, kind), radius_mm=50.0)
     low, high = body.vertices_mm.min(axis=0), body.vertices_mm.max(axis=0)
     np.testing.assert_allclose(low[:2], -high[:2], atol=1e-5)
@@ -212,14 +212,14 @@ def test_read_rests_the_mesh_in_the_middle_of_the_board(tmp_path, kind):
     scale = 50.0 / math.sqrt(5)
     assert body.top_mm == pytest.approx(3 * scale, rel=1e-6)
     assert len(body.faces) == 4
-    # STL corners are joined, so that normals can be blended.
+    # STL vertices are merged, so that normals can be interpolated.
     assert len(body.vertices_mm) == 5
 
 
-def test_read_turns_the_mesh_first(tmp_path):
+def test_read_rotates_the_mesh_before_scaling(tmp_path):
     path = _file(tmp_path, "ply")
     tipped = MeshBody.read(path, radius_mm=50.0, turn_deg=(90.0, 0.0, 0.0), smooth=False)
-    # Its y axis points up now: it stands on its long side, 2 high, its tip at -Y.
+    # Its y axis now points up: it is on its long side, 2 high, with its tip at -Y.
     scale = 50.0 / math.hypot(2.0, 1.5)
     assert tipped.top_mm == pytest.approx(2 * scale, rel=1e-6)
     assert tipped.vertices_mm[4] == pytest.approx([0.0, -1.5 * scale, scale], rel=1e-6, abs=1e-4)
@@ -229,7 +229,7 @@ def test_read_turns_the_mesh_first(tmp_path):
     np.testing.assert_allclose(around.vertices_mm, np.stack([-y, x, z], axis=1), atol=1e-5)
 
 
-def test_quads_are_cut_into_triangles(tmp_path):
+def test_quads_are_triangulated(tmp_path):
     path = tmp_path / "quad.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
     vertices, faces = read_triangles(path)
@@ -251,18 +251,18 @@ def test_quads_are_cut_into_triangles(tmp_path):
             "vertex 4 is not finite",
             id="inf",
         ),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES + 1), "vertex that is not there", id="range"),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES - 1), "vertex that is not there", id="minus"),
+        pytest.param(lambda: MeshBody(PYRAMID, SIDES + 1), "does not exist", id="range"),
+        pytest.param(lambda: MeshBody(PYRAMID, SIDES - 1), "does not exist", id="minus"),
         pytest.param(
             lambda: MeshBody(PYRAMID, np.vstack([SIDES, [0, 0, 1]])),
-            "1 of 5 faces have no area, the first is face 4",
+            "1 of 5 faces have no area, the first one is face 4",
             id="degenerate",
         ),
-        pytest.param(lambda: MeshBody(PYRAMID[:, :2], SIDES), r"wanted \(V, 3\)", id="flat"),
+        pytest.param(lambda: MeshBody(PYRAMID[:, :2], SIDES), r"expected \(V, 3\)", id="flat"),
         pytest.param(lambda: MeshBody(PYRAMID, SIDES.astype(float)), "triples", id="float-faces"),
     ],
 )
-def test_bad_mesh_is_one_line(make, message):
+def test_an_invalid_mesh_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)
@@ -282,7 +282,7 @@ def test_bad_mesh_is_one_line(make, message):
         pytest.param("mesh.txt", b"v 0 0 0\n", id="suffix"),
     ],
 )
-def test_bad_file_is_one_line_that_names_it(tmp_path, name, content):
+def test_an_invalid_file_is_named_in_one_line(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(DataError, match=name) as caught:
@@ -290,15 +290,15 @@ def test_bad_file_is_one_line_that_names_it(tmp_path, name, content):
     assert "\n" not in str(caught.value)
 
 
-def test_missing_file_is_missing(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(MissingPathError, match=r"none\.obj"):
         MeshBody.read(tmp_path / "none.obj", radius_mm=10.0)
 
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, math.nan])
-def test_bad_placement_is_one_line(tmp_path, radius):
+def test_an_invalid_placement_is_reported_in_one_line(tmp_path, radius):
     path = _file(tmp_path, "obj")
-    with pytest.raises(DataError, match="not a positive length"):
+    with pytest.raises(DataError, match="must be a positive length"):
         MeshBody.read(path, radius_mm=radius)
     with pytest.raises(DataError, match="three angles"):
         MeshBody.read(path, radius_mm=9.0, turn_deg=(0.0, math.nan, 0.0))

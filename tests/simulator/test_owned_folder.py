@@ -13,7 +13,7 @@ import pytest
 from simulator import OwnedFolder, VirtualBoard, remove_abandoned
 from simulator._owned_folder import _LOCK
 
-# Makes a folder, says where, and waits to be killed.
+# Makes a folder, prints its path, and waits to be killed.
 OWNER = """
 import sys, time
 from pathlib import Path
@@ -49,7 +49,7 @@ def owner(tmp_path):
     owner.kill()
 
 
-def test_a_folder_goes_with_its_owner(tmp_path):
+def test_a_folder_is_removed_with_its_owner(tmp_path):
     folder = OwnedFolder("sgp-test-", tmp_path)
     assert folder.open
     assert folder.path.parent == tmp_path
@@ -60,7 +60,7 @@ def test_a_folder_goes_with_its_owner(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_goes_with_the_last_reference(tmp_path):
+def test_a_folder_is_removed_with_the_last_reference(tmp_path):
     OwnedFolder("sgp-test-", tmp_path)
     assert list(tmp_path.iterdir()) == []
 
@@ -88,7 +88,7 @@ def test_other_kinds_of_folders_stay(tmp_path, owner):
 
 
 def abandoned(folder: Path) -> Path:
-    """A folder as a killed owner leaves it."""
+    """A folder of an owner that was killed."""
     folder.mkdir(mode=0o700)
     (folder / _LOCK).touch(mode=0o600)
     (folder / "file").write_text("x")
@@ -126,7 +126,7 @@ def just_begun(place: Path) -> None:
 @pytest.mark.parametrize(
     "make", [linked, lock_linked, writable_by_others, without_lock, a_file, just_begun]
 )
-def test_what_is_not_surely_abandoned_stays(tmp_path, make):
+def test_anything_not_certainly_abandoned_stays(tmp_path, make):
     make(tmp_path)
     before = sorted(tmp_path.rglob("*"))
     remove_abandoned("sgp-test-", tmp_path)
@@ -173,8 +173,8 @@ def test_a_forked_process_does_not_remove_the_folder(tmp_path):
     folder.close()
 
 
-def test_no_folder_of_many_starts_at_once_is_lost(tmp_path):
-    """Each removes what is abandoned while the others make theirs."""
+def test_no_folder_is_lost_if_many_processes_start_at_once(tmp_path):
+    """Each process removes abandoned folders while the others make theirs."""
     owners = [Owner(tmp_path) for _ in range(3)]
     for _ in range(2):
         abandoned(tmp_path / f"sgp-test-dead{_}")
@@ -186,7 +186,7 @@ def test_no_folder_of_many_starts_at_once_is_lost(tmp_path):
             owner.kill()
 
 
-def test_a_board_that_was_killed_with_its_host_leaves_nothing_to_the_next(tmp_path, monkeypatch):
+def test_the_folder_of_a_board_killed_with_its_host_is_removed(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     program = (
         "import os, signal, simulator\n"

@@ -1,4 +1,4 @@
-"""Albedo patterns: what is where, and OpenCV finding the ChArUco corners where they were drawn."""
+"""Albedo patterns: values at positions, and detection of the ChArUco corners by OpenCV."""
 
 import cv2
 import numpy as np
@@ -23,7 +23,7 @@ PATTERNS = [
 
 
 @pytest.mark.parametrize(("pattern", "channels"), PATTERNS)
-def test_albedo_has_the_shape_of_the_positions_and_lies_within_bounds(pattern, channels):
+def test_albedo_has_the_shape_of_the_positions_and_is_within_bounds(pattern, channels):
     x, y = np.random.default_rng(0).uniform(-150, 150, (2, 40, 50))
     albedo = pattern.evaluate(x, y)
     assert albedo.shape == ((40, 50) if channels == 1 else (40, 50, 3))
@@ -34,7 +34,7 @@ def test_albedo_has_the_shape_of_the_positions_and_lies_within_bounds(pattern, c
     np.testing.assert_array_equal(single[0], albedo[3, 4])
 
 
-def test_even_is_even():
+def test_even_is_uniform():
     x = np.zeros((2, 3))
     np.testing.assert_array_equal(Even(0.3).evaluate(x, x), 0.3)
     np.testing.assert_array_equal(Even((0.1, 0.2, 0.3)).evaluate(x, x)[1, 2], [0.1, 0.2, 0.3])
@@ -50,20 +50,20 @@ def test_checker_alternates_from_the_origin():
 @given(x=st.floats(-90, 90), y=st.floats(-90, 90), square=st.floats(0.5, 30))
 def test_checker_repeats_every_second_square(x, y, square):
     checker = Checker(0.0, 1.0, square)
-    # Away from edges: rounding may put a point on either side of one.
+    # Away from edges, where rounding decides the side of a point.
     near = np.abs(np.array([x, y]) / square - np.round(np.array([x, y]) / square)).min()
     if near > 1e-9:
         at, there = np.array([[x], [y]]), np.array([[x + 2 * square], [y - 4 * square]])
         np.testing.assert_array_equal(checker.evaluate(*at), checker.evaluate(*there))
-        beside = np.array([[x + square], [y]])
-        np.testing.assert_array_equal(checker.evaluate(*at), 1 - checker.evaluate(*beside))
+        neighbour = np.array([[x + square], [y]])
+        np.testing.assert_array_equal(checker.evaluate(*at), 1 - checker.evaluate(*neighbour))
 
 
 @pytest.mark.parametrize(
     ("angle", "step"),
     [(0.0, (1.0, 0.0)), (90.0, (0.0, 1.0)), (180.0, (-1.0, 0.0)), (45.0, (0.5**0.5, 0.5**0.5))],
 )
-def test_gradient_runs_along_its_angle(angle, step):
+def test_gradient_changes_along_its_angle(angle, step):
     along = np.array([-500.0, -50.0, 0.0, 25.0, 50.0, 500.0])
     gradient = Gradient(0.1, 0.9, length_mm=100.0, angle_deg=angle)
     albedo = gradient.evaluate(along * step[0], along * step[1])
@@ -91,11 +91,11 @@ def test_colour_wheel_turns_from_red_to_green_to_blue():
 
 def test_charuco_has_its_squares_and_paper():
     board = ChArUco(5, 4, 10.0, black=0.1, white=0.9)
-    # The middles of black squares; the first, at the upper left, is black.
+    # The centres of black squares; the first one, at the upper left, is black.
     x, y = np.meshgrid(10.0 * (np.arange(5) - 2), 10.0 * (1.5 - np.arange(4)))
     black = np.add.outer(np.arange(4), np.arange(5)) % 2 == 0
     np.testing.assert_array_equal(board.evaluate(x[black], y[black]), 0.1)
-    # White squares show paper along their sides, ink on the marker's frame within.
+    # White squares show paper at their edges and ink on the frame of the marker.
     np.testing.assert_array_equal(board.evaluate(x[~black] - 4.4, y[~black]), 0.9)
     np.testing.assert_array_equal(board.evaluate(x[~black] - 3.1, y[~black]), 0.1)
     beyond = np.array([25.1, -25.1, 0.0, 0.0]), np.array([0.0, 0.0, 20.1, -20.1])
@@ -103,12 +103,12 @@ def test_charuco_has_its_squares_and_paper():
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(7, 5), (6, 8)])
-def test_opencv_finds_the_charuco_corners_where_they_are(columns, rows):
+def test_opencv_detects_the_charuco_corners_at_their_positions(columns, rows):
     board = ChArUco(columns, rows, 20.0)
     pixel_mm, fine = 0.25, 16
     width, height = (int((count * 20 + 15) / pixel_mm) for count in (columns, rows))
     middle = np.array([(width - 1) / 2 - 0.31, (height - 1) / 2 + 0.17])
-    # An orthographic picture: the mean over each pixel, then the blur of a lens.
+    # An orthographic image: the mean over each pixel, then the blur of a lens.
     u, v = ((np.arange(count * fine) + 0.5) / fine - 0.5 for count in (width, height))
     picture = np.zeros((height, width))
     for row in range(height):
@@ -116,10 +116,10 @@ def test_opencv_finds_the_charuco_corners_where_they_are(columns, rows):
         part = board.evaluate(x * pixel_mm, y * pixel_mm)
         picture[row] = part.reshape(fine, width, fine).mean(axis=(0, 2))
     picture = np.round(255 * cv2.GaussianBlur(picture, (0, 0), 1.0)).astype(np.uint8)
-    known = cv2.aruco.CharucoBoard(
+    grid = cv2.aruco.CharucoBoard(
         (columns, rows), 4.0, 3.0, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)
     )
-    corners, ids, _, _ = cv2.aruco.CharucoDetector(known).detectBoard(picture)
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(grid).detectBoard(picture)
     assert ids is not None
     np.testing.assert_array_equal(np.sort(ids.ravel()), np.arange((columns - 1) * (rows - 1)))
     expected = board.corners_mm[ids.ravel()] / pixel_mm * [1, -1] + middle
@@ -136,14 +136,14 @@ def test_opencv_finds_the_charuco_corners_where_they_are(columns, rows):
         pytest.param(lambda: Checker(square_mm=0.0), "square_mm is 0.0", id="no-square"),
         pytest.param(lambda: Gradient(length_mm=-5.0), "length_mm is -5.0", id="length"),
         pytest.param(lambda: Gradient(angle_deg=float("inf")), "angle_deg is inf", id="angle"),
-        pytest.param(lambda: Paint(0.5, 0.2), "0.5..0.2", id="paint-order"),
+        pytest.param(lambda: Paint(0.5, 0.2), "low 0.5, high 0.2", id="paint-order"),
         pytest.param(lambda: ColourWheel(radius_mm=0.0), "radius_mm is 0.0", id="wheel"),
-        pytest.param(lambda: ChArUco(1, 5), "2 or more each way", id="one-column"),
+        pytest.param(lambda: ChArUco(1, 5), "must be 2 or more", id="one-column"),
         pytest.param(lambda: ChArUco(30, 30), "at most 500", id="too-many"),
         pytest.param(lambda: ChArUco(white=2.0), "white is 2.0", id="paper"),
     ],
 )
-def test_bad_pattern_is_one_line(make, message):
+def test_an_invalid_pattern_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Reflectances against the formulas as published, and against what any surface must obey."""
+"""Reflectances against the published formulas and general physical limits."""
 
 import math
 
@@ -35,13 +35,13 @@ tilts, turns = st.floats(0.0, 1.5), st.floats(0.0, 2 * math.pi)
 @settings(max_examples=60, deadline=None)
 @given(light=st.tuples(tilts, turns), eye=st.tuples(tilts, turns), sigma=st.floats(0, 80))
 def test_oren_nayar_as_published(light, eye, sigma):
-    """In the angles of the paper, which the code does without."""
+    """Formula with the angles of the paper, which the code does not use."""
     squared = math.radians(sigma) ** 2
     alpha, beta = max(light[0], eye[0]), min(light[0], eye[0])
     lobe = max(0.0, math.cos(light[1] - eye[1])) * math.sin(alpha) * math.tan(beta)
     expected = 1 - 0.5 * squared / (squared + 0.33) + 0.45 * squared / (squared + 0.09) * lobe
-    found = reflectance(OrenNayar(sigma), 0.7, UP, _direction(*light), _direction(*eye))
-    assert found == pytest.approx(0.7 * expected, rel=1e-9)
+    result = reflectance(OrenNayar(sigma), 0.7, UP, _direction(*light), _direction(*eye))
+    assert result == pytest.approx(0.7 * expected, rel=1e-9)
 
 
 @settings(max_examples=60, deadline=None)
@@ -72,12 +72,12 @@ def test_smooth_limits_are_lambertian():
     eye, light = _direction(0.7, 1.0), _direction(1.1, 4.0)
     for material in (Lambert(), OrenNayar(0.0), Ggx(1.0, 0.0)):
         normal_light = light if not isinstance(material, Ggx) else UP
-        found = reflectance(material, 0.4, UP, normal_light, UP if normal_light is UP else eye)
-        assert found == pytest.approx(0.4, abs=1e-9)
+        result = reflectance(material, 0.4, UP, normal_light, UP if normal_light is UP else eye)
+        assert result == pytest.approx(0.4, abs=1e-9)
 
 
 @pytest.mark.parametrize("material", MATERIALS)
-def test_light_and_eye_may_change_places(material):
+def test_light_and_eye_can_be_exchanged(material):
     rng = np.random.default_rng(2)
     light, eye = (
         _direction(rng.uniform(0, 1.5, 500), rng.uniform(0, 2 * np.pi, 500)) for _ in range(2)
@@ -89,9 +89,9 @@ def test_light_and_eye_may_change_places(material):
     )
 
 
-def _given_back(material, eye_tilt, fine=900):
-    """Part of the light of an even sky that leaves toward one eye, by numerical integration."""
-    # Even steps in sin^2 of the tilt carry even irradiance.
+def _reflected_share(material, eye_tilt, fine=900):
+    """Share of the light of a uniform sky that is reflected toward one eye, by integration."""
+    # Equal steps in sin^2 of the tilt have equal irradiance.
     tilt = np.arcsin(np.sqrt((np.arange(fine) + 0.5) / fine))
     turn = (np.arange(fine) + 0.5) * 2 * np.pi / fine
     light = _direction(tilt[:, None], turn[None])
@@ -99,25 +99,25 @@ def _given_back(material, eye_tilt, fine=900):
 
 
 @pytest.mark.parametrize("material", MATERIALS)
-def test_white_gives_back_no_more_than_it_gets(material):
+def test_white_reflects_no_more_than_it_receives(material):
     tilts = np.radians([0, 20, 40, 60, 75, 85])
-    back = [_given_back(material, tilt) for tilt in tilts]
+    back = [_reflected_share(material, tilt) for tilt in tilts]
     # The published Oren-Nayar model exceeds 1 at grazing angles by up to 1.5 %.
     limit = 1.016 if isinstance(material, OrenNayar) else 1 + 1e-3
     assert max(back) <= limit
     assert min(back) > 0.3
 
 
-def test_lambert_gives_back_its_albedo():
-    assert _given_back(Lambert(), 0.8) == pytest.approx(1.0, abs=1e-12)
+def test_lambert_reflects_its_albedo():
+    assert _reflected_share(Lambert(), 0.8) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_gloss_peaks_at_the_mirror_direction():
     eye = _direction(0.5, 0.0)
     tilt = np.linspace(0.0, 1.2, 241)
-    found = reflectance(Ggx(0.1, 0.5), 0.2, UP, _direction(tilt, np.pi), eye)
-    assert tilt[np.argmax(found)] == pytest.approx(0.5, abs=0.02)
-    assert found.max() > 5 * np.median(found)
+    result = reflectance(Ggx(0.1, 0.5), 0.2, UP, _direction(tilt, np.pi), eye)
+    assert tilt[np.argmax(result)] == pytest.approx(0.5, abs=0.02)
+    assert result.max() > 5 * np.median(result)
 
 
 def test_rough_paint_brightens_back_toward_the_light():
@@ -128,7 +128,7 @@ def test_rough_paint_brightens_back_toward_the_light():
     assert back > 1.3 * forth
 
 
-def test_behind_the_surface_nothing_shines():
+def test_a_light_behind_the_surface_gives_nothing():
     below = np.array([0.6, 0.0, -0.8])
     for material in (Lambert(), OrenNayar(30.0), Ggx(0.3)):
         assert reflectance(material, 1.0, UP, below, UP) == 0
@@ -144,7 +144,7 @@ def test_behind_the_surface_nothing_shines():
         pytest.param(lambda: Ggx(0.3, -0.1), "f0 is -0.1", id="negative-f0"),
     ],
 )
-def test_impossible_material_is_one_line(make, message):
+def test_an_invalid_material_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Renderings against closed forms worked out here, apart from the renderer's own code."""
+"""Renderings, compared with closed forms that do not use the renderer's code."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from simulator import (
 )
 
 WHITE = Even(1.0)
-# Neither square pixels nor a centred axis: a mix-up of x and y must show.
+# No square pixels and no centred axis, so that exchanging x and y is detected.
 CAMERA = CameraModel(np.array([[300.0, 0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)
 SKEWED = CameraModel(np.array([[300.0, 4.0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)
 
@@ -42,7 +42,7 @@ def _one_led(position, *, intensity=1.0, axis=None, mu=0.0):
 
 
 def _rays(camera):
-    """Rays by inverting K as a matrix; the renderer divides row by row."""
+    """Rays from the inverse of K; the renderer divides row by row."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = np.einsum("ij,hwj->hwi", np.linalg.inv(camera.K), np.stack([u, v, np.ones_like(u)], -1))
     return rays * [1, -1, -1]
@@ -56,7 +56,7 @@ def _reprojected(camera, points):
 
 
 def _on_cap(cap, camera):
-    """First meeting of each pixel's ray with the cap's sphere, by the quadratic formula."""
+    """First hit of each pixel's ray on the cap's sphere, by the quadratic formula."""
     rays = _rays(camera)
     centre = np.array([0, 0, cap.height_mm - cap.sphere_radius_mm])
     offset = np.array([0, 0, camera.working_distance_mm]) - centre
@@ -98,7 +98,7 @@ def test_plane_under_one_led(position, mu, axis):
 def test_intensity_is_the_irradiance_at_the_origin():
     camera = CameraModel(np.array([[300.0, 0, 4], [0, 300.0, 4], [0, 0, 1]]), 9, 9, 500.0)
     led = np.array([240.0, 0, 320.0])
-    # A plane turned to face the LED.
+    # A plane that faces the LED.
     scene = _scene(Plane(500.0, 0.0, -0.75), _one_led(led, intensity=2.0, mu=1.3), camera=camera)
     assert render(scene).planes[0, 4, 4] == pytest.approx(2.0, rel=1e-6)
 
@@ -144,7 +144,7 @@ def test_outside_the_mask_the_truth_is_empty():
     ],
 )
 @pytest.mark.parametrize("camera", [CAMERA, SKEWED], ids=["plain", "skewed"])
-def test_surface_points_lie_on_their_pixel_rays(surface, camera):
+def test_surface_points_are_on_their_pixel_rays(surface, camera):
     truth = render(_scene(surface, _one_led((0, 0, 450)), camera=camera)).truth
     points = _rays(camera) * truth.depth_mm[..., None] + [0, 0, 500.0]
     x, y = points[truth.mask][:, 0], points[truth.mask][:, 1]
@@ -160,7 +160,7 @@ def test_surface_points_lie_on_their_pixel_rays(surface, camera):
     np.testing.assert_allclose(truth.normals[truth.mask], normals, atol=2e-7)
 
 
-def test_up_is_up_and_right_is_right():
+def test_orientation_of_the_image():
     truth = render(_scene(SphericalCap(90.0, 30.0), _one_led((0, 0, 450)))).truth
     assert truth.normals[10, 70, 1] > 0.05
     assert truth.normals[42, 110, 0] > 0.05
@@ -177,7 +177,7 @@ def test_attached_shadow_is_exact():
     np.testing.assert_array_equal(rendering.planes[0][mask] > 0, facing[mask] > 0)
 
 
-def test_behind_an_led_it_is_dark():
+def test_an_led_gives_no_light_behind_itself():
     scene = _scene(Plane(500.0), _one_led((40, 0, 20.0), axis=(-1, 0, 0)))
     points = _rays(CAMERA) * 500.0 + [0, 0, 500.0]
     np.testing.assert_array_equal(render(scene).planes[0] > 0, points[..., 0] < 40)
@@ -214,7 +214,7 @@ def test_sphere_casts_its_shadow_on_the_board():
     )
     rendering = render(scene)
     points = _rays(CAMERA) * 500.0 + [0, 0, 500.0]
-    # In shadow: within the cone that the LED and the sphere span, beyond the sphere.
+    # Points in shadow are in the cone of LED and sphere, beyond the sphere.
     way, axis = points - led, centre - led
     angle = np.arctan2(np.linalg.norm(np.cross(way, axis), axis=-1), way @ axis)
     shadow = angle < np.arctan2(radius, np.sqrt(axis @ axis - radius**2))
@@ -237,7 +237,7 @@ def test_board_ends_at_its_edge():
     np.testing.assert_array_equal(rendering.planes[0] > 0, on_board)
 
 
-def test_planes_of_leds_and_of_the_room():
+def test_planes_of_leds_and_of_ambient_light():
     rendering = render(scene_named("coin", width=64, height=48, leds=3))
     np.testing.assert_array_equal(rendering.plane(None), rendering.ambient)
     np.testing.assert_array_equal(rendering.plane(2), rendering.planes[2])
@@ -248,7 +248,7 @@ def test_planes_of_leds_and_of_the_room():
         rendering.plane(3)
 
 
-def test_same_seed_same_bytes():
+def test_the_same_seed_gives_the_same_bytes():
     first, again, other = (
         render(scene_named("coin-with-spheres", width=80, height=64, leds=3, seed=s)).planes
         for s in (7, 7, 8)
@@ -257,11 +257,11 @@ def test_same_seed_same_bytes():
     assert first.tobytes() != other.tobytes()
 
 
-def test_object_in_the_mirror_keeps_the_scene_of_spheres_whole():
+def test_an_object_adds_only_its_reflections_to_the_spheres():
     scene = scene_named("coin-with-spheres", width=160, height=128, leds=2)
     with_coin, without = render(scene), render(replace(scene, body=None))
     spheres = with_coin.truth.sphere_masks.any(axis=0)
-    # The coin is brighter than the velvet, so it shows in the spheres and nowhere less light.
+    # The coin is brighter than the velvet, so the spheres show it and are nowhere darker.
     assert (with_coin.planes - without.planes)[0][spheres].max() > 0.01
     assert (with_coin.planes - without.planes)[0][spheres].min() > -1e-6
 

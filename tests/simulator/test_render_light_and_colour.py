@@ -64,7 +64,7 @@ def test_distant_light_is_the_limit_of_a_near_one():
     np.testing.assert_allclose(distant.planes, far.planes, rtol=1e-5, atol=1e-6)
 
 
-def test_parallel_rays_see_the_surface_straight_from_above():
+def test_an_orthographic_lens_sees_the_surface_vertically():
     body = Coin(50.0)
     truth = render(_scene(body, NEAR)).truth
     x, y = np.meshgrid((np.arange(120) - 59.5) * 1.3, (49.5 - np.arange(100)) * 1.3)
@@ -77,8 +77,8 @@ def test_parallel_rays_see_the_surface_straight_from_above():
 
 @pytest.mark.parametrize("lights", [NEAR, DISTANT], ids=["near", "distant"])
 @pytest.mark.parametrize("cfa", ["RGGB", "BGGR", "GRBG"])
-def test_mosaic_holds_each_pixels_own_colour(cfa, lights):
-    """Albedo and intensity of one channel; grey paint under white light tells all the rest."""
+def test_each_pixel_of_a_mosaic_has_its_own_channel(cfa, lights):
+    """Albedo and intensity of one channel; everything else equals grey paint in white light."""
     wheel = ColourWheel(50.0)
     scene = _scene(Coin(50.0), lights, pattern=wheel, ambient=0.1)
     mosaic = render(replace(scene, lens=replace(PARALLEL, cfa=cfa)))
@@ -99,18 +99,18 @@ def test_mosaic_holds_each_pixels_own_colour(cfa, lights):
 def test_monochrome_camera_sees_the_mean_of_the_colours():
     wheel = ColourWheel(50.0)
     scene = _scene(Coin(50.0), NEAR, pattern=wheel)
-    found = render(scene)
+    result = render(scene)
     white = render(
         replace(scene, pattern=Even(1.0), lights=replace(NEAR, intensities=np.ones((3, 3))))
     )
-    mask, points = found.truth.mask, found.truth.points_mm
+    mask, points = result.truth.mask, result.truth.points_mm
     albedo = wheel.evaluate(points[mask][:, 0], points[mask][:, 1])
     expected = white.planes[:, mask] * (COLOURS @ albedo.T) / 3
-    np.testing.assert_allclose(found.planes[:, mask], expected, rtol=1e-5, atol=1e-8)
+    np.testing.assert_allclose(result.planes[:, mask], expected, rtol=1e-5, atol=1e-8)
 
 
-def test_chrome_sphere_in_a_mosaic_mirrors_in_colour():
-    """Red paint on the board shows in the red pixels of the sphere alone."""
+def test_a_chrome_sphere_in_a_mosaic_mirrors_colours():
+    """Red paint on the board is visible only in the red pixels of the sphere."""
     lens = replace(Lens.of(CAMERA), cfa="RGGB")
     scene = _scene(
         None,
@@ -143,13 +143,13 @@ def test_board_has_its_own_pattern():
 
 
 def test_edge_of_a_pattern_is_averaged_over_the_pixel():
-    """A pixel cut by an edge holds the share of either side, on a slope and under perspective."""
+    """A pixel with an edge is the weighted mean of both sides, on a slope and in perspective."""
     lights, squares = Lights(np.array([[0.0, 0.0, 1.0]])), Checker(0.2, 0.6, 400.0)
     for lens in (PARALLEL, Lens.of(CAMERA)):
         truth = render(_scene(Plane(60.0, 20.0, 0.2, 0.1), lights, lens, pattern=squares)).truth
         x = truth.points_mm[..., 0]
         width = np.diff(x, axis=1, prepend=np.nan)
-        # The share right of the edge x = 0, above y = 0 where the right square is the high one.
+        # The share right of the edge x = 0, above y = 0, where the right square has `high`.
         share = np.clip(x / width + 0.5, 0, 1)
         ask = truth.mask & (truth.points_mm[..., 1] > 3) & np.isfinite(width)
         cut = ask & (share > 0) & (share < 1)
@@ -170,7 +170,7 @@ def test_vignetting_dims_everything_by_the_field_angle():
 
 
 def _oren_nayar(material, cos_light, cos_eye, between):
-    """By the angles of the publication."""
+    """Formula with the angles of the publication."""
     squared = np.radians(material.sigma_deg) ** 2
     tilt = [np.arctan2(np.sqrt(1 - c**2), c) for c in (cos_light, cos_eye)]
     alpha, beta = np.maximum(*tilt), np.minimum(*tilt)
@@ -180,7 +180,7 @@ def _oren_nayar(material, cos_light, cos_eye, between):
 
 
 def _ggx(material, cos_light, cos_eye, between):
-    """By the half vector and Smith's two masking functions."""
+    """Formula with the half vector and Smith's two masking functions."""
     half = np.sqrt(2 + 2 * between)
     tan2 = ((cos_light + cos_eye) / half) ** -2 - 1
     d = material.roughness**2 / (np.pi * (1 + tan2) ** -2 * (material.roughness**2 + tan2) ** 2)
@@ -204,14 +204,14 @@ def _ggx(material, cos_light, cos_eye, between):
     ],
 )
 def test_material_shapes_the_object_and_not_the_board(material, formula, lens, lights):
-    """What the material makes of a Lambertian rendering, point by point."""
+    """The ratio to a Lambertian rendering is the reflectance of the material, point by point."""
     scene = _scene(SphericalCap(45.0, 30.0), lights, lens, pattern=Even(0.6), board=Even(0.3))
-    matte, found = (
+    matte, result = (
         render(replace(scene, material=Lambert())),
         render(replace(scene, material=material)),
     )
-    mask, truth = found.truth.mask, found.truth
-    np.testing.assert_array_equal(found.planes[:, ~mask], matte.planes[:, ~mask])
+    mask, truth = result.truth.mask, result.truth
+    np.testing.assert_array_equal(result.planes[:, ~mask], matte.planes[:, ~mask])
     points, normals = truth.points_mm[mask], truth.normals[mask].astype(float)
     to_eye = np.array([0, 0, 1.0]) if lens is PARALLEL else np.array([0, 0, 500.0]) - points
     to_eye = to_eye / np.linalg.norm(to_eye, axis=-1, keepdims=True)
@@ -224,27 +224,27 @@ def test_material_shapes_the_object_and_not_the_board(material, formula, lens, l
         between = np.broadcast_to((to_light * to_eye).sum(-1), lit.shape)[lit]
         diffuse, gloss = formula(material, *cosines, between)
         np.testing.assert_allclose(
-            found.planes[k, mask][lit],
+            result.planes[k, mask][lit],
             matte.planes[k, mask][lit] * (diffuse + gloss / 0.6),
             rtol=2e-4,
         )
 
 
-def test_rows_do_not_depend_on_how_they_are_drawn(monkeypatch):
-    told = []
+def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
+    progress = []
     scene = _scene(
         Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
-    whole = render(scene, lambda done, total: told.append((done, total)))
+    whole = render(scene, lambda done, total: progress.append((done, total)))
     monkeypatch.setattr("simulator._render.render._POINTS", 450)
-    parts = render(scene, lambda done, total: told.append((done, total)))
-    assert told == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
+    parts = render(scene, lambda done, total: progress.append((done, total)))
+    assert progress == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
     np.testing.assert_array_equal(parts.planes, whole.planes)
     np.testing.assert_array_equal(parts.truth.shadows, whole.truth.shadows)
     np.testing.assert_array_equal(parts.truth.normals, whole.truth.normals)
 
 
-def test_rendering_over_memory_is_refused_with_figures(monkeypatch):
+def test_a_rendering_that_exceeds_the_memory_is_refused(monkeypatch):
     monkeypatch.setattr("simulator._render.render._memory_bytes", lambda: 1e5)
-    with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels need .* GiB"):
+    with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels requires .* GiB"):
         render(_scene(None, NEAR, Lens.of(CAMERA)))

@@ -1,4 +1,4 @@
-"""Scenes refuse what cannot be, and the bench is what it says."""
+"""Scenes refuse invalid values, and the bench has its documented properties."""
 
 import math
 from dataclasses import replace
@@ -31,12 +31,12 @@ def _lights(*positions, **more):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        pytest.param(lambda: scene_named("teapot"), "no scene is called 'teapot'.*coin", id="name"),
+        pytest.param(lambda: scene_named("teapot"), "unknown scene 'teapot'.*coin", id="name"),
         pytest.param(
             lambda: scene_named("charuco", amplitude_mm=1.0), "no relief", id="no-relief-to-scale"
         ),
         pytest.param(
-            lambda: scene_named("noise", amplitude_mm=-1.0), "amplitude of -1", id="amplitude"
+            lambda: scene_named("noise", amplitude_mm=-1.0), "amplitude is -1", id="amplitude"
         ),
         pytest.param(
             lambda: scene_named("sphere", amplitude_mm=70.0), "must not exceed", id="high-sphere"
@@ -48,8 +48,8 @@ def _lights(*positions, **more):
         pytest.param(lambda: ChromeSphere((0, 0, 5), -5), "radius of -5", id="negative-sphere"),
         pytest.param(lambda: ChromeSphere((0, 0), 5), "three finite", id="flat-sphere"),
         pytest.param(lambda: ChromeSphere((0, 0, 5), 5, 1.2), "reflectance", id="bright-sphere"),
-        pytest.param(lambda: Paint(0.5, 0.2), "0.5..0.2", id="paint-order"),
-        pytest.param(lambda: Paint(0.5, 1.2), "0.5..1.2", id="paint-range"),
+        pytest.param(lambda: Paint(0.5, 0.2), "low 0.5, high 0.2", id="paint-order"),
+        pytest.param(lambda: Paint(0.5, 1.2), "low 0.5, high 1.2", id="paint-range"),
         pytest.param(
             lambda: replace(COIN, lights=_lights((0, 0, 5.0))),
             "LED L00 is below the surface",
@@ -62,12 +62,12 @@ def _lights(*positions, **more):
         ),
         pytest.param(
             lambda: replace(COIN, lights=_lights((0, 0, 400.0), axes=np.array([[0, 0, 1.0]]))),
-            "LED L00 shines away",
+            "LED L00 points away",
             id="led-turned-away",
         ),
         pytest.param(
             lambda: replace(COIN, lights=Lights(directions=np.array([[0, 0, 1.0], [1, 0, 0]]))),
-            "light L01 comes from below",
+            "light L01 is below",
             id="distant-light-from-below",
         ),
         pytest.param(
@@ -89,7 +89,7 @@ def _lights(*positions, **more):
         ),
         pytest.param(
             lambda: replace(SPHERES, spheres=(ChromeSphere((0, 0, 5), 12),)),
-            "sphere 0 is sunk",
+            "sphere 0 intersects the board",
             id="sunk-sphere",
         ),
         pytest.param(
@@ -129,7 +129,7 @@ def _lights(*positions, **more):
         ),
         pytest.param(
             lambda: render(scene_named("coin", width=16384, height=16384, leds=4096)),
-            "4096 images of 16384 x 16384 pixels need .* GiB to render",
+            "4096 images of 16384 x 16384 pixels requires .* GiB",
             id="over-memory",
         ),
         pytest.param(
@@ -145,14 +145,14 @@ def _lights(*positions, **more):
         ),
     ],
 )
-def test_impossible_scene_is_one_line(make, message):
+def test_an_invalid_scene_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 7, 36, 64])
-def test_dome_holds_its_leds(count):
+def test_leds_are_on_the_dome(count):
     lights = dome_lights(count, 450.0, seed=3, jitter_mm=0.0)
     assert len(lights) == count
     np.testing.assert_allclose(np.linalg.norm(lights.positions_mm, axis=1), 450.0)
@@ -169,25 +169,25 @@ def test_dome_of_36_surrounds_the_object():
     assert lights.intensities[:, 0].std() == pytest.approx(0.03, rel=0.4)
 
 
-def test_dome_follows_its_seed():
+def test_dome_depends_on_its_seed():
     a, again, b = dome_lights(9, seed=5), dome_lights(9, seed=5), dome_lights(9, seed=6)
     np.testing.assert_array_equal(a.positions_mm, again.positions_mm)
     assert np.abs(a.positions_mm - b.positions_mm).max() > 1.0
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_scenes_share_their_dome(name):
+def test_all_scenes_have_the_same_dome(name):
     lights = scene_named(name, leds=5, seed=8).lights
     np.testing.assert_array_equal(lights.positions_mm, dome_lights(5, seed=8).positions_mm)
 
 
 @pytest.mark.parametrize(("width", "height"), [(640, 512), (2448, 2048)])
-def test_field_keeps_its_width(width, height):
+def test_width_of_the_field_does_not_depend_on_the_size(width, height):
     camera = bench_camera(width, height)
     assert width / camera.K[0, 0] * 600 == pytest.approx(293.76)
 
 
-def test_exposure_suits_the_sensor():
+def test_exposure_time_suits_the_sensor():
     rendering = render(scene_named("coin", width=160, height=128, seed=4))
     noise = rendering.truth.noise
     full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
@@ -197,7 +197,7 @@ def test_exposure_suits_the_sensor():
     assert lit.max() < 0.95
 
 
-def test_paint_stays_within_its_bounds_and_uses_them():
+def test_paint_reaches_its_bounds_and_does_not_exceed_them():
     x, y = np.meshgrid(np.linspace(-80, 80, 200), np.linspace(-80, 80, 200))
     albedo = Paint(0.35, 0.75, 60.0, seed=1).evaluate(x, y)
     assert 0.35 <= albedo.min() < 0.42
@@ -230,11 +230,11 @@ def test_amplitude_scales_the_relief(name):
         for t in (low, high)
     ]
     ratio = np.median(tilt[1]) / np.median(tilt[0])
-    # The coin's dome stays as it is.
+    # The coin's dome does not change.
     assert 1 < ratio < 2 if name == "coin" else ratio == pytest.approx(2.0, abs=0.15)
 
 
-def test_seed_changes_texture_and_not_its_kind():
+def test_seed_changes_the_texture_but_not_its_statistics():
     a, again, b = (
         render(scene_named("leather", width=64, height=48, leds=1, seed=s)).truth for s in (1, 1, 2)
     )
@@ -242,10 +242,10 @@ def test_seed_changes_texture_and_not_its_kind():
     assert np.abs(a.normals - b.normals).max() > 0.1
 
 
-def test_charuco_is_one_that_opencv_reads():
+def test_opencv_detects_the_charuco_board():
     scene = scene_named("charuco", width=800, height=640, leds=5)
     seen = render(scene).planes.sum(axis=0)
-    # A lens blurs edges; undersampled ones are OpenCV's to mistake by a tenth of a pixel.
+    # A lens blurs edges; for undersampled edges OpenCV has errors of a tenth of a pixel.
     seen = cv2.GaussianBlur(seen, (0, 0), 1.0)
     grey = np.uint8(255 * seen / seen.max())
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250)

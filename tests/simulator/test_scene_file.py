@@ -1,4 +1,4 @@
-"""Scene files: what is written is read back as the same scene, and what is wrong is named."""
+"""Scene files: written scenes are read back unchanged, and errors are named."""
 
 import inspect
 import os
@@ -57,7 +57,7 @@ def write(tmp_path: Path):
     return write
 
 
-def test_an_empty_file_is_the_bare_bench(write):
+def test_an_empty_file_is_the_bench_without_object(write):
     scene, bench = read_scene(write("")), scene_named("coin")
     assert scene.body is None
     assert (scene.board, scene.material, scene.lamps) == (bench.board, Lambert(), Lamps())
@@ -68,7 +68,7 @@ def test_an_empty_file_is_the_bare_bench(write):
     assert scene.electrons_per_us == bench.electrons_per_us
 
 
-def test_every_table_is_heard(write):
+def test_every_table_is_used(write):
     scene = read_scene(
         write(
             """
@@ -130,12 +130,12 @@ def test_every_table_is_heard(write):
     place = lights.positions_mm
     np.testing.assert_allclose(np.linalg.norm(place, axis=1), 400.0)
     np.testing.assert_allclose(place[:, 2], 200.0)
-    # From the right, counterclockwise.
+    # Counterclockwise from the right.
     np.testing.assert_allclose(place[3, :2], [0.0, 400 * np.cos(np.pi / 6)], atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", [pytest.param(kind, id=kind) for kind in BODIES if kind != "mesh"])
-def test_every_object_has_its_table(write, tmp_path, kind):
+def test_every_kind_of_object_can_be_read(write, tmp_path, kind):
     scene = read_scene(write(f"[object]\nkind = '{kind}'\nradius_mm = 50\n{SMALL}"))
     assert type(scene.body) is BODIES[kind]
     assert scene.body.radius_mm == 50.0
@@ -144,7 +144,7 @@ def test_every_object_has_its_table(write, tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", PATTERNS)
-def test_every_pattern_has_its_table(write, tmp_path, kind):
+def test_every_kind_of_pattern_can_be_read(write, tmp_path, kind):
     text = f"kind = '{kind}'\n" + ("low = 0.2\nhigh = 0.4\n" if kind == "paint" else "")
     scene = read_scene(write(f"[board]\n{text}[pattern]\n{text}{SMALL}"))
     assert type(scene.board) is type(scene.pattern) is PATTERNS[kind]
@@ -175,11 +175,11 @@ def scenes() -> dict[str, Scene]:
 
 
 @pytest.mark.parametrize("name", scenes())
-def test_a_scene_written_and_read_gives_the_same_picture(tmp_path, name):
+def test_a_scene_written_and_read_gives_the_same_images(tmp_path, name):
     scene = scenes()[name]
-    made = write_scene(tmp_path / "scene.toml", scene)
-    assert all(path.is_file() for path in made)
-    again = read_scene(made[0])
+    paths = write_scene(tmp_path / "scene.toml", scene)
+    assert all(path.is_file() for path in paths)
+    again = read_scene(paths[0])
     assert (again.noise, again.lamps, again.spheres) == (scene.noise, scene.lamps, scene.spheres)
     first, second = render(scene), render(again)
     np.testing.assert_array_equal(first.planes, second.planes)
@@ -194,7 +194,7 @@ def test_a_scene_written_and_read_gives_the_same_picture(tmp_path, name):
     noise=st.floats(0, 50),
     flicker=st.floats(0, 0.29),
 )
-def test_numbers_survive_to_the_last_bit(tmp_path_factory, radius, seed, low, noise, flicker):
+def test_numbers_are_exact_to_the_last_bit(tmp_path_factory, radius, seed, low, noise, flicker):
     scene = replace(
         scene_named("coin", width=32, height=24, leds=3),
         body=SphericalCap(radius, radius / 3),
@@ -209,7 +209,7 @@ def test_numbers_survive_to_the_last_bit(tmp_path_factory, radius, seed, low, no
         assert getattr(again, name) == getattr(scene, name)
 
 
-def test_a_seed_is_for_what_has_none_of_its_own(write):
+def test_the_seed_applies_to_tables_without_their_own_seed(write):
     path = write(f"seed = 5\n[object]\nkind='coin'\nradius_mm=50\n[pattern]\nkind='paint'\n"
                  f"low=0.2\nhigh=0.4\nseed=9\n{SMALL}")  # fmt: skip
     scene = read_scene(path)
@@ -219,18 +219,18 @@ def test_a_seed_is_for_what_has_none_of_its_own(write):
     assert (other.body.seed, other.pattern.seed) == (6, 9)
 
 
-def test_number_of_lights_and_pixels_from_outside(write):
+def test_number_of_lights_and_pixels_can_be_overridden(write):
     path = write("[object]\nkind='plane'\nradius_mm=50\n[lights]\nkind='ring'\ncount=8\n")
     scene, other = read_scene(path), read_scene(path, leds=5, size=(1280, 900))
     assert (len(scene.lights), len(other.lights)) == (8, 5)
     assert other.lens.size == (900, 1280)
-    # The corner of the field stays where it was: at x = 146.65 mm, at half a pixel beyond the last.
+    # The corner of the field does not move: x = 146.65 mm, half a pixel beyond the last one.
     for lens in (scene.lens, other.lens):
         _, ray = lens.origins_and_rays(lens.size[1] - 0.5, (lens.size[0] - 1) / 2)
         np.testing.assert_allclose(600 * ray, [293.76 / 2, 0.0, -600.0], atol=1e-9)
 
 
-def test_files_are_found_from_where_the_scene_is(write, tmp_path, monkeypatch):
+def test_files_are_found_relative_to_the_scene_file(write, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path.parent)
     (tmp_path / "parts").mkdir()
     lights = Lights(positions_mm=np.array([[100.0, 0, 400], [0, 90, 380]]), ids=("east", "north"))
@@ -247,11 +247,11 @@ def test_files_are_found_from_where_the_scene_is(write, tmp_path, monkeypatch):
     np.testing.assert_array_equal(scene.lights.positions_mm, lights.positions_mm)
     assert scene.lights.ids == ("L00", "L01"), "LEDs are named by their number"
     assert scene.lens.size == (512, 40)
-    # Half the diagonal of the footprint is the radius; the box is half as high as long.
+    # The radius is half the diagonal of the footprint; the height of the box is half its length.
     assert scene.body.top_mm == pytest.approx(50 / np.hypot(1, 0.5))
 
 
-def test_a_mesh_is_written_in_its_place(write, tmp_path):
+def test_a_mesh_is_written_in_its_final_position(write, tmp_path):
     trimesh.creation.icosphere(subdivisions=2, radius=3.0).export(tmp_path / "ball.ply")
     scene = read_scene(
         write(
@@ -259,15 +259,15 @@ def test_a_mesh_is_written_in_its_place(write, tmp_path):
             f"[lights]\nkind='dome'\ncount=3\n{SMALL}"
         )
     )
-    made = write_scene(tmp_path / "other.toml", scene)
-    assert {path.name for path in made} == {"other.toml", "other.lights.json", "other.ply"}
-    again = read_scene(made[0])
+    paths = write_scene(tmp_path / "other.toml", scene)
+    assert {path.name for path in paths} == {"other.toml", "other.lights.json", "other.ply"}
+    again = read_scene(paths[0])
     np.testing.assert_allclose(again.body.vertices_mm, scene.body.vertices_mm, atol=1e-4)
     assert again.body.smooth == scene.body.smooth
 
 
 @pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
-def test_a_real_mesh_stands_on_the_board(write):
+def test_a_real_mesh_is_on_the_board(write):
     file = Path(os.environ["SGP_DATA"]) / "meshes" / "stanford-bunny.obj"
     scene = read_scene(write(f"[object]\nkind='mesh'\nfile='{file}'\nradius_mm=60\n{SMALL}"))
     assert scene.body.vertices_mm[:, 2].min() == pytest.approx(0.0, abs=1e-9)
@@ -337,7 +337,7 @@ def test_a_real_mesh_stands_on_the_board(write):
         ),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_in_one_line(write, tmp_path, text, words):
+def test_errors_are_reported_in_one_line(write, tmp_path, text, words):
     (tmp_path / "bad.json").write_text("{}", encoding="utf-8")
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
     path = write(text)
@@ -350,24 +350,24 @@ def test_what_is_wrong_is_said_in_one_line(write, tmp_path, text, words):
         assert word in line
 
 
-def test_lights_from_a_file_keep_their_number(write, tmp_path):
+def test_the_number_of_lights_from_a_file_is_fixed(write, tmp_path):
     write_lights(tmp_path / "l.json", dome_lights(4))
     path = write("[lights]\nkind='file'\nfile='l.json'\n")
     with pytest.raises(DataError, match=r"\[lights\]"):
         read_scene(path, leds=5)
 
 
-def test_a_file_that_is_not_there(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(MissingPathError, match=r"nowhere\.toml"):
         read_scene(tmp_path / "nowhere.toml")
 
 
-def test_a_folder_that_is_not_there(tmp_path):
+def test_a_missing_folder_is_reported(tmp_path):
     with pytest.raises(StorageError, match="nowhere"):
         write_scene(tmp_path / "nowhere" / "scene.toml", scene_named("coin", leds=1))
 
 
-def test_an_object_of_ones_own_has_no_table(tmp_path):
+def test_a_custom_object_cannot_be_written(tmp_path):
     class Hill(Plane):
         pass
 
@@ -377,7 +377,7 @@ def test_an_object_of_ones_own_has_no_table(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_material_has_its_table(write):
+def test_every_kind_of_material_can_be_read(write):
     for kind, material in MATERIALS.items():
         assert read_scene(write(f"[material]\nkind = '{kind}'\n{SMALL}")).material == material()
 
@@ -387,7 +387,7 @@ def documented() -> str:
 
 
 def value_of(text: str) -> object:
-    """Read a default as the documentation prints it: TOML, but for bare words and none."""
+    """Read a default from the documentation: TOML, except for bare words and ``none``."""
     if text == "none":
         return None
     try:
@@ -407,15 +407,15 @@ def value_of(text: str) -> object:
         pytest.param(LENSES, "`[lens]`", id="lenses"),
     ],
 )
-def test_the_documentation_has_every_kind_with_its_keys_and_defaults(kinds, heading):
+def test_the_documentation_has_all_kinds_with_keys_and_defaults(kinds, heading):
     section = documented().partition(f"### {heading}")[2].partition("\n### ")[0]
     rows = dict(re.findall(r"^\| `([a-z-]+)` \|.*\| (.*?) ?\|$", section, re.MULTILINE))
     assert rows.keys() == kinds.keys()
     for kind, maker in kinds.items():
-        said = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
+        documented_keys = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
         keys = inspect.signature(maker).parameters
-        assert list(said) == list(keys), kind
-        for name, text in said.items():
+        assert list(documented_keys) == list(keys), kind
+        for name, text in documented_keys.items():
             default = keys[name].default
             if default is inspect.Parameter.empty:
                 assert text == "", (kind, name)

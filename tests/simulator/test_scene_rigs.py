@@ -1,4 +1,4 @@
-"""The simulated rig on rendered scenes: frames are what the rendering says."""
+"""The simulated rig with rendered scenes: frames equal the rendering."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def small():
     return render(scene_named("coin-with-spheres", width=64, height=48, leds=3))
 
 
-def test_frames_are_the_rendering(small):
+def test_frames_equal_the_rendering(small):
     with rig_for(small, noisy=False) as rig:
         lit, dark = rig.shoot(1, exposure_us=12_000.0), rig.shoot(None, exposure_us=12_000.0)
     np.testing.assert_allclose(
@@ -34,7 +34,7 @@ def test_frames_are_the_rendering(small):
 
 
 def test_a_short_bracket_measures_the_highlights(small):
-    """At an exposure that suits the coin a mirrored LED saturates, at a short one it does not."""
+    """Mirrored LEDs saturate at the exposure time of the coin, but not at a short one."""
     spheres = small.truth.sphere_masks.any(axis=0)
     # At this size only some highlights are wide enough to saturate.
     led = int(np.argmax(small.planes[:, spheres].max(axis=1)))
@@ -58,7 +58,7 @@ def test_driver_opens_with_its_options():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        pytest.param({"scene": "teapot"}, "bench 1: no scene is called 'teapot'", id="scene"),
+        pytest.param({"scene": "teapot"}, "bench 1: unknown scene 'teapot'", id="scene"),
         pytest.param({"widht": 64}, "unknown option 'widht'; known are scene", id="misspelt"),
         pytest.param({"width": 0}, "option 'width': .* not 0", id="zero-width"),
         pytest.param({"height": "tall"}, "option 'height'", id="text"),
@@ -66,12 +66,12 @@ def test_driver_opens_with_its_options():
         pytest.param({"noise": "no"}, "option 'noise'", id="not-a-truth-value"),
     ],
 )
-def test_bad_option_is_one_line(options, message):
+def test_an_invalid_option_is_reported_in_one_line(options, message):
     with pytest.raises(RigConfigError, match=message) as caught:
         open_rig(_config(**options))
     assert "\n" not in str(caught.value)
 
 
 def test_led_counts_must_agree(small):
-    with pytest.raises(RigConfigError, match="4 LEDs, its scene 3"):
+    with pytest.raises(RigConfigError, match="4 LEDs, its scene has 3"):
         rig_for(small, _config(leds=4))

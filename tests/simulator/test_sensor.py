@@ -1,4 +1,4 @@
-"""The sensor against the closed forms of its noise."""
+"""The sensor, compared with closed forms of its noise."""
 
 import time
 
@@ -22,14 +22,14 @@ def flat(mean, shape=SHAPE):
     [
         pytest.param(0, 0, 64, id="dark"),
         pytest.param(1000, 0, 464, id="linear"),
-        pytest.param(1000, 6.0205999, 864, id="6 dB doubles the signal alone"),
+        pytest.param(1000, 6.0205999, 864, id="6 dB doubles only the signal"),
         pytest.param(1001.2, 0, 464, id="rounds down"),
         pytest.param(1001.3, 0, 465, id="rounds up"),
         pytest.param(10_077.4, 0, 4095, id="just white"),
         pytest.param(1e9, 0, 4095, id="saturated"),
     ],
 )
-def test_without_noise_grey_is_the_linear_value_rounded(electrons, gain_db, grey):
+def test_without_noise_the_grey_value_is_the_rounded_linear_value(electrons, gain_db, grey):
     noise = NoiseModel(2.5, 3.0, 64.0, 12)
     image = sensor_image(flat(electrons, (2, 3)), noise, gain_db=gain_db, key=None)
     assert image.dtype == np.uint16
@@ -43,7 +43,7 @@ def test_mean_and_variance_are_those_of_the_noise_model(mean, read_noise_e):
     grey = sensor_image(flat(mean), noise, key=(1, 7)).astype(np.float64)
     variance = (mean + read_noise_e**2) / 0.25
     if read_noise_e or mean >= EXACT_BELOW_E:
-        # Where the value is not already a whole number, quantisation adds its part.
+        # Quantisation adds its variance if the value is not an integer.
         variance = float(noise.variance_dn(500.0 + 2 * mean))
     count = grey.size
     assert grey.mean() - 500 == pytest.approx(2 * mean, abs=5 * np.sqrt((variance + 1) / count))
@@ -59,7 +59,7 @@ def test_shot_noise_is_poisson_distributed(mean):
     values, counts = np.unique(image, return_counts=True)
     measured = np.cumsum(counts) / image.size
     error = np.abs(measured - stats.poisson.cdf(values - 100.0, mean)).max()
-    # 2 / sqrt(n) is the distance that sampling alone exceeds once in 1500 times.
+    # Sampling alone exceeds the distance 2 / sqrt(n) once in 1500 times.
     assert error < 0.0015 * (mean >= EXACT_BELOW_E) + 2 / np.sqrt(image.size)
 
 
@@ -72,9 +72,9 @@ def test_read_noise_is_gaussian_and_reaches_below_the_black_level():
     assert distance < 2 / np.sqrt(image.size)
 
 
-def test_grey_stops_at_zero():
+def test_grey_values_are_clipped_at_zero():
     image = sensor_image(flat(0), NoiseModel(1.0, 10.0, 0.0, 12), key=(4,))
-    # Half of the distribution and what rounds to zero.
+    # Half of the distribution, and values that are rounded to zero.
     expected = stats.norm(0, 10).cdf(0.5)
     assert np.mean(image == 0) == pytest.approx(expected, abs=0.003)
 
@@ -100,7 +100,7 @@ def test_the_same_key_gives_the_same_bytes_on_any_number_of_threads():
     assert not np.array_equal(one, sensor_image(electrons, noise, key=(9, 8)))
 
 
-def test_a_frame_of_a_third_of_a_megapixel_is_quick():
+def test_a_frame_of_a_third_of_a_megapixel_is_fast():
     noise = NoiseModel(2.5, 2.0, 64.0, 12)
     electrons = flat(3000, (512, 640))
     sensor_image(electrons, noise, key=(1,))
@@ -109,11 +109,11 @@ def test_a_frame_of_a_third_of_a_megapixel_is_quick():
         start = time.process_time()
         sensor_image(electrons, noise, key=(1,))
         seconds.append(time.process_time() - start)
-    # Processor time, which other work does not touch: 15 ms on two cores.
+    # Processor time does not depend on other programs: 15 ms on two cores.
     assert min(seconds) < 0.03
 
 
-def test_a_frame_of_an_uneven_sensor_is_as_quick():
+def test_a_frame_with_fixed_pattern_is_as_fast():
     noise = NoiseModel(2.5, 2.0, 64.0, 12, dsnu_e=2.0, prnu=0.01)
     photons, pattern = flat(3000, (512, 640)), fixed_pattern(noise, (512, 640))
     sensor_image(photons, noise, key=(1,), pattern=pattern)
@@ -126,7 +126,7 @@ def test_a_frame_of_an_uneven_sensor_is_as_quick():
 
 
 def frames(photons, noise, count=2, pattern=None, **options):
-    """Return grey values of frames of one even light, ``(count, H, W)`` float64."""
+    """Return grey values of frames in uniform light, ``(count, H, W)`` float64."""
     images = [
         sensor_image(flat(photons), noise, key=(21, i), pattern=pattern, **options)
         for i in range(count)
@@ -150,8 +150,8 @@ def frames(photons, noise, count=2, pattern=None, **options):
         ),
     ],
 )  # fmt: skip
-def test_the_photon_transfer_curve_gives_gain_and_read_noise_back(noise, gain_db):
-    """EMVA 1288's way: two frames at each of 15 levels; their difference has no fixed pattern."""
+def test_the_photon_transfer_curve_yields_gain_and_read_noise(noise, gain_db):
+    """As in EMVA 1288: two frames at each of 15 levels; the difference has no fixed pattern."""
     pattern = fixed_pattern(noise, SHAPE, seed=8)
     gain = 10 ** (gain_db / 20) / noise.electrons_per_dn
     full = (noise.white_level_dn - noise.black_level_dn) / gain / noise.quantum_efficiency
@@ -161,7 +161,7 @@ def test_the_photon_transfer_curve_gives_gain_and_read_noise_back(noise, gain_db
         one, other = frames(level, noise, pattern=pattern, exposure_us=exposure_us, gain_db=gain_db)
         mean.append((one + other).mean() / 2)
         variance.append(((one - other) ** 2).mean() / 2)
-    # A variance is known to a share of itself, the same at all levels.
+    # The relative error of a variance is the same at all levels.
     weights = 1 / np.array(variance)
     slope, dark = np.polyfit(np.array(mean) - mean[0], variance, 1, w=weights)
     assert slope == pytest.approx(gain, rel=0.02)
@@ -183,7 +183,7 @@ def test_twice_the_exposure_is_twice_the_signal():
     assert signal[0] == pytest.approx(1000 * 0.6 / 2.5, rel=2e-3)
 
 
-def test_the_fixed_pattern_is_measured_back_from_means_of_frames():
+def test_the_fixed_pattern_is_recovered_from_means_of_frames():
     noise = NoiseModel(1.0, 3.0, 200.0, 16, prnu=0.015, dsnu_e=8.0)
     pattern = fixed_pattern(noise, SHAPE, seed=3)
     count, photons = 16, 20_000.0
@@ -193,7 +193,7 @@ def test_the_fixed_pattern_is_measured_back_from_means_of_frames():
     assert np.sqrt(dark.var() - temporal) == pytest.approx(8.0, rel=0.02)
     both = photons / count + 2 * temporal
     assert np.sqrt((light - dark).var() - both) / photons == pytest.approx(0.015, rel=0.02)
-    # The same pixels deviate in every frame, to the noise of a mean of 16.
+    # The same pixels deviate in every frame, within the noise of a mean of 16.
     np.testing.assert_allclose(light - dark, photons * pattern.maps[0], atol=6 * np.sqrt(both))
     response, offset = pattern.maps[:2].astype(float)
     assert abs(np.corrcoef(response.ravel(), offset.ravel())[0, 1]) < 5e-3
@@ -209,15 +209,15 @@ def test_the_fixed_pattern_belongs_to_the_sensor_and_not_to_the_shot():
     assert fixed_pattern(NoiseModel(1.0, 5.0, 200.0, 16), size) is None
 
 
-def test_hot_pixels_are_as_many_and_as_hot_as_said():
+def test_number_and_currents_of_hot_pixels():
     noise = NoiseModel(
         1.0, 2.0, 100.0, 16, dark_current_e_per_s=50.0, hot_pixel_fraction=0.004,
         hot_pixel_e_per_s=3000.0,
     )  # fmt: skip
     pattern = fixed_pattern(noise, SHAPE, seed=2)
     dark = frames(0, noise, 1, pattern, exposure_us=1e6)[0] - 100
-    # Exponential currents: exp(-200 / 3000) of the hot ones have more than 200 electrons beside
-    # the 50 of all, at which the noise of the others lies 20 standard deviations away.
+    # Exponential currents: exp(-200 / 3000) of the hot pixels have more than 200 electrons above
+    # the 50 of all pixels; this is 20 standard deviations of the noise of the others.
     hot = np.mean(dark > 250)
     expected = 0.004 * np.exp(-200 / 3000)
     assert hot == pytest.approx(expected, rel=5 / np.sqrt(4000 * 0.94))
@@ -234,7 +234,7 @@ def test_dark_current_has_shot_noise():
 
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_every_bit_depth_counts_to_its_end(bits):
+def test_every_bit_depth_uses_its_full_range(bits):
     end = 2**bits - 1
     noise = NoiseModel(1.0, 0.0, 4.0, bits)
     ramp = np.arange(-4.0, end + 50, dtype=np.float32).clip(0)[None]
@@ -248,16 +248,16 @@ def test_a_full_pixel_saturates_before_the_converter_and_counts_as_saturated():
     noise = NoiseModel(2.0, 6.0, 100.0, 12, full_well_e=6000.0, dsnu_e=3.0)
     pattern = fixed_pattern(noise, SHAPE)
     grey = frames(50_000.0, noise, 1, pattern)[0]
-    # No shot noise any more: 6000 / 2 + 100 with read noise, offsets and rounding.
+    # There is no shot noise left: 6000 / 2 + 100 with read noise, offsets and rounding.
     assert grey.mean() == pytest.approx(3100, abs=0.05)
     assert grey.var() == pytest.approx((36 + 9) / 4 + 1 / 12, rel=0.01)
-    # Four standard deviations: 3 in 100 000 stay under.
+    # Four standard deviations: 3 in 100 000 are below.
     assert np.mean(grey < noise.white_level_dn) < 1e-4
     half = frames(3000.0, noise, 1, pattern)[0]
     assert half.mean() == pytest.approx(1600, abs=0.2)
     assert (half < noise.white_level_dn).all()
     assert (sensor_image(flat(1e6, (3, 3)), noise, key=None) == 3100).all()
-    # With gain the converter may end first.
+    # With gain, the converter may saturate first.
     assert (sensor_image(flat(1e6, (3, 3)), noise, gain_db=20.0, key=None) == 4095).all()
 
 

@@ -1,4 +1,4 @@
-"""Cast shadows against closed forms and against exact surfaces searched point by point."""
+"""Cast shadows, compared with closed forms and point-by-point search on exact surfaces."""
 
 from dataclasses import replace
 
@@ -51,14 +51,14 @@ def _board_points(lens):
     return 500.0 * rays + [0, 0, 500.0]
 
 
-def _off_by_more_than_a_pixel(found, expected, where):
-    """Pixels that are wrong although all their neighbours ought to be alike."""
+def _off_by_more_than_a_pixel(result, expected, where):
+    """Pixels that are wrong although all their neighbours should be alike."""
     alike = maximum_filter(expected, 3) == minimum_filter(expected, 3)
-    return (found != expected) & alike & where
+    return (result != expected) & alike & where
 
 
 def _segment_gap(start, end):
-    """Distance of the origin from straight ways in the plane, the ends (..., 2)."""
+    """Distance of the origin from line segments in the plane with the ends (..., 2)."""
     way = end - start
     t = np.clip(-(start * way).sum(-1) / (way**2).sum(-1), 0, 1)
     return np.linalg.norm(start + t[..., None] * way, axis=-1)
@@ -69,35 +69,35 @@ LOW_LEDS = [(300.0, 90, 60), (-200.0, 260, 90), (20.0, -350, 45), (-330.0, 0, 12
 
 @LENSES
 def test_step_casts_its_shadow_on_the_board(lens):
-    """A round plateau: in shadow is what sees the LED through the cylinder."""
+    """A round plateau: points are in shadow if the line to the LED passes the cylinder."""
     radius, height = 45.0, 7.0
     truth = render(_scene(Plane(radius, height), _leds(*LOW_LEDS), lens)).truth
     points = _board_points(lens)[..., :2]
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         below_the_top = points + height / led[2] * (np.array(led[:2]) - points)
         expected = _segment_gap(points, below_the_top) < radius
         outside = ~maximum_filter(truth.mask, 3) & (np.hypot(*np.moveaxis(points, -1, 0)) > radius)
         assert (expected & outside).sum() > 300
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
 @LENSES
-def test_half_sphere_casts_its_shadow_on_the_board(lens):
+def test_hemisphere_casts_its_shadow_on_the_board(lens):
     radius = 40.0
     truth = render(_scene(SphericalCap(radius, radius), _leds(*LOW_LEDS), lens)).truth
     points = _board_points(lens)
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         way = np.array(led) - points
         t = np.clip(-(points * way).sum(-1) / (way**2).sum(-1), 0, 1)
         expected = np.linalg.norm(points + t[..., None] * way, axis=-1) < radius
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 300
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
 @LENSES
 def test_chrome_sphere_casts_its_shadow_on_a_plateau(lens):
-    """The plane of the plateau, at z = 4, under a sphere that hangs beside and above it."""
+    """The plane of the plateau, at z = 4, under a sphere next to it and above it."""
     centre, radius = np.array([95.0, 10.0, 40.0]), 14.0
     led = np.array([300.0, 20.0, 150.0])
     scene = _scene(
@@ -136,19 +136,19 @@ def test_tilted_plane_has_attached_shadow_only():
 
 
 @pytest.mark.parametrize("height", [5.0, 20.0, 45.0])
-def test_convex_cap_shadows_only_what_turns_away(height):
+def test_convex_cap_has_only_attached_shadow(height):
     leds = [(120.0, 10, 30), (-300, 200, 80), (0, 0, 300), (90, -90, 55)]
     truth = render(_scene(SphericalCap(50.0, height), _leds(*leds))).truth
     sphere = (50.0**2 + height**2) / (2 * height)
     normals = (truth.points_mm - [0, 0, height - sphere]) / sphere
-    for led, found in zip(leds, truth.shadows, strict=True):
+    for led, result in zip(leds, truth.shadows, strict=True):
         facing = ((np.array(led, float) - truth.points_mm) * normals).sum(-1)
         clear = truth.mask & (np.abs(facing) > 1e-9)
-        np.testing.assert_array_equal(found[clear], facing[clear] <= 0)
+        np.testing.assert_array_equal(result[clear], facing[clear] <= 0)
 
 
 def _searched(body, points, led, fine=500):
-    """Whether the exact surface rises above the way to the LED anywhere."""
+    """Whether the exact surface blocks the line to the LED."""
     way = led - points
     reach = np.minimum(1.0, (body.top_mm - points[:, 2]) / way[:, 2])
     reach = np.minimum(reach, 2 * body.radius_mm / np.hypot(way[:, 0], way[:, 1]))
@@ -166,9 +166,9 @@ def _searched(body, points, led, fine=500):
         pytest.param(Ripples(60.0, 1.2, 12.0), (30.0, 20, 12), id="led-close-by"),
     ],
 )
-def test_relief_shadows_itself_as_the_exact_surface_does(body, led):
+def test_relief_shadows_itself_like_the_exact_surface(body, led):
     lens = Lens.orthographic(90, 70, 0.5, 500.0)
-    # It faces down: behind its own plane an LED gives no light.
+    # It faces down: an LED gives no light behind its own plane.
     lights = replace(_leds(led), axes=np.array([[0.0, 0.0, -1.0]]))
     truth = render(_scene(body, lights, lens)).truth
     points = truth.points_mm
@@ -176,28 +176,28 @@ def test_relief_shadows_itself_as_the_exact_surface_does(body, led):
     assert truth.mask.all()
     expected = np.ones(truth.size, bool)
     expected[ask] = _searched(body, points[ask], np.array(led))
-    found = truth.shadows[0]
+    result = truth.shadows[0]
     cast = expected & ask
     assert cast.sum() > 150
-    # A lit streak narrower than a pixel may end a pixel late.
-    assert _off_by_more_than_a_pixel(found, expected, ask).sum() <= 2
-    # What the exact surface lets through is never dark, not even next to an edge.
-    assert not (found & ~expected).any()
-    assert (found & cast).sum() > 0.9 * cast.sum()
+    # A lit streak narrower than a pixel may end one pixel too late.
+    assert _off_by_more_than_a_pixel(result, expected, ask).sum() <= 2
+    # Points that are lit by the exact surface are never dark, even next to an edge.
+    assert not (result & ~expected).any()
+    assert (result & cast).sum() > 0.9 * cast.sum()
 
 
-def test_dark_is_what_gets_no_light():
+def test_dark_points_receive_no_light():
     rendering = render(_scene(Coin(60.0, relief_mm=1.5), _leds(*LOW_LEDS)))
     np.testing.assert_array_equal(rendering.planes == 0, rendering.truth.shadows)
 
 
-def test_shadows_can_be_left_out():
+def test_shadows_can_be_turned_off():
     lit = render(_scene(SphericalCap(40.0, 40.0), _leds(*LOW_LEDS), shadows=False)).truth
     assert not lit.shadows[:, ~lit.mask].any()
     assert lit.shadows[:, lit.mask].any()
 
 
-def test_distant_light_casts_a_shadow_as_long_as_the_cotangent():
+def test_length_of_the_shadow_of_a_distant_light():
     direction = np.array([0.8, 0.0, 0.2])
     body = Plane(50.0, 6.0, outline="square")
     truth = render(_scene(body, Lights(direction[None]), PARALLEL)).truth
@@ -211,7 +211,7 @@ def test_distant_light_casts_a_shadow_as_long_as_the_cotangent():
 
 
 def test_penumbra_of_a_straight_edge():
-    """The disc of an LED that faces down, cut by the upper edge of a wall."""
+    """The disc of an LED that faces down, partly hidden by the upper edge of a wall."""
     radius, height, half = 30.0, 60.0, 60.0 / np.sqrt(2)
     led, strip = np.array([200.0, 0.0, 250.0]), Lens.orthographic(210, 3, 1.2, 500.0)
     lights = Lights(positions_mm=led[None], axes=np.array([[0, 0, -1.0]]))
@@ -226,13 +226,13 @@ def test_penumbra_of_a_straight_edge():
         render(replace(scene, shadows=on)).planes[0, 1].astype(float) for on in (True, False)
     )
     x = _board_points(strip)[1, :, 0]
-    # The line from a point over the edge meets the plane of the disc here; beyond, it is hidden.
+    # The line from a point over the edge reaches the plane of the disc here; beyond, it is hidden.
     over_edge = x + (-half - x) * led[2] / height
     cut = np.clip((over_edge - led[0]) / radius, -1, 1)
     expected = 0.5 + (np.arcsin(cut) + cut * np.sqrt(1 - cut**2)) / np.pi
-    beside = x < -half - 1.0
-    assert ((expected > 0.05) & (expected < 0.95) & beside).sum() > 10
-    np.testing.assert_allclose((soft / free)[beside], expected[beside], atol=0.03)
+    left = x < -half - 1.0
+    assert ((expected > 0.05) & (expected < 0.95) & left).sum() > 10
+    np.testing.assert_allclose((soft / free)[left], expected[left], atol=0.03)
 
 
 def _ball(radius, centre):
@@ -244,25 +244,25 @@ def test_mesh_of_a_ball_casts_the_shadow_of_a_sphere():
     radius, centre = 15.0, np.array([5.0, -8.0, 17.0])
     truth = render(_scene(_ball(radius, centre), _leds(*LOW_LEDS))).truth
     points = _board_points(PERSPECTIVE)
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         way, axis = points - led, centre - led
         angle = np.arctan2(np.linalg.norm(np.cross(way, axis), axis=-1), way @ axis)
         expected = angle < np.arctan2(radius, np.sqrt(axis @ axis - radius**2))
-        # The board behind the ball as the LED sees it.
+        # The part of the board behind the ball, seen from the LED.
         expected &= (way**2).sum(-1) > axis @ axis - radius**2
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 100
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()
 
 
-def test_mesh_shadows_itself_where_it_turns_away():
+def test_mesh_shadows_itself_where_it_faces_away():
     truth = render(_scene(_ball(30.0, np.array([0.0, 0.0, 30.0])), _leds(*LOW_LEDS))).truth
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         facing = ((np.array(led) - truth.points_mm) * truth.normals).sum(-1)
         distance = np.linalg.norm(np.array(led) - truth.points_mm, axis=-1)
-        # Facets are flat: their own horizon lies up to a degree or so beside the smooth one.
+        # Facets are flat: their horizon differs by about a degree from the smooth one.
         clear = truth.mask & (np.abs(facing) > 0.04 * distance)
-        np.testing.assert_array_equal(found[clear], facing[clear] < 0)
+        np.testing.assert_array_equal(result[clear], facing[clear] < 0)
 
 
 def test_box_mesh_casts_the_shadow_of_a_step():
@@ -271,10 +271,10 @@ def test_box_mesh_casts_the_shadow_of_a_step():
     truth = render(_scene(body, _leds(*LOW_LEDS), PARALLEL)).truth
     points = _board_points(PARALLEL)[..., :2]
     assert not truth.shadows[:, minimum_filter(truth.mask, 3)].any()
-    for led, found in zip(LOW_LEDS, truth.shadows, strict=True):
+    for led, result in zip(LOW_LEDS, truth.shadows, strict=True):
         share = np.linspace(0, 7.0 / led[2], 200)
         ways = points[..., None, :] + share[:, None] * (np.array(led[:2]) - points)[..., None, :]
         expected = np.any((np.abs(ways[..., 0]) < 40) & (np.abs(ways[..., 1]) < 30), axis=-1)
         outside = ~maximum_filter(truth.mask, 3)
         assert (expected & outside).sum() > 200
-        assert not _off_by_more_than_a_pixel(found, expected, outside).any()
+        assert not _off_by_more_than_a_pixel(result, expected, outside).any()

@@ -1,4 +1,4 @@
-"""Shifting by parts of a pixel against pictures that are known between their pixels."""
+"""Shifts by fractions of a pixel, tested with images that are known between their pixels."""
 
 import numpy as np
 import pytest
@@ -14,15 +14,15 @@ def waves(x, y, period):
 
 
 @pytest.mark.parametrize("shift", [(0.1, 0.0), (0.0, -0.07), (-0.5, 0.31), (1.4, -2.3)])
-def test_waves_of_six_pixels_move_where_they_should(shift):
+def test_waves_of_six_pixels_are_shifted_correctly(shift):
     moved = shifted(waves(X, Y, 6.0).astype(np.float32), shift, mosaic=False)
     expected = waves(X - shift[0], Y - shift[1], 6.0)
-    # 2e-4 along each axis of a swing of 70.
+    # 2e-4 along each axis of an amplitude of 70.
     assert np.abs(moved - expected)[INNER].max() < 0.03
     assert moved.dtype == np.float32
 
 
-def test_a_blurred_spot_moves_and_keeps_its_light():
+def test_a_blurred_spot_is_shifted_and_keeps_its_sum():
     plane = np.exp(-((X - 40) ** 2 + (Y - 30) ** 2) / (2 * 1.2**2)).astype(np.float32)
     moved = shifted(plane, (0.23, -0.41), mosaic=False).astype(np.float64)
     assert moved.sum() == pytest.approx(plane.sum(), rel=1e-3)
@@ -38,14 +38,14 @@ def test_no_shift_changes_nothing(mosaic):
 
 
 def test_colours_of_a_mosaic_do_not_mix():
-    """Each filter has its own wave; each must move as it would in the colour alone."""
+    """Each filter has its own wave, which must be shifted as in an image of one colour."""
     amount = np.array([[1.0, 5.0], [20.0, 100.0]])
     filters = np.tile(amount, (30, 40))
     shift = (0.13, -0.21)
     moved = shifted((filters * waves(X, Y, 16.0)).astype(np.float32), shift, mosaic=True)
     expected = filters * waves(X - shift[0], Y - shift[1], 16.0)
     np.testing.assert_allclose(moved[INNER], expected[INNER], rtol=1e-3)
-    # At the edges, where the picture goes on as its mirror image, colours do not mix either.
+    # Colours do not mix at the edges either, where the image is continued by its mirror image.
     flat = shifted(filters.astype(np.float32), shift, mosaic=True)
     np.testing.assert_allclose(flat, filters, rtol=1e-5)
 

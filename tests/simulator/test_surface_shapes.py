@@ -1,4 +1,4 @@
-"""Surfaces against numeric differentiation and closed forms."""
+"""Surfaces, compared with numerical differentiation and closed forms."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_gradient_is_the_derivative_of_the_height(surface):
 
     error = np.hypot(fourth_order(h, 0) - zx, fourth_order(0, h) - zy)
     if isinstance(surface, Coin):
-        # Its strokes end in half discs: the second derivative jumps there.
+        # Its strokes end in semicircles, where the second derivative is discontinuous.
         assert np.percentile(error, 99) < 1e-7
         assert error.max() < 1e-3
     else:
@@ -59,12 +59,12 @@ def test_gradient_is_the_derivative_of_the_height(surface):
 
 @pytest.mark.parametrize("kind", CARVED)
 def test_carved_surface_is_smooth_across_its_lattice(kind):
-    """Dense samples along a line: no cell hands over to the next with a jump."""
+    """Dense samples along a line: there is no jump between cells."""
     surface = kind(60.0, 1.0, seed=7)
     along = np.linspace(-40, 40, 400_001)
     z, zx, zy = surface.evaluate(along, 0.37 * along + 3.0)
     rise = np.diff(z)
-    # Between neighbours the trapezoid rule, off by the third power of the step.
+    # The trapezoid rule between neighbours; its error is of third order in the step.
     predicted = np.diff(along) * (0.5 * (zx[1:] + zx[:-1]) + 0.37 * 0.5 * (zy[1:] + zy[:-1]))
     assert np.abs(rise - predicted).max() < 1e-9
 
@@ -82,15 +82,15 @@ def test_carved_surface_keeps_its_amplitude(kind, seed):
 
 
 @pytest.mark.parametrize("kind", CARVED)
-def test_carved_surface_follows_its_seed(kind):
+def test_carved_surface_depends_on_its_seed(kind):
     x, y = _points(5000)
     a, again, b = (kind(60.0, 1.0, seed=s).evaluate(x, y)[0] for s in (3, 3, 4))
     np.testing.assert_array_equal(a, again)
     assert np.abs(a - b).max() > 0.02
 
 
-def test_weave_goes_one_over_and_one_under():
-    """Where yarns cross, the upper one alternates like a checkerboard."""
+def test_weave_alternates_over_and_under():
+    """At crossings, the upper yarn alternates like a checkerboard."""
     cloth = Textile(60.0, 1.0, seed=2, yarn_mm=6.0)
     i, j = np.meshgrid(np.arange(-6, 7), np.arange(-6, 7))
     x, y = 6.0 * i, 6.0 * j
@@ -98,14 +98,14 @@ def test_weave_goes_one_over_and_one_under():
     _, left, _ = cloth.evaluate(x - 1.5, y)
     _, _, above = cloth.evaluate(x, y + 1.5)
     _, _, below = cloth.evaluate(x, y - 1.5)
-    # Over the upper yarn the surface curves across it much more than along it.
+    # On the upper yarn, the surface is curved much more across the yarn than along it.
     across_x, across_y = left - right, below - above
     warp_on_top = across_x > across_y
     np.testing.assert_array_equal(warp_on_top, (i + j) % 2 == 1)
 
 
-def test_scales_lie_on_the_row_below():
-    """Going up (+Y) the surface climbs at once and falls slowly: the steep side faces down."""
+def test_scales_overlap_the_row_below():
+    """Toward +Y, the surface rises quickly and falls slowly: the steep side faces down."""
     x, y = _points(50_000)
     _, _, zy = LizardScales(60.0, 1.0, seed=2).evaluate(x, y)
     low, middle, high = np.percentile(zy, [1, 50, 99])
@@ -132,7 +132,7 @@ def test_bounds_hold(surface):
     x, y = _points(400_000, radius=surface.radius_mm, seed=9)
     z, zx, zy = surface.evaluate(x, y)
     bounds = surface.bounds
-    # A surface may reach its bounds: then rounding counts.
+    # A surface may reach its bounds, to rounding error.
     assert bounds.bottom_mm - 1e-12 <= z.min()
     assert z.max() <= bounds.top_mm + 1e-12
     assert np.hypot(zx, zy).max() <= bounds.steepest + 1e-12
@@ -145,7 +145,7 @@ def test_gradient_at_the_centre_is_finite():
         assert np.isfinite(np.concatenate(surface.evaluate(origin, origin))).all()
 
 
-def test_cap_lies_on_its_sphere():
+def test_cap_is_on_its_sphere():
     cap = SphericalCap(40.0, 10.0)
     x, y = _points(radius=40.0)
     z, _, _ = cap.evaluate(x, y)
@@ -175,14 +175,14 @@ def test_band_noise_has_its_rms_and_its_wavelength():
     assert power[in_band].sum() > 0.99 * power.sum()
 
 
-def test_outline_holds_its_edge():
+def test_outline_includes_its_edge():
     plane = Plane(10.0)
     x = np.array([0.0, 10.0, 10.001, 7.0])
     y = np.array([0.0, 0.0, 0.0, 7.2])
     assert plane.inside(x, y).tolist() == [True, True, False, False]
 
 
-def test_square_outline_is_held_by_the_circle():
+def test_square_outline_is_inside_the_circle():
     plane = Plane(10.0, outline="square")
     half = 10.0 / math.sqrt(2)
     x = np.array([0.999, 0.999, 1.001, 0.0, 0.0]) * half
@@ -190,7 +190,7 @@ def test_square_outline_is_held_by_the_circle():
     assert plane.inside(x, y).tolist() == [True, True, False, False, True]
 
 
-def test_coin_grows_with_its_radius():
+def test_coin_scales_with_its_radius():
     x, y = _points(500, radius=70.0)
     large = Coin(80.0, dome_mm=8.0, relief_mm=0.4, seed=3).evaluate(x, y)[0]
     small = Coin(40.0, dome_mm=4.0, relief_mm=0.2, grain_mm=0.0075, seed=3).evaluate(x / 2, y / 2)[
@@ -262,7 +262,7 @@ def test_cap_normal_points_from_its_centre(radius, part, angle, at):
         pytest.param(lambda: Coin(80.0, relief_mm=-1), "relief_mm is -1", id="negative-relief"),
     ],
 )
-def test_bad_surface_is_one_line(make, message):
+def test_an_invalid_surface_is_reported_in_one_line(make, message):
     with pytest.raises(DataError, match=message) as caught:
         make()
     assert "\n" not in str(caught.value)

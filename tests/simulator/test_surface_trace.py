@@ -20,7 +20,7 @@ def _fan(count, seed=0, reach=0.17):
 
 
 def _slanting(count, seed=0, height=200.0):
-    """Rays from all sides that come down at 20 to 70 degrees and pass near the origin."""
+    """Rays from all sides that descend at 20 to 70 degrees and pass near the origin."""
     rng = np.random.default_rng(seed)
     around, down = rng.uniform(0, 2 * np.pi, count), np.radians(rng.uniform(20, 70, count))
     level = np.stack([np.cos(around), np.sin(around)], axis=1) * np.cos(down)[:, None]
@@ -32,21 +32,21 @@ def _slanting(count, seed=0, height=200.0):
 def _first_by_brute_force(surface, origins, directions, samples=8001):
     """Sample each ray densely between the heights of the field and take the first crossing."""
     top, bottom = surface.bounds.top_mm + 0.1, surface.bounds.bottom_mm - 0.1
-    found = np.full(len(origins), np.nan)
+    result = np.full(len(origins), np.nan)
     for i, (start, way) in enumerate(zip(origins, directions, strict=True)):
         t = np.linspace((top - start[2]) / way[2], (bottom - start[2]) / way[2], samples)
         x, y, z = (start[a] + t * way[a] for a in range(3))
         within = surface.inside(x, y)
         gap = np.where(within, z - surface.evaluate(x, y)[0], np.nan)
         entry = np.flatnonzero(within)[:1]
-        # In through the wall: nothing is met.
+        # The ray enters through the wall: there is no hit.
         if entry.size and gap[entry[0]] < 0:
             continue
         crossing = np.flatnonzero((gap[:-1] >= 0) & (gap[1:] < 0))
         if crossing.size:
             k = crossing[0]
-            found[i] = t[k] + (t[k + 1] - t[k]) * gap[k] / (gap[k] - gap[k + 1])
-    return found
+            result[i] = t[k] + (t[k + 1] - t[k]) * gap[k] / (gap[k] - gap[k + 1])
+    return result
 
 
 STEEP = [
@@ -62,7 +62,7 @@ STEEP = [
 
 @pytest.mark.parametrize("surface", STEEP)
 @pytest.mark.parametrize("slanting", [False, True], ids=["camera", "slanting"])
-def test_first_hit_is_that_of_brute_force(surface, slanting):
+def test_first_hit_equals_that_of_brute_force(surface, slanting):
     origins, directions = (
         _slanting(80) if slanting else (np.tile(ABOVE, (80, 1)), _fan(80, reach=0.09))
     )
@@ -72,13 +72,13 @@ def test_first_hit_is_that_of_brute_force(surface, slanting):
     np.testing.assert_array_equal(hits.hit, np.isfinite(expected))
     points = origins + expected[:, None] * directions
     seen = hits.hit
-    # Straight interpolation over a step of the brute force, coarse where the surface bends.
+    # Brute force interpolates linearly over a step, which is coarse where the surface is curved.
     assert np.linalg.norm(hits.points_mm - points, axis=1)[seen].max() < 0.02
 
 
 @pytest.mark.parametrize("surface", STEEP)
 @pytest.mark.parametrize("slanting", [False, True], ids=["camera", "slanting"])
-def test_hits_lie_on_the_ray_and_on_the_surface(surface, slanting):
+def test_hits_are_on_the_ray_and_on_the_surface(surface, slanting):
     origins, directions = _slanting(3000) if slanting else (ABOVE, _fan(3000))
     hits = surface.trace(origins, directions)
     points, hit = hits.points_mm, hits.hit
@@ -95,7 +95,7 @@ def test_hits_lie_on_the_ray_and_on_the_surface(surface, slanting):
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.3, 3.0])
-def test_plane_is_met_where_algebra_says(slope):
+def test_hits_on_a_plane_equal_the_closed_form(slope):
     plane, directions = Plane(60.0, 30.0, 0.0, slope), _fan(2000, reach=0.05)
     hits = plane.trace(ABOVE, directions)
     t = (600.0 - 30.0) / (1 + slope * directions[:, 1])
@@ -105,7 +105,7 @@ def test_plane_is_met_where_algebra_says(slope):
     np.testing.assert_allclose(hits.points_mm[within], points[within], atol=1e-9)
 
 
-def test_parallel_rays_meet_the_field_right_below():
+def test_vertical_rays_hit_the_field_below_them():
     surface = Coin(60.0, relief_mm=5.0, seed=2)
     x, y = np.random.default_rng(0).uniform(-60, 60, (2, 5, 400))
     origins = np.stack([x, y, np.full_like(x, 500.0)], axis=-1)
@@ -119,20 +119,20 @@ def test_parallel_rays_meet_the_field_right_below():
     np.testing.assert_allclose(hits.normals[hits.hit], normals[hits.hit], atol=1e-9)
 
 
-def test_half_sphere_shows_down_to_the_cone_of_tangents():
+def test_hemisphere_is_visible_down_to_the_cone_of_tangents():
     radius, rays = 50.0, _fan(20_000, reach=0.1)
     hits = SphericalCap(radius, radius).trace(ABOVE, rays)
     sine = np.hypot(rays[:, 0], rays[:, 1]) / np.linalg.norm(rays, axis=1)
     np.testing.assert_array_equal(hits.hit, sine < radius / 600.0)
     np.testing.assert_allclose(np.linalg.norm(hits.points_mm[hits.hit], axis=1), radius, rtol=1e-12)
     np.testing.assert_allclose(hits.normals, hits.points_mm / radius, atol=1e-14)
-    # The outermost rays graze it at z = r^2 / d.
+    # The outermost rays are tangent to it at z = r^2 / d.
     lowest = hits.points_mm[hits.hit, 2].min()
     assert radius**2 / 600 <= lowest < radius**2 / 600 + 1.5
 
 
-def test_a_high_step_hides_what_lies_behind_it():
-    """Seen from the left at 45 degrees a wall of 8 mm hides 8 mm of the tread behind it."""
+def test_a_high_step_hides_the_tread_behind_it():
+    """Seen from the left at 45 degrees, a wall of 8 mm hides 8 mm of the tread behind it."""
     gauge = StepGauge(40.0, (8.0, 0.0), edge_mm=1e-4)
     x = np.linspace(-20.0, 20.0, 4001)
     origins = np.stack([x - 50.0, np.zeros_like(x), np.full_like(x, 50.0)], axis=1)
@@ -159,7 +159,7 @@ def test_a_rising_step_shows_its_wall():
     [
         pytest.param((0, 0, 100), (0, 0, 1), id="away"),
         pytest.param((0, 0, 100), (1, 0, 0), id="level-above"),
-        pytest.param((100, 0, 100), (0, 0, -1), id="beside"),
+        pytest.param((100, 0, 100), (0, 0, -1), id="next-to-it"),
         pytest.param((-100, 0, 1), (1, 0, 0), id="through-the-wall"),
         pytest.param((0, 0, -5), (0, 0, 1), id="from-below"),
         pytest.param((100, 0, 50), (1, 0, -1), id="outward"),
@@ -183,8 +183,8 @@ def test_misses(surface, origin, direction):
     ],
 )
 @pytest.mark.parametrize("height", [50.0, 40.0], ids=["half sphere", "cap"])
-def test_a_dome_behind_the_origin_of_a_ray_is_not_met(origin, direction, height):
-    """Turned round, the same ray meets it: the line crosses the dome above the board."""
+def test_a_dome_behind_the_origin_of_a_ray_is_not_hit(origin, direction, height):
+    """In the opposite direction, the ray hits: the line crosses the dome above the board."""
     cap = SphericalCap(50.0, height)
     origin, direction = np.array([origin], float), np.array([direction], float)
     assert cap.trace(origin, -direction).hit.tolist() == [True]
@@ -193,14 +193,14 @@ def test_a_dome_behind_the_origin_of_a_ray_is_not_met(origin, direction, height)
     assert not hits.points_mm.any()
 
 
-def test_level_ray_meets_the_flank_of_a_dome():
+def test_horizontal_ray_hits_the_side_of_a_dome():
     cap = SphericalCap(50.0, 50.0)
     hits = cap.trace(np.array([-100.0, 0.0, 30.0]), np.array([2.0, 0.0, 0.0]))
     np.testing.assert_allclose(hits.points_mm, [-40.0, 0.0, 30.0], atol=1e-9)
 
 
 def test_march_and_newton_agree():
-    """Bounds wider than need be turn Newton's method into the march."""
+    """With wider bounds than necessary, rays are marched instead of solved by Newton's method."""
     coin, rays = Coin(60.0, seed=4), _fan(2000)
     origins = np.tile(ABOVE, (len(rays), 1))
     t, zx, zy = meet_field(coin.evaluate, 60.0, coin.bounds, origins, rays)
@@ -219,7 +219,7 @@ def test_field_without_bounds_is_refused():
         meet_field(Plane(9.0).evaluate, 9.0, bounds, ABOVE[None], -ABOVE[None])
 
 
-def test_shadow_grid_holds_the_heights():
+def test_shadow_grid_contains_the_heights():
     coin = Coin(40.0, seed=3)
     grid = coin.shadow_caster(0.5)
     rows, columns = grid.heights_mm.shape
@@ -236,9 +236,9 @@ def test_shadow_grid_holds_the_heights():
 
 @pytest.mark.parametrize(
     ("step", "message"),
-    [(0.0, "step of 0"), (math.nan, "step of nan"), (-1.0, "-1"), (1e-4, "larger step")],
+    [(0.0, "is 0.0 mm"), (math.nan, "is nan mm"), (-1.0, "-1"), (1e-4, "larger step")],
 )
-def test_bad_shadow_step_is_one_line(step, message):
+def test_an_invalid_shadow_step_is_reported_in_one_line(step, message):
     with pytest.raises(DataError, match=message) as caught:
         Plane(60.0).shadow_caster(step)
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""The light in the room as a file: what is written is what is seen."""
+"""The bench state: readers see what the writer has recorded."""
 
 import struct
 import threading
@@ -38,7 +38,7 @@ def test_an_untouched_room_is_dark(room):
     assert reader.changes == 0
 
 
-def test_light_ends_as_declared_or_when_it_is_put_out(room):
+def test_an_led_turns_off_as_declared_or_earlier(room):
     _, writer, reader = room
     writer.light(3, 100, 200)
     writer.light(4, 300, 900)
@@ -46,7 +46,7 @@ def test_light_ends_as_declared_or_when_it_is_put_out(room):
     writer.put_out(360)
     assert reader.periods() == (LitPeriod(3, 100, 200), LitPeriod(4, 300, 350))
     assert [reader.led(t) for t in (99, 100, 199, 200, 349, 350)] == [None, 3, 3, None, 4, None]
-    # Two lit, one ended early; the last changed nothing.
+    # Two LEDs turned on, one ended early; the last call changed nothing.
     assert reader.changes == 3
 
 
@@ -58,7 +58,7 @@ def test_the_end_of_a_light_moves_but_not_before_its_start(room):
     assert reader.periods() == (LitPeriod(3, 100, 1000), LitPeriod(4, 300, 300))
 
 
-def test_what_was_stated_ahead_is_taken_back(room):
+def test_future_light_and_pulses_are_cancelled(room):
     _, writer, reader = room
     writer.light(3, 100, 200)
     assert writer.pulse(120) == 0
@@ -71,7 +71,7 @@ def test_what_was_stated_ahead_is_taken_back(room):
     assert reader.triggers() == (TriggerPulse(0, 120), TriggerPulse(2, 500))
 
 
-def test_the_camera_states_its_exposures(room):
+def test_the_camera_records_its_exposures(room):
     path, writer, reader = room
     other = BenchState(path)
     for k in range(RING + 5):
@@ -118,7 +118,7 @@ def test_lit_time_is_the_overlap(room, start, end, lit):
     assert reader.lit_ns(start, end) == lit
 
 
-def test_the_ring_keeps_the_newest_and_says_when_it_forgot(room):
+def test_the_ring_keeps_the_newest_periods_and_reports_missing_ones(room):
     _, writer, reader = room
     for k in range(RING + 10):
         writer.light(k % 36, 10 * k, 10 * k + 10)
@@ -128,7 +128,7 @@ def test_the_ring_keeps_the_newest_and_says_when_it_forgot(room):
         reader.lit_ns(50, 200)
 
 
-def test_a_full_ring_has_forgotten_nothing(room):
+def test_a_full_ring_contains_all_periods(room):
     _, writer, reader = room
     for k in range(RING):
         writer.light(k, 10 + 10 * k, 20 + 10 * k)
@@ -143,7 +143,7 @@ def test_a_dimmed_led_counts_by_its_light(room):
     assert reader.lit_ns(0, 1200) == {3: 300, 4: 0}
 
 
-def test_the_layout_is_the_documented_one(room):
+def test_the_layout_is_as_documented(room):
     path, writer, reader = room
     writer.light(7, 1000, 5000)
     writer.light(8, 6000, 7000, level=4000)
@@ -155,7 +155,7 @@ def test_the_layout_is_the_documented_one(room):
     assert len(data) == SIZE == 64 + 64 * 24 + 2 * 64 * 16
     head = struct.unpack_from("<8sIIQQQIIQQ", data)
     assert head == (b"SGPBENCH", 2, 64, 10, 2, 2, 64, 64, 2, 1)
-    # An LED at full level is a plain 64-bit number.
+    # An LED at full level can be read as a 64-bit number.
     assert struct.unpack_from("<qqq", data, 64) == (7, 1000, 3000)
     assert struct.unpack_from("<iiqq", data, 64 + 24) == (8, 95, 6000, 6000)
     triggers = 64 + 64 * 24
@@ -163,7 +163,7 @@ def test_the_layout_is_the_documented_one(room):
     assert struct.unpack_from("<qq", data, triggers + 64 * 16) == (1510, 2510)
 
 
-def test_a_reader_never_sees_half_a_change(room):
+def test_a_reader_never_sees_a_partial_change(room):
     _, writer, reader = room
     camera = BenchState(room[0])
     done = threading.Event()
@@ -202,7 +202,7 @@ def test_a_reader_never_sees_half_a_change(room):
         pytest.param(b"SGPBENCH" + b"\3\0\0\0" * ((SIZE - 8) // 4), id="another version"),
     ],
 )
-def test_what_is_no_bench_state(tmp_path, content):
+def test_an_invalid_bench_state_is_refused(tmp_path, content):
     path = tmp_path / "bench.state"
     if content is not None:
         path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""The virtual board: its firmware on a clock of the tests' own, its process by birth and death."""
+"""The virtual board: its firmware with a clock set by the tests, and the life of its process."""
 
 import contextlib
 import subprocess
@@ -19,7 +19,7 @@ US = 1000
 
 
 class Desk:
-    """A board without a process, at a time that the test sets."""
+    """A board without a process, whose time is set by the test."""
 
     def __init__(self, path):
         self.writer = BenchWriter(path)
@@ -32,26 +32,26 @@ class Desk:
         self.seq = 0
 
     def at_ms(self, ms):
-        """Let time pass, with the board awake whenever it wants to be; return what it says."""
+        """Advance the time, wake the board whenever it is due, and return its replies."""
         until_ns = round(ms * MS)
-        said = b""
+        sent = b""
         while self.now_ns < until_ns:
             self.now_ns = min(until_ns, max(self.now_ns + 1, self.board.next_ns(self.now_ns)))
-            said += self.board.advance(self.now_ns)
-        return [decode_reply(line) for line in said.splitlines()]
+            sent += self.board.advance(self.now_ns)
+        return [decode_reply(line) for line in sent.splitlines()]
 
     def send(self, *words, seq=None):
-        """Send a command now; return the bytes that come back at once."""
+        """Send a command now; return the bytes of the immediate reply."""
         self.seq = self.seq + 1 if seq is None else seq
         self.board.receive(encode_command(Command(self.seq, words[0], words[1:])), self.now_ns)
         return self.board.advance(self.now_ns)
 
     def ask(self, *words, seq=None):
-        """Send a command now; return its words, or None where nothing comes back."""
-        said = self.send(*words, seq=seq)
-        if not said:
+        """Send a command now; return the words of the reply, or None if there is no reply."""
+        answer = self.send(*words, seq=seq)
+        if not answer:
             return None
-        reply = decode_reply(said.rstrip())
+        reply = decode_reply(answer.rstrip())
         assert (reply.seq, reply.verb) == (self.seq, words[0])
         return " ".join(reply.args) if reply.error is None else f"E{reply.error}"
 
@@ -88,8 +88,8 @@ def desk(tmp_path):
         pytest.param(
             "STEP 47 - 1000000 59000000 1000000", "47 - 1000000 59000000 1000000", id="step"
         ),
-        pytest.param("RUN 1 T", "E7", id="nothing loaded"),
-        pytest.param("DID 0", "E7", id="nothing done"),
+        pytest.param("RUN 1 T", "E7", id="no step loaded"),
+        pytest.param("DID 0", "E7", id="no step done"),
         pytest.param("STATUS", "5 - 0 0 2982 IDLE 0", id="status"),
         pytest.param("BLINK 3", "E1", id="unknown"),
         pytest.param("ON 3", "E2", id="too few"),
@@ -105,14 +105,14 @@ def test_commands(desk, words, outcome):
     assert desk.ask(*words.split()) == outcome
 
 
-def test_a_refusal_repeats_the_command_and_changes_nothing(desk):
+def test_the_reply_to_a_refused_command_repeats_it_and_nothing_changes(desk):
     desk.ask("ON", "3", "1000")
     reply = decode_reply(desk.send("ON", "36", "100", seq=9).rstrip())
     assert reply == Reply(9, "ON", ("36", "100"), 3)
     assert desk.ask("OFF") == "3"
 
 
-def test_the_end_of_a_light_is_stated_when_it_begins(desk):
+def test_the_end_of_a_light_is_recorded_when_it_begins(desk):
     desk.at_ms(10)
     desk.ask("ON", "7", "300")
     assert desk.lit() == [(7, 10, 310)]
@@ -124,7 +124,7 @@ def test_the_end_of_a_light_is_stated_when_it_begins(desk):
     assert reply.args == ("8", "-", "8000", "-")
 
 
-def test_a_flash_cut_short_takes_back_its_light_and_its_pulse(desk):
+def test_a_flash_cut_short_cancels_its_light_and_its_pulse(desk):
     desk.ask("FLASH", "8", "2000", "6000")
     desk.at_ms(1)
     assert desk.ask("OFF") == "8"
@@ -137,7 +137,7 @@ def test_a_flash_cut_short_takes_back_its_light_and_its_pulse(desk):
     assert desk.at_ms(100) == []
 
 
-def test_a_flash_says_how_long_its_pulse_came_after_the_one_before(desk):
+def test_a_flash_reports_the_time_since_the_previous_pulse(desk):
     def since():
         desk.ask("FLASH", "7", "2000", "6000")
         (reply,) = desk.at_ms(desk.now_ns / MS + 10)
@@ -147,7 +147,7 @@ def test_a_flash_says_how_long_its_pulse_came_after_the_one_before(desk):
     assert since() == "10000"
     desk.ask("FLASH", "8", "5000", "6000")
     assert desk.ask("OFF") == "8"
-    # A pulse that was taken back has not been.
+    # A cancelled pulse does not count.
     assert since() == "10000"
     desk.at_ms(desk.now_ns / MS + 998_000)
     assert since() == "998010000"
@@ -155,7 +155,7 @@ def test_a_flash_says_how_long_its_pulse_came_after_the_one_before(desk):
     assert since() == "-"
 
 
-def test_the_pulse_before_is_known_whatever_was_lit_between(desk):
+def test_the_previous_pulse_is_known_even_if_leds_were_on_in_between(desk):
     desk.ask("FLASH", "7", "0", "1000")
     desk.at_ms(10)
     for _ in range(300):
@@ -168,7 +168,7 @@ def test_the_pulse_before_is_known_whatever_was_lit_between(desk):
 def test_lights_that_begin_at_the_same_instant_have_their_own_ends(desk):
     desk.ask("ON", "7", "300")
     desk.ask("ON", "8", "300")
-    # A sign of life moves the end of the light, and of no other.
+    # A command from the host moves the end of this light and of no other.
     desk.ask("STATUS")
     desk.at_ms(400)
     events = [event for event in desk.outputs.events(desk.now_ns) if "lit" in event]
@@ -183,7 +183,7 @@ def test_two_carriage_returns_damage_a_line(desk):
     assert desk.ask("STATUS").split()[1:3] == ["-", "2"]
 
 
-def test_a_reset_forgets_half_a_line_and_what_was_on_its_way(desk):
+def test_a_reset_discards_a_partial_line_and_data_in_transit(desk):
     whole = encode_command(Command(1, "ON", ("7", "1000")))
     desk.board.set_faults([BoardFault(kind="delay-reply", value=50)])
     assert desk.ask("ID") is None
@@ -203,15 +203,15 @@ def test_an_input_that_is_raised_twice_falls_once(desk):
     assert spans == [(10, 30)]
 
 
-def test_a_light_is_dark_a_second_after_the_last_word_even_if_the_board_has_died(desk):
+def test_an_led_is_off_a_second_after_the_last_command_even_if_the_board_has_died(desk):
     desk.ask("ON", "7", "60000")
     desk.at_ms(400)
     desk.ask("STATUS")
-    # The board is not awake again.
+    # The board does not run again.
     assert desk.lit() == [(7, 0, 1300)]
 
 
-def test_an_hour_of_pings_keeps_a_light_to_the_end_of_its_hold_and_no_longer(desk):
+def test_an_hour_of_pings_keeps_an_led_on_until_the_end_of_its_hold(desk):
     for _ in range(60):
         begun_ms = desk.now_ns / MS
         desk.ask("ON", "7", "60000")
@@ -234,7 +234,7 @@ def test_the_watchdog_counts_each_time_it_acts(desk):
     assert desk.ask("STATUS").split()[3] == "100"
 
 
-def test_the_watchdog_leaves_a_declared_flash_alone(desk):
+def test_the_watchdog_does_not_end_a_declared_flash(desk):
     desk.ask("FLASH", "7", "1000000", "59000000")
     assert desk.at_ms(59_999) == []
     assert desk.firmware.light.led(desk.now_ns) == 7
@@ -248,7 +248,7 @@ def load(desk, *steps):
         assert desk.ask("STEP", str(index), *step.split()) is not None
 
 
-def test_a_sequence_is_stated_ahead_and_runs_to_the_microsecond(desk):
+def test_a_sequence_is_recorded_in_advance_and_exact_to_the_microsecond(desk):
     load(desk, "1 2000 6000 50000", "2 1000 4000 10000", "- 0 500 0")
     assert desk.ask("RUN", "3", "T") == "3"
     assert desk.lit() == [(1, 0, 8), (2, 58, 63)]
@@ -263,7 +263,7 @@ def test_a_sequence_is_stated_ahead_and_runs_to_the_microsecond(desk):
     assert desk.ask("STATUS").split()[5:] == ["IDLE", "3"]
 
 
-def test_a_sequence_cut_short_takes_back_what_was_stated_ahead(desk):
+def test_a_sequence_cut_short_cancels_its_future_steps(desk):
     load(desk, "1 2000 6000 50000", "2 1000 4000 10000", "3 0 500 0")
     desk.ask("RUN", "3", "T")
     desk.at_ms(10)
@@ -289,7 +289,7 @@ def test_the_camera_paces_a_sequence(desk):
     load(desk, "1 1000 50000 10000", "2 1000 50000 0", "3 0 50000 0")
     desk.ask("RUN", "3", "A")
     assert desk.triggers() == [1]
-    # The camera sees the pulse a little later and knows the end of its exposure ahead.
+    # The camera sees the pulse a little later and knows the end of its exposure in advance.
     desk.at_ms(1.2)
     desk.state.expose(1 * MS, 6 * MS)
     desk.at_ms(4)
@@ -299,7 +299,7 @@ def test_the_camera_paces_a_sequence(desk):
     assert desk.triggers() == [1, 17]
     desk.state.expose(17 * MS, 30 * MS)
     desk.at_ms(31)
-    # The last exposure never comes.
+    # There is no last exposure.
     desk.at_ms(300)
     assert [row[:2] for row in desk.lit()] == [(1, 0), (2, 16), (3, 30)]
     assert desk.lit()[2][2] == 80
@@ -316,7 +316,7 @@ def test_the_camera_paces_a_sequence(desk):
         pytest.param((8, 9), "-", id="after the light"),
     ],
 )
-def test_a_flash_says_how_long_the_camera_exposed_under_it(desk, exposure_ms, active):
+def test_a_flash_reports_how_long_the_camera_exposed(desk, exposure_ms, active):
     desk.at_ms(100)
     desk.state.expose(*(round((100 + t) * MS) for t in exposure_ms))
     desk.ask("FLASH", "7", "2000", "6000")
@@ -324,7 +324,7 @@ def test_a_flash_says_how_long_the_camera_exposed_under_it(desk, exposure_ms, ac
     assert reply.args == ("7", "-", "8000", active)
 
 
-def test_an_exposure_stated_late_is_waited_for_where_a_camera_states_any(desk):
+def test_the_board_waits_for_an_exposure_that_a_camera_records_late(desk):
     desk.state.expose(0, 1)
     desk.at_ms(100)
     desk.ask("FLASH", "7", "2000", "6000")
@@ -334,7 +334,7 @@ def test_an_exposure_stated_late_is_waited_for_where_a_camera_states_any(desk):
     assert reply.args == ("7", "-", "8000", "4000")
 
 
-def test_a_dimmed_led_gives_less_light_from_its_next_lighting_on(desk):
+def test_a_new_level_takes_effect_the_next_time_the_led_turns_on(desk):
     desk.ask("ON", "7", "100")
     desk.ask("LEVEL", "7", "1365")
     assert desk.state.periods() == (LitPeriod(7, 0, 100 * MS),)
@@ -344,7 +344,7 @@ def test_a_dimmed_led_gives_less_light_from_its_next_lighting_on(desk):
     assert desk.state.lit_ns(200 * MS, 230 * MS) == {7: 10 * MS}
 
 
-def test_a_start_turns_off_and_forgets(desk):
+def test_a_restart_turns_everything_off_and_resets_the_state(desk):
     load(desk, "1 0 400 0")
     desk.ask("LEVEL", "7", "5")
     desk.ask("ON", "7", "1000", seq=50)
@@ -358,7 +358,7 @@ def test_a_start_turns_off_and_forgets(desk):
     assert desk.state.periods()[-1].level == 4095
 
 
-def test_the_edges_are_told_in_order(desk):
+def test_the_edges_are_reported_in_order(desk):
     assert desk.outputs.events(0) == [{"us": 0, "lit": [], "levels": []}]
     load(desk, "1 1000 6000 1000", "- 0 100 0")
     desk.ask("RUN", "2", "T")
@@ -373,12 +373,12 @@ def test_the_edges_are_told_in_order(desk):
     ]
 
 
-# What becomes of each fault, sent as FLASH 7 to a board whose LED 3 burns.
+# Effect of each fault on FLASH 7, sent to a board whose LED 3 is on.
 FLASHED = ["7 - 8000 -"]
 
 
 @pytest.mark.parametrize(
-    ("fault", "told", "triggers", "burned"),
+    ("fault", "replies", "triggers", "leds"),
     [
         pytest.param({"kind": "drop-command"}, [], [], {3}, id="drop-command"),
         pytest.param({"kind": "corrupt-command", "value": 9}, [], [], {3}, id="corrupt-command"),
@@ -400,26 +400,26 @@ FLASHED = ["7 - 8000 -"]
         pytest.param({"kind": "double-trigger"}, FLASHED, [12, 12.3], {3, 7}, id="double-trigger"),
     ],
 )
-def test_faults_do_what_they_say(desk, fault, told, triggers, burned):
+def test_each_fault_has_its_effect(desk, fault, replies, triggers, leds):
     desk.ask("ON", "3", "100")
     desk.at_ms(10)
     desk.board.set_faults([BoardFault(**fault)])
     desk.send("FLASH", "7", "2000", "6000")
-    assert [" ".join(reply.args) for reply in desk.at_ms(100)] == told
+    assert [" ".join(reply.args) for reply in desk.at_ms(100)] == replies
     assert desk.triggers() == triggers
-    assert {led for led, _, _ in desk.lit()} == burned
-    assert [end for led, _, end in desk.lit() if led == 9] == [18] * (9 in burned)
+    assert {led for led, _, _ in desk.lit()} == leds
+    assert [end for led, _, end in desk.lit() if led == 9] == [18] * (9 in leds)
 
 
 @pytest.mark.parametrize("way", ["corrupt", "lose-byte", "double-byte"])
 @pytest.mark.parametrize("at", range(24))
-def test_a_damaged_reply_is_read_as_no_other(desk, way, at):
+def test_a_damaged_reply_is_never_read_as_another_reply(desk, way, at):
     desk.board.set_faults([BoardFault(kind=f"{way}-reply", value=at)])
-    said = (
+    received = (
         desk.send("ON", "7", "1000", seq=1) + desk.send("STATUS", seq=2) + desk.send("OFF", seq=3)
     )
     read = []
-    for line in LineBuffer().feed(said):
+    for line in LineBuffer().feed(received):
         with contextlib.suppress(LineError):
             read.append(decode_reply(line))
     sent = [
@@ -427,12 +427,12 @@ def test_a_damaged_reply_is_read_as_no_other(desk, way, at):
         Reply(2, "STATUS", ("0", "7", "0", "0", "2982", "ON", "0")),
         Reply(3, "OFF", ("7",)),
     ]
-    # A lost line end costs the reply after it as well; a doubled one costs none.
+    # A lost line end also loses the next reply; a doubled one loses none.
     assert read in (sent, sent[1:], sent[2:])
     assert (read == sent) == (way == "double-byte" and at == 23)
 
 
-def test_a_reset_in_mid_command_obeys_neither_half(desk):
+def test_a_reset_during_a_command_executes_neither_half(desk):
     desk.ask("ON", "3", "1000")
     desk.at_ms(10)
     desk.board.set_faults([BoardFault(kind="reset")])
@@ -441,7 +441,7 @@ def test_a_reset_in_mid_command_obeys_neither_half(desk):
     assert desk.ask("STATUS") == "0 - 1 0 2982 IDLE 0"
 
 
-def test_a_reset_after_a_command_swallows_its_reply(desk):
+def test_a_reset_after_a_command_loses_its_reply(desk):
     desk.board.set_faults([BoardFault(kind="reset-after", verb="ON")])
     assert b"OK ON" not in desk.send("ON", "7", "1000")
     assert desk.lit() == []
@@ -465,7 +465,7 @@ def test_a_board_that_loses_its_power_is_dark(desk, fault, back_ns):
     assert desk.lit() == [(7, 0, 10)]
 
 
-def test_faults_strike_what_they_were_set_for(desk):
+def test_faults_affect_only_their_commands(desk):
     desk.board.set_faults([BoardFault(kind="drop-command", verb="ON", skip=1, times=2)])
     struck = [desk.ask("ON", "7", "100") is None for _ in range(5)]
     assert struck == [False, True, True, False, False]
@@ -474,7 +474,7 @@ def test_faults_strike_what_they_were_set_for(desk):
 
 @given(st.binary(max_size=90) | st.binary(max_size=55).map(lambda b: b">0001 " + b))
 @settings(max_examples=300, deadline=None)
-def test_damage_is_never_answered_and_lights_nothing(tmp_path_factory, data):
+def test_damaged_lines_get_no_reply_and_turn_no_led_on(tmp_path_factory, data):
     desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
     desk.board.receive(data + b"\n", 0)
     assert desk.board.advance(0) == b""
@@ -490,14 +490,14 @@ ARGUMENTS = st.integers(0, 10**10).map(str) | st.sampled_from(["x", "-", "T", "A
 
 @given(VERBS, st.lists(ARGUMENTS, max_size=5))
 @settings(max_examples=300, deadline=None)
-def test_every_whole_command_gets_one_reply_that_echoes_it(tmp_path_factory, verb, args):
+def test_every_complete_command_gets_one_reply_that_repeats_it(tmp_path_factory, verb, args):
     desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
     assume(len(" ".join((verb, *args))) <= 50)
     assert desk.ask(verb, *args) is not None
     desk.close()
 
 
-def test_the_board_is_never_asked_to_wake_in_the_past(desk):
+def test_the_next_wake_up_is_never_in_the_past(desk):
     load(desk, "1 1000 50000 10000", "2 1000 900000 0", "3 0 50000 0")
     for words in ("ON 3 700", "FLASH 3 10 10", "RUN 3 T", "RUN 3 A"):
         desk.ask("OFF")
@@ -511,7 +511,7 @@ def test_the_board_is_never_asked_to_wake_in_the_past(desk):
         assert woken < 30, words
 
 
-def test_the_process_loads_nothing_of_the_renderer():
+def test_the_process_imports_no_part_of_the_renderer():
     heavy = "{'numba', 'cv2', 'scipy', 'harvesters'}"
     code = f"import sys, simulator.board; sys.exit(' '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

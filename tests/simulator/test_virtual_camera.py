@@ -1,4 +1,4 @@
-"""The virtual camera: what it sees is what burned, for as long as it burned."""
+"""The virtual camera sees each LED for the time that it is on."""
 
 import time
 
@@ -19,7 +19,7 @@ NOISE = NoiseModel(1.0, 0.0, 20.0, 16)
 
 
 def plane(led):
-    """0.125 electrons per microsecond of ambient light, LED + 1 of an LED."""
+    """Ambient light: 0.125 electrons per microsecond; an LED: its number plus 1."""
     return np.full(SIZE, 0.125 if led is None else led + 1, np.float32)
 
 
@@ -55,14 +55,14 @@ def shoot(camera, exposure_us, **options):
     return camera.fetch(camera.trigger(), 2.0)
 
 
-def test_ambient_light_is_always_there(room):
+def test_ambient_light_is_always_on(room):
     frame = shoot(room.camera(), 8000)
     assert frame.pixels.dtype == np.uint16
     assert frame.pixels.shape == SIZE
     assert (frame.pixels == 20 + 1000).all()
 
 
-def test_a_led_that_burns_throughout_counts_in_full(room):
+def test_an_led_that_is_on_throughout_counts_in_full(room):
     room.light(3, 0, 10**6)
     assert (shoot(room.camera(), 2000).pixels == 20 + 250 + 8000).all()
 
@@ -73,7 +73,7 @@ def test_gain_multiplies_the_signal_and_not_the_black_level(room):
     assert frame.gain_db == 20.0
 
 
-def test_light_that_ends_in_the_exposure_counts_for_its_time(room):
+def test_an_led_that_turns_off_during_the_exposure_counts_for_its_time(room):
     camera = room.camera()
     camera.configure(exposure_us=40_000)
     camera.arm()
@@ -98,7 +98,7 @@ def test_light_before_and_after_the_exposure_does_not_count(room):
     assert (camera.fetch(frame_id, 2.0).pixels == 20 + 500).all()
 
 
-def test_an_exposure_takes_its_time_only_in_real_time(room):
+def test_exposures_take_time_only_in_real_time(room):
     start = time.monotonic()
     shoot(room.camera(), 200_000)
     assert time.monotonic() - start >= 0.2
@@ -107,7 +107,7 @@ def test_an_exposure_takes_its_time_only_in_real_time(room):
     assert time.monotonic() - start < 5
 
 
-def test_without_real_time_the_light_still_counts_by_its_share(room):
+def test_without_real_time_the_light_counts_by_its_share(room):
     camera = room.camera(realtime=False)
     room.light(3, 0, 10**6)
     assert (shoot(camera, 2000).pixels == 20 + 250 + 8000).all()
@@ -119,11 +119,11 @@ def test_without_real_time_the_light_still_counts_by_its_share(room):
     time.sleep(0.02)
     room.writer.put_out(time.monotonic_ns())
     time.sleep(0.02)
-    # Dark would be 270, lit throughout 8270.
+    # 270 in the dark, 8270 if the LED is on throughout.
     assert 300 < camera.fetch(frame_id, 1.0).pixels[0, 0] < 8200
 
 
-def test_frames_count_up_and_an_older_one_is_not_taken_for_a_newer(room):
+def test_frame_ids_increase_and_older_frames_are_not_returned(room):
     camera = room.camera()
     camera.configure(exposure_us=1000)
     camera.arm()
@@ -135,7 +135,7 @@ def test_frames_count_up_and_an_older_one_is_not_taken_for_a_newer(room):
         camera.fetch(first, 1.0)
 
 
-def test_a_lost_frame_times_out_naming_it(room):
+def test_a_lost_frame_times_out_with_its_id(room):
     camera = room.camera(faults={0: "lost"})
     start = time.monotonic()
     camera.arm()
@@ -144,7 +144,7 @@ def test_a_lost_frame_times_out_naming_it(room):
     assert time.monotonic() - start >= 0.05
 
 
-def test_a_late_frame_comes_on_the_second_asking(room):
+def test_a_late_frame_arrives_at_the_second_fetch(room):
     camera = room.camera(faults={0: "late"})
     camera.arm()
     frame_id = camera.trigger()
@@ -171,11 +171,11 @@ def test_a_pulse_during_an_exposure_or_too_soon_after_it_is_missed(room):
     for time_ns in times:
         room.writer.pulse(time_ns)
     taken = [camera.fetch(frame_id, 2.0).timestamp_ns for frame_id in ids]
-    # The second came while the first exposure ran.
+    # The second pulse was during the first exposure.
     assert taken == [times[0], times[2], times[3]]
 
 
-def test_exposures_are_stated_to_the_bench(room):
+def test_exposures_are_recorded_in_the_bench_state(room):
     camera = room.camera()
     camera.configure(exposure_us=3000)
     starts = []
@@ -192,7 +192,7 @@ def test_exposures_are_stated_to_the_bench(room):
     assert stated == [(start, start + 3000 * US) for start in starts]
 
 
-def test_exposures_by_the_line_take_their_time_even_where_others_do_not(room):
+def test_exposures_by_the_line_take_time_even_without_real_time(room):
     camera = room.camera(realtime=False)
     camera.configure(exposure_us=100_000)
     camera.arm("line")
@@ -202,7 +202,7 @@ def test_exposures_by_the_line_take_their_time_even_where_others_do_not(room):
     assert time.monotonic_ns() - frame.timestamp_ns >= 100_000 * US
 
 
-def test_an_unplugged_camera_fails_at_everything_but_closing(room):
+def test_all_methods_of_an_unplugged_camera_fail_except_close(room):
     camera = room.camera(faults={1: "unplug"}, name="cam-7")
     shoot(camera, 1000)
     for act in (
@@ -218,12 +218,12 @@ def test_an_unplugged_camera_fails_at_everything_but_closing(room):
 
 
 @pytest.mark.parametrize("exposure_us", [9.0, 1e7 + 1, 0.0, -1.0, float("nan"), float("inf")])
-def test_exposures_outside_the_range_are_refused_with_the_range(room, exposure_us):
+def test_exposure_times_outside_the_range_are_refused(room, exposure_us):
     with pytest.raises(CameraError, match=r"10 to 1e\+07 us"):
         room.camera().configure(exposure_us=exposure_us)
 
 
-def test_the_exposure_read_back_is_the_one_used(room):
+def test_the_exposure_time_read_back_is_the_one_used(room):
     camera = room.camera()
     assert camera.configure(exposure_us=1000.4) == 1000.0
     camera.arm()
@@ -237,13 +237,13 @@ def test_a_trigger_before_arming(room):
         room.camera().trigger()
 
 
-def test_a_plane_of_another_size_or_type(room):
+def test_a_plane_of_the_wrong_size_or_type_is_refused(room):
     for wrong in (np.zeros((4, 5), np.float32), np.zeros(SIZE)):
         camera = VirtualCamera(
             lambda led, wrong=wrong: wrong, size=SIZE, bench=BenchState(room.path), noise=NOISE
         )
         room.cameras.append(camera)
-        with pytest.raises(CameraError, match="wanted float32 of"):
+        with pytest.raises(CameraError, match="expected float32 of"):
             shoot(camera, 100)
 
 
@@ -280,7 +280,7 @@ def test_noise_depends_on_the_shot_and_not_on_the_order(room):
         pytest.param(None, 10, "Mono10", id="mono"),
     ],
 )
-def test_the_pixel_format_is_named_as_genicam_does(room, cfa, bits, name):
+def test_the_pixel_format_has_its_genicam_name(room, cfa, bits, name):
     info = room.camera(cfa=cfa, noise=NoiseModel(1.0, 0.0, 20.0, bits)).info
     assert (info.pixel_format, info.cfa, info.bit_depth) == (name, cfa, bits)
 
@@ -289,22 +289,22 @@ def test_the_pixel_format_is_named_as_genicam_does(room, cfa, bits, name):
     ("options", "message"),
     [
         pytest.param({"cfa": "RGB"}, "cfa 'RGB' is not one of RGGB", id="cfa"),
-        pytest.param({"shake_px": -0.1}, "shake of -0.1 px", id="shake"),
-        pytest.param({"shake_px": float("nan")}, "shake of nan px", id="shake nan"),
+        pytest.param({"shake_px": -0.1}, "shake_px is -0.1", id="shake"),
+        pytest.param({"shake_px": float("nan")}, "shake_px is nan", id="shake nan"),
     ],
 )
-def test_a_camera_that_cannot_be(room, options, message):
+def test_invalid_arguments_are_refused(room, options, message):
     with pytest.raises(CameraError, match=message):
         room.camera(**options)
 
 
-def test_the_sensor_of_a_camera_keeps_its_pattern_whatever_the_seed_of_the_noise(room):
+def test_the_fixed_pattern_does_not_depend_on_the_seed_of_the_noise(room):
     noise = NoiseModel(1.0, 0.0, 500.0, 12, dsnu_e=20.0, hot_pixel_fraction=0.2,
                        hot_pixel_e_per_s=4e4)  # fmt: skip
     one = shoot(room.camera(noise=noise, seed=1), 1000).pixels
     assert np.array_equal(shoot(room.camera(noise=noise, seed=2), 1000).pixels, one)
     assert not np.array_equal(shoot(room.camera(noise=noise, sensor_seed=1), 1000).pixels, one)
-    # Dark current and its hot pixels grow with the exposure, offsets do not.
+    # Dark current and hot pixels increase with the exposure time, offsets do not.
     grown = shoot(room.camera(noise=noise), 11_000).pixels - one.astype(float) - 1250
     assert set(np.flatnonzero(grown > 1)) == set(np.flatnonzero(_hot(noise)))
 
@@ -314,7 +314,7 @@ def _hot(noise):
 
 
 class Picture:
-    """A camera in the dark that sees a smooth picture by the light of the room."""
+    """A camera that sees a smooth picture in ambient light only."""
 
     SIZE = (48, 64)
 
@@ -337,15 +337,15 @@ class Picture:
         return [shoot(camera, 1000).pixels.astype(float) - 20 for _ in range(count)]
 
     def shift_of(self, frame):
-        """The shift by which the picture explains a frame, and what it leaves unexplained."""
+        """The shift that fits the picture to a frame, and the residual."""
         y, x = (v[12:-12, 12:-12] for v in np.mgrid[: self.SIZE[0], : self.SIZE[1]])
         seen = frame[12:-12, 12:-12]
 
         def residual(shift):
             return (1000 * self.value(x - shift[0], y - shift[1]) - seen).ravel()
 
-        found = optimize.least_squares(residual, (0.0, 0.0))
-        return found.x, np.sqrt(np.mean(found.fun**2))
+        result = optimize.least_squares(residual, (0.0, 0.0))
+        return result.x, np.sqrt(np.mean(result.fun**2))
 
 
 def test_shake_moves_frames_by_its_standard_deviation(room):
@@ -353,16 +353,16 @@ def test_shake_moves_frames_by_its_standard_deviation(room):
     shifts = []
     for frame in picture.take(60):
         shift, left = picture.shift_of(frame)
-        # A thousandth of a swing of 13 000.
+        # A thousandth of the range of 13 000.
         assert left < 13
         shifts.append(shift)
     spread = np.std(shifts)
-    # 120 numbers: the tolerance is three of their standard deviations.
+    # Three standard deviations of an estimate from 120 numbers.
     assert spread == pytest.approx(0.1, rel=3 / np.sqrt(2 * 120))
     assert np.abs(np.mean(shifts, axis=0)).max() < 4 * 0.1 / np.sqrt(60)
 
 
-def test_shake_is_the_same_for_the_same_seed_and_none_without(room):
+def test_shake_depends_only_on_the_seed(room):
     one, other = (Picture(room, shake_px=0.1, seed=5).take(2) for _ in range(2))
     assert np.array_equal(one, other)
     assert not np.array_equal(one[0], one[1])

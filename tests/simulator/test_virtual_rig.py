@@ -1,4 +1,4 @@
-"""The simulated rig as a whole: the real client and controller on virtual devices."""
+"""The complete simulated rig: the real client and controller with virtual devices."""
 
 import os
 import time
@@ -48,7 +48,7 @@ def planes(led):
     return plane
 
 
-def test_a_pass_of_36_leds_sees_every_led_in_time_and_leaves_nothing():
+def test_a_pass_of_36_leds_sees_every_led_in_time_and_leaves_no_files():
     rig = simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, seed=1)
     with rig:
         assert rig.camera.info.serial == "virtual-camera"
@@ -62,8 +62,8 @@ def test_a_pass_of_36_leds_sees_every_led_in_time_and_leaves_nothing():
         assert lit.tolist() == list(range(10 * led, 10 * led + 10))
         # 0.5 e/us * 10 ms / 2.5 e/DN + 64 DN
         assert rows[lit].mean() == pytest.approx(2064, abs=2)
-    # 1.3 s where nothing else runs, 0.43 of it exposures and settling. If every command had to be
-    # repeated once it would be 19.
+    # 1.3 s if nothing else runs, of which 0.43 s are exposures and settling. If every command were
+    # repeated once, it would be 19 s.
     assert seconds < 10.0
 
 
@@ -131,11 +131,11 @@ def test_the_rigs_camera_has_the_depth_of_its_sensor(depth, cfa):
     noise = replace(NOISE, bit_depth=depth)
     with simulated_rig(planes, CONFIG, size=(H, W), noise=noise, cfa=cfa) as rig:
         assert (rig.camera.info.bit_depth, rig.camera.info.cfa) == (depth, cfa)
-        # Nobody's GenICam camera has 14 bits here.
+        # The GenICam camera does not support 14 bits.
         assert isinstance(rig.camera, VirtualCamera if depth == 14 else GenICamCamera)
 
 
-def test_without_a_compiler_the_camera_is_inside_and_says_so(monkeypatch):
+def test_without_a_compiler_the_camera_is_inside_and_its_model_names_the_reason(monkeypatch):
     without_a_compiler(monkeypatch)
     with simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE) as rig:
         assert isinstance(rig.camera, VirtualCamera)
@@ -144,12 +144,12 @@ def test_without_a_compiler_the_camera_is_inside_and_says_so(monkeypatch):
         simulated_rig(planes, CONFIG, size=(H, W), noise=NOISE, camera="gentl")
 
 
-def test_only_the_camera_inside_need_not_wait():
+def test_only_the_camera_inside_can_run_without_waiting():
     options = {"size": (H, W), "noise": NOISE, "realtime": False}
     with simulated_rig(planes, CONFIG, **options) as rig:
         assert isinstance(rig.camera, VirtualCamera)
         assert rig.camera.info.model == "virtual camera"
-    with pytest.raises(RigConfigError, match="take the camera inside"):
+    with pytest.raises(RigConfigError, match="use the camera 'inside'"):
         simulated_rig(planes, CONFIG, camera="gentl", **options)
 
 
@@ -191,12 +191,12 @@ def test_a_rolling_shutter_is_lit_from_its_first_row_to_its_last():
                 )
                 shots = [rig.shoot(2, exposure_us), *rig.sequence([0, 1, 3], exposure_us)]
             for shot in shots:
-                # A row that was dark for a tenth of its exposure would be 80 grey values darker.
+                # A row that is dark for a tenth of its exposure would be 80 grey values darker.
                 rows = shot.frame.pixels.astype(float).mean(axis=1)
                 np.testing.assert_allclose(rows, 64 + 0.5 * exposure_us / 2.5, atol=1.0)
 
 
-def test_the_exposure_is_seen_by_the_board():
+def test_the_board_sees_the_exposure():
     config = CONFIG.model_copy(update={"trigger": "board", "exposure_active": True})
     with simulated_rig(planes, config, size=(H, W), noise=NOISE) as rig:
         assert rig.shoot(3, 5000).led == 3
@@ -207,7 +207,7 @@ def test_the_exposure_is_seen_by_the_board():
 @pytest.mark.parametrize("kind", ["gentl", "inside"])
 @pytest.mark.parametrize("rotation_deg", [0, 90, 180, 270])
 @pytest.mark.parametrize("mirror", [False, True])
-def test_a_camera_that_is_mounted_otherwise_delivers_turned_frames(kind, rotation_deg, mirror):
+def test_a_rotated_camera_delivers_rotated_frames(kind, rotation_deg, mirror):
     mounting = Mounting(rotation_deg=rotation_deg, mirror=mirror)
     config = RigConfig(name="turned", driver="simulated", leds=2, mounting=mounting)
     picture = np.linspace(0.05, 0.6, 12 * 20, dtype=np.float32).reshape(12, 20)
@@ -224,7 +224,7 @@ def test_a_camera_that_is_mounted_otherwise_delivers_turned_frames(kind, rotatio
     np.testing.assert_allclose(mounting.upright(pixels), 64 + picture * 4000 / 2.5, atol=0.6)
 
 
-def test_two_rigs_at_once_keep_their_lights_apart():
+def test_two_rigs_at_once_are_independent():
     options = {"size": (H, W), "noise": NOISE, "noisy": False, "realtime": False}
     with (
         simulated_rig(planes, CONFIG, **options) as one,
@@ -250,10 +250,10 @@ def frames(*shots, **options):
         ]
 
 
-def test_the_driver_takes_sensor_lamps_and_shake_as_options():
+def test_the_driver_accepts_sensor_lamps_and_shake_as_options():
     shots = [(0, 5000), (1, 5000), (None, 5000)]
     plain = frames(*shots, noise=False)
-    # Eight bits of twenty electrons and half the photons in place of twelve of two and a half.
+    # 8 bits, 20 electrons per DN and half the photons instead of 12 bits and 2.5 electrons per DN.
     sensor = {"bit_depth": 8, "electrons_per_dn": 20.0, "black_level_dn": 4.0}
     sensor["quantum_efficiency"] = 0.5
     coarse = frames(*shots, noise=False, sensor=sensor, lamps={"dead": [1]})
@@ -263,7 +263,7 @@ def test_the_driver_takes_sensor_lamps_and_shake_as_options():
     assert not np.array_equal(coarse[0], coarse[2])
 
 
-def test_the_driver_takes_wrong_wiring():
+def test_the_driver_accepts_wrong_wiring():
     shots = [(led, 5000) for led in (0, 1, 2, 3, None)]
     zero, one, two, three, dark = frames(*shots, noise=False)
     wiring = {"swapped": [[0, 1]], "always": [2]}
@@ -277,13 +277,13 @@ def test_the_driver_takes_wrong_wiring():
     assert np.array_equal(seen[1], seen[3])
 
 
-def test_the_driver_takes_a_sensor_of_its_own_and_shake():
+def test_the_driver_accepts_a_sensor_seed_and_shake():
     uneven = {"dsnu_e": 30.0}
     dark, one, other = frames(
         (None, 10), (0, 5000), (0, 5000), noise=False, sensor=uneven, sensor_seed=3, shake_px=0.1
     )
     offset = fixed_pattern(replace(bench_sensor(), **uneven), (32, 48), seed=3).maps[1]
-    # The room gives less than two electrons in 10 us.
+    # The ambient light gives less than two electrons in 10 us.
     np.testing.assert_allclose(dark, 64 + offset / 2.5, atol=1.0)
     assert not np.array_equal(one, other)
 
@@ -296,7 +296,7 @@ def test_the_driver_takes_a_sensor_of_its_own_and_shake():
         ),
         pytest.param({"lamps": {"flicker": "a lot"}}, r"\[lamps\]: key 'flicker'", id="lamp text"),
         pytest.param({"lamps": {"flicker": -1}}, r"lamps: flicker is -1", id="lamp value"),
-        pytest.param({"lamps": {"dead": [4]}}, r"dead LEDs \[4\] must be of 0 to 3", id="dead"),
+        pytest.param({"lamps": {"dead": [4]}}, r"dead LEDs \[4\] must be within 0\.\.3", id="dead"),
         pytest.param({"lamps": 3}, "option 'lamps'", id="lamps no table"),
         pytest.param({"sensor": {"iso": 100}}, r"\[sensor\]: unknown key 'iso'", id="sensor key"),
         pytest.param({"sensor": {"prnu": 2.0}}, "prnu within 0..0.3", id="sensor value"),
@@ -305,14 +305,14 @@ def test_the_driver_takes_a_sensor_of_its_own_and_shake():
         pytest.param({"sensor_seed": -1}, "option 'sensor_seed'", id="sensor seed"),
         pytest.param({"shake_px": -0.1}, "option 'shake_px'", id="shake"),
         pytest.param({"camera": "outside"}, "option 'camera'", id="camera"),
-        pytest.param({"camera": "gentl"}, "take the camera inside", id="camera of another clock"),
+        pytest.param({"camera": "gentl"}, "use the camera 'inside'", id="camera without real time"),
         pytest.param({"wiring": {"swap": [[0, 1]]}}, r"\[wiring\]: unknown key", id="wiring"),
         pytest.param({"wiring": {"always": [4]}}, r"wrongly wired LEDs \[4\] must", id="wired LED"),
-        pytest.param({"wiring": {"double": [[0, 0]]}}, "one of these and once", id="wired twice"),
+        pytest.param({"wiring": {"double": [[0, 0]]}}, "listed only once", id="wired twice"),
         pytest.param({"shake": 0.1}, "unknown option 'shake'; known are scene", id="misspelt"),
     ],
 )
-def test_a_bad_option_of_sensor_lamps_or_shake_is_one_line(options, message):
+def test_an_invalid_option_of_sensor_lamps_or_shake_is_reported_in_one_line(options, message):
     with pytest.raises(RigConfigError, match=message) as caught:
         opened(**options)
     assert str(caught.value).startswith("rig bench 1: ")
@@ -331,7 +331,7 @@ def test_a_mosaic_scene_is_seen_by_a_mosaic_camera():
     np.testing.assert_allclose(seen, np.minimum(expected, 4095), atol=0.51)
 
 
-def test_a_scene_file_is_seen_as_it_says(tmp_path):
+def test_a_scene_file_determines_the_frames(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text(
         "seed = 3\nelectrons_per_us = 0.3\n[lights]\nkind = 'ring'\ncount = 4\n"
@@ -346,8 +346,8 @@ def test_a_scene_file_is_seen_as_it_says(tmp_path):
     np.testing.assert_allclose(lit, ambient + 9000 * rendering.planes[1] / 2.5, atol=0.51)
 
 
-def test_a_scene_file_with_other_leds_than_the_rig(tmp_path):
+def test_a_scene_file_with_another_number_of_leds_is_refused(tmp_path):
     path = tmp_path / "scene.toml"
     path.write_text("[lights]\nkind = 'ring'\ncount = 5\n[lens]\nkind = 'orthographic'\n")
-    with pytest.raises(RigConfigError, match="has 4 LEDs, its scene 5"):
+    with pytest.raises(RigConfigError, match="has 4 LEDs, its scene has 5"):
         opened(scene=str(path))
