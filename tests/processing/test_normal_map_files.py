@@ -107,7 +107,7 @@ def _write_rgba(path, cap):
                 path, np.where(cap.mask[..., None], cap.normals, np.nan).astype(np.float64)
             ),
             1e-5,
-            "pixels hold a vector that is NaN or infinite and are left out",
+            "pixels have a NaN or infinite vector and are left out",
             id="npy-nan-outside",
         ),
         pytest.param(
@@ -187,12 +187,12 @@ def test_a_mask_file_is_stronger_than_alpha(tmp_path, named):
     assert np.array_equal(normal_map.mask, cap.mask)
     assert _worst_deg(normal_map, cap) < 2e-3
     (note,) = notes
-    assert note == f"{tmp_path / 'n.png'}: its alpha channel is ignored, the mask is {mask}"
+    assert note == f"{tmp_path / 'n.png'}: the alpha channel is ignored, the mask is {mask}"
 
 
 def test_alpha_with_nothing_inside_is_refused(tmp_path):
     _write_alpha(tmp_path / "n.png", oiio.UINT16, _cap().normals / 2 + 0.5, np.full((48, 48), 0.4))
-    with pytest.raises(DataError, match=r"n\.png: its alpha channel leaves nothing inside"):
+    with pytest.raises(DataError, match=r"n\.png: the alpha channel is below half"):
         read_normals(tmp_path / "n.png")
 
 

@@ -119,7 +119,7 @@ GOOD = "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }\n"
     [
         pytest.param(npy(GOOD.replace("(2, 3)", "(50000, 100000, 3)")), "allowed", id="112 GiB"),
         pytest.param(npy(GOOD.replace("3)", "9" * 99 + ")")), "header", id="digits"),
-        pytest.param(npy(GOOD, b"\0" * 47), "47 bytes for the shape", id="cut short"),
+        pytest.param(npy(GOOD, b"\0" * 47), "47 bytes for the shape", id="truncated"),
         pytest.param(npy(GOOD, b"\0" * 49), "49 bytes for the shape", id="too long"),
         pytest.param(npy(GOOD.replace("}", "'")), "", id="quote"),
         pytest.param(npy("{" * 9000 + "\n"), "header", id="nested"),

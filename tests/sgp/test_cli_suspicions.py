@@ -56,7 +56,7 @@ def test_what_is_not_used_is_told(sgp, words, recording, tmp_path):
     answer = sgp(*words, "--out", tmp_path / "out")
     assert answer.code == 0
     assert "not used: notes.txt" in answer.err
-    assert "no mask came with the images" in answer.err
+    assert "the images have no mask" in answer.err
 
 
 @pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
