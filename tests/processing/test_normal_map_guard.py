@@ -30,10 +30,7 @@ def test_vectors_that_are_none_are_counted(tmp_path, suffix, bad):
     write_exr(path, normals) if suffix == "exr" else np.save(path, normals)
     normal_map, warnings, _ = read_normals(path)
     (line,) = warnings
-    assert line == (
-        f"{path}: 4 pixels hold a vector that is NaN or infinite and are left out, as outside the "
-        "mask"
-    )
+    assert line == (f"{path}: 4 pixels have a NaN or infinite vector and are left out of the mask")
     assert normal_map.mask.sum() == normals[..., 0].size - 4
     assert not normal_map.normals[3, 5].any()
     assert np.isfinite(normal_map.normals).all()
@@ -47,8 +44,8 @@ def test_within_a_mask_only_its_own_are_counted(tmp_path):
     mask[0] = 0
     write_png(tmp_path / "mask.png", mask * np.uint8(255))
     warnings = read_normals(tmp_path / "n.exr").warnings
-    assert "16 pixels hold a vector that is NaN" in warnings[0]
-    assert "16 pixels of the mask hold no unit vector" in warnings[1]
+    assert "16 pixels have a NaN" in warnings[0]
+    assert "16 pixels of the mask have no unit vector" in warnings[1]
 
 
 def test_a_map_without_any_is_silent(tmp_path):

@@ -114,7 +114,7 @@ def test_lights_with_positions_need_points():
 
 def test_leds_in_a_row_are_refused():
     positions = np.stack([np.linspace(-200, 200, 9), np.zeros(9), np.full(9, 300.0)], axis=1)
-    with pytest.raises(EstimateError, match="in one plane"):
+    with pytest.raises(EstimateError, match="close to one plane"):
         photometric_stereo(
             np.ones((9, 4, 5)),
             Lights(positions_mm=positions),

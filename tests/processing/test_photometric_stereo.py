@@ -248,11 +248,11 @@ def _in_one_plane(count, wobble_deg=0.0):
     ("directions", "message"),
     [
         pytest.param(_dome(2), "2 lights do not determine", id="two"),
-        pytest.param(_in_one_plane(9), "in one plane .*condition", id="coplanar"),
+        pytest.param(_in_one_plane(9), "close to one plane .*condition", id="coplanar"),
         pytest.param(
             _in_one_plane(9, wobble_deg=1), "condition number [345]", id="coplanar-to-one-degree"
         ),
-        pytest.param(np.tile([[0, 0, 1.0]], (4, 1)), "in one plane", id="equal"),
+        pytest.param(np.tile([[0, 0, 1.0]], (4, 1)), "close to one plane", id="equal"),
     ],
 )
 def test_lights_that_leave_the_normal_open_are_refused(directions, message):

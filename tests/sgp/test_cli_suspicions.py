@@ -20,7 +20,7 @@ def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     answer = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json")
     assert answer.code == 0, answer.err
     said = json.loads(answer.out)
-    assert any("ball.3" in line and "no light is seen" in line for line in said["warnings"])
+    assert any("ball.3" in line and "show no light" in line for line in said["warnings"])
     assert said["metrics"]["images"] == 7
     whole = read_normals(tmp_path / "whole").normal_map
     dead = read_normals(tmp_path / "dead").normal_map
