@@ -252,7 +252,7 @@ def test_the_membrane_takes_the_step_away() -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        pytest.param({}, "has no place on a target", id="sizes without a place"),
+        pytest.param({}, "has no position on a target", id="sizes without a place"),
         pytest.param({"at": (500, 5)}, "does not overlap the target mask", id="beside"),
         pytest.param({"at": (0, 0), "scale": 0.1}, "does not overlap", id="on the empty corner"),
         pytest.param({"at": (60, 60), "scale": 0.0}, "scale of 0.0", id="no scale"),

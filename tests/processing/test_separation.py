@@ -247,7 +247,7 @@ def test_normals_that_cancel_keep_themselves() -> None:
         pytest.param({"w": 0}, "w must be a whole number above 0", id="w zero"),
         pytest.param({"order": 0}, "order must be a whole number above 0", id="order zero"),
         pytest.param({"order": 1.5}, "order must be a whole number", id="order broken"),
-        pytest.param({"filter": "median"}, "no shape filter 'median'", id="unknown filter"),
+        pytest.param({"filter": "median"}, "unknown shape filter 'median'", id="unknown filter"),
     ],
 )
 def test_separate_refuses(options: dict[str, object], text: str) -> None:
