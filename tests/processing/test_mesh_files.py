@@ -194,7 +194,7 @@ def test_glb_is_laid_out_as_gltf_asks(tmp_path: Path) -> None:
 
 def test_write_mesh_refuses(tmp_path: Path) -> None:
     normal_map, surface = dome()
-    with pytest.raises(DataError, match=r"no mesh format '\.off'"):
+    with pytest.raises(DataError, match=r"unknown mesh format '\.off'"):
         write_mesh(tmp_path / "surface.off", surface)
     with pytest.raises(StorageError, match=r"surface\.ply: cannot write"):
         write_mesh(tmp_path / "missing" / "surface.ply", surface)
@@ -203,7 +203,7 @@ def test_write_mesh_refuses(tmp_path: Path) -> None:
         write_mesh(tmp_path / "surface.ply", surface, normals=small)
     line = np.zeros((5, 5), bool)
     line[2] = True
-    with pytest.raises(DataError, match="makes no triangle"):
+    with pytest.raises(DataError, match="contains no triangle"):
         write_mesh(tmp_path / "surface.ply", flat(line))
     assert list(tmp_path.iterdir()) == []
 

@@ -201,12 +201,12 @@ def test_faces_without_area_are_told_and_left_out():
     plane = _plane(0.1, 0.2)
     faces = np.concatenate([plane.faces, [[0, 0, 1], [2, 2, 2]]])
     seen = project(Geometry(plane.vertices, faces))
-    assert "without area: 2 of 4" in seen.warnings[0]
+    assert "no area: 2 of 4" in seen.warnings[0]
     np.testing.assert_array_equal(seen.height, project(plane).height)
 
 
 def test_a_mesh_of_nothing_but_degenerate_faces_is_refused():
-    with pytest.raises(EstimateError, match=r"no face can be drawn: .*without area: 1 of 1"):
+    with pytest.raises(EstimateError, match=r"no face can be drawn: .*no area: 1 of 1"):
         project(Geometry([[0, 0, 0], [1, 1, 0], [2, 2, 0]], [[0, 1, 2]]), mm_per_px=0.1)
 
 
@@ -214,7 +214,7 @@ def test_the_back_of_a_face_is_seen_turned_round_and_told():
     plane = _plane(0.1, 0.2)
     seen = project(Geometry(plane.vertices, plane.faces[:, ::-1]))
     np.testing.assert_allclose(seen.normal_map.normals, project(plane).normal_map.normals)
-    assert "100% of the pixels see the back" in seen.warnings[0]
+    assert "100% of the pixels show the back" in seen.warnings[0]
 
 
 def test_three_faces_on_one_edge_are_fine():
@@ -228,7 +228,7 @@ def test_faces_behind_the_camera_are_told_and_left_out():
     vertices = np.concatenate([plane.vertices, [[0, 0, 600], [10, 0, 450], [0, 10, 450]]])
     faces = np.concatenate([plane.faces, [[4, 5, 6]]])
     seen = project(Geometry(vertices, faces), camera=CAMERA, centred=False)
-    assert "faces left out as behind the camera: 1" in seen.warnings[0]
+    assert "faces left out because they are behind the camera: 1" in seen.warnings[0]
     assert np.nanmax(np.abs(seen.height)) < 1e-3
 
 
@@ -239,7 +239,7 @@ def test_faces_behind_the_camera_are_told_and_left_out():
         pytest.param({"mm_per_px": np.nan}, DataError, "pixel of nan mm", id="pixel"),
         pytest.param({"mm_per_px": 1e-4}, DataError, "too large", id="huge"),
         pytest.param({"size": (70_000, 1)}, DataError, "too large", id="long"),
-        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "leave one", id="two scales"),
+        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "only one", id="two scales"),
         pytest.param({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9", id="two sizes"),
         pytest.param(
             {"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working", id="no distance"

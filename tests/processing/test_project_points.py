@@ -115,7 +115,7 @@ def test_points_on_a_mesh_give_its_normal_map(name):
 def test_duplicates_are_told_and_change_nothing():
     points = _sphere(3000)
     seen = project(Geometry(np.concatenate([points, points[:500]])), size=(80, 80))
-    assert seen.warnings == ("points left out as duplicates: 500",)
+    assert seen.warnings == ("points left out because they are duplicates: 500",)
     np.testing.assert_array_equal(
         seen.normal_map.normals, project(Geometry(points), size=(80, 80)).normal_map.normals
     )
@@ -138,7 +138,7 @@ def test_lone_lines_of_points_are_told():
     [
         pytest.param([[0, 0, 0], [1, 0, 0]], r"places \(2\)", id="two"),
         pytest.param([[0, 0, 0], [1, 0, 0], [1, 0, 0]], r"places \(2\)", id="two, one twice"),
-        pytest.param([[0, 0, 0], [1, 1, 1], [3, 3, 3]], "lie on a line", id="line"),
+        pytest.param([[0, 0, 0], [1, 1, 1], [3, 3, 3]], "points are on a line", id="line"),
     ],
 )
 def test_points_that_make_no_surface_are_refused(points, words):
@@ -151,5 +151,5 @@ def test_points_behind_the_camera_are_told():
     away = ball + np.array([0.0, 0.0, 700.0])
     seen = project(Geometry(np.concatenate([ball, away])), camera=CAMERA, centred=False)
     assert "behind the camera: 3000" in seen.warnings[0]
-    with pytest.raises(EstimateError, match="every point lies behind"):
+    with pytest.raises(EstimateError, match="all points are behind"):
         project(Geometry(away), camera=CAMERA, centred=False)
