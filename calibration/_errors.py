@@ -1,5 +1,5 @@
-"""What can go wrong with an estimate."""
+"""Errors of estimates."""
 
 
 class EstimateError(Exception):
-    """Sound input does not determine the estimate; the message says why (exit code 5)."""
+    """Valid input does not determine the estimate; the message says why (exit code 5)."""

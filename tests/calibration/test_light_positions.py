@@ -78,7 +78,7 @@ def test_one_false_highlight_in_four_does_no_harm(bench, dome_mm):
 def test_light_seen_once_is_named(bench, dome_mm):
     known, highlights = observe(bench, FOUR_R20, dome_mm)
     highlights[7, 1:] = np.nan
-    with pytest.raises(EstimateError, match="light L07 seen on fewer than 2 of 4 spheres"):
+    with pytest.raises(EstimateError, match="light L07: highlights on fewer than 2 of 4 spheres"):
         locate(bench, known, highlights)
 
 

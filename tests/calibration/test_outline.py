@@ -172,5 +172,5 @@ def test_refined_outline_of_a_disc(inside, outside):
 def test_no_outline_is_an_estimate_error():
     image = np.random.default_rng(2).normal(1, 1e-6, (80, 80)).astype(np.float32)
     image[:] = 1.0
-    with pytest.raises(EstimateError, match=r"no outline at \(40, 40\) px"):
+    with pytest.raises(EstimateError, match=r"no sphere outline at \(40, 40\) px"):
         refine_outline(image, Ellipse((40.0, 40.0), (20.0, 20.0)), 4.0)

@@ -119,7 +119,7 @@ def test_dark_that_no_exposure_ties_to_the_images_is_not_used_and_said():
     stack = linear_stack(source(frames))
     assert stack.values == pytest.approx((1000 - BLACK) / (WHITE - BLACK), rel=1e-6)
     assert stack.warnings == (
-        "dark and ambient frames were not used: no image tells its exposure time",
+        "dark and ambient frames were not used: the images have no exposure times",
     )
 
 
@@ -261,7 +261,7 @@ def test_order_and_progress():
             [("a", np.array([[0.1, np.nan]], np.float32), 1.0)],
             {"black": 0.0, "white": 1.0},
             DataError,
-            "a.tif: holds values that are not finite",
+            "a.tif: contains values that are not finite",
             id="nan-in-float-image",
         ),
         pytest.param(

@@ -41,7 +41,7 @@ def test_a_dark_frame_counts_within_a_thousandth_of_the_exposure(dark_us, used):
     assert stack.values == pytest.approx(expected, rel=1e-6)
     assert (stack.warnings == ()) == used
     if not used:
-        assert "no dark frame of 1000 us" in stack.warnings[0]
+        assert "no dark or ambient frame with an exposure of 1000 us" in stack.warnings[0]
 
 
 def test_every_exposure_without_a_dark_frame_is_told_once():
@@ -53,8 +53,8 @@ def test_every_exposure_without_a_dark_frame_is_told_once():
     ]
     told = linear_stack(source(frames)).warnings
     assert [line.partition(":")[0] for line in told] == [
-        "no dark frame of 100 us",
-        "no dark frame of 400 us",
+        "no dark or ambient frame with an exposure of 100 us",
+        "no dark or ambient frame with an exposure of 400 us",
     ]
 
 
@@ -158,12 +158,12 @@ def test_a_negative_sample_has_no_power():
 @pytest.mark.parametrize("wrong", [None, 0.0, -5.0])
 def test_an_exposure_that_is_missing_among_others_is_named(wrong):
     frames = [frame("a", even(99), exposure_us=10.0), frame("b", even(99), exposure_us=wrong)]
-    with pytest.raises(DataError, match=r"b\.tif: its exposure time is missing"):
+    with pytest.raises(DataError, match=r"b\.tif: no valid exposure time"):
         linear_stack(source(frames))
 
 
 def test_without_a_light_there_is_no_stack():
-    with pytest.raises(DataError, match="no images under a light"):
+    with pytest.raises(DataError, match="no image with a light"):
         linear_stack(source([frame("D", even(70), "dark", 10.0)]))
 
 

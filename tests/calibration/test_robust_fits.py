@@ -91,7 +91,7 @@ def test_a_cone_needs_three_rays_and_rays_of_a_cone():
     with pytest.raises(EstimateError, match="2 outline points do not determine a cone"):
         fit_cone(rays[:2], PIXEL)
     around = np.random.default_rng(0).normal(size=(50, 3))
-    with pytest.raises(EstimateError, match="lie on no cone"):
+    with pytest.raises(EstimateError, match="do not fit a cone"):
         fit_cone(around, PIXEL)
 
 

@@ -246,8 +246,8 @@ def test_a_rough_circle_is_refined(drawn):
     ("size", "says"),
     [
         ((60, 44), None),
-        ((60, 36), "no disc of a sphere: its ellipse has semi-axes"),
-        ((36, 60), "no disc of a sphere: its ellipse has semi-axes"),
+        ((60, 36), "not the disc of a sphere: its ellipse has semi-axes"),
+        ((36, 60), "not the disc of a sphere: its ellipse has semi-axes"),
     ],
 )
 def test_a_long_mask_is_no_sphere(size, says):
@@ -273,7 +273,7 @@ def test_directions_of_one_sphere_without_and_with_a_camera(drawn):
         assert np.isnan(found.residuals_deg).all()
         off = np.linalg.norm(np.cross(found.lights.unit_directions, toward), axis=1)
         assert np.degrees(np.arcsin(off)).max() < most_deg
-        told = [line for line in found.warnings if "positions need two" in line]
+        told = [line for line in found.warnings if "positions require two" in line]
         assert len(told) == bool(options)
 
 
@@ -325,7 +325,7 @@ def test_outlines_that_scatter_are_left_out(monkeypatch, scatters, left):
     assert kept == [image for k, image in enumerate(images) if k not in left]
     assert len(told) == len(left)
     for line, k in zip(told, left, strict=True):
-        assert f"({100 * k}, 20) px was left out: its outline scatters by" in line
+        assert f"({100 * k}, 20) px was left out: the outline scatters by" in line
 
 
 def test_spheres_of_another_size_are_told_with_their_size(monkeypatch):

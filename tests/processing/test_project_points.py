@@ -136,8 +136,8 @@ def test_lone_lines_of_points_are_told():
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        pytest.param([[0, 0, 0], [1, 0, 0]], r"places \(2\)", id="two"),
-        pytest.param([[0, 0, 0], [1, 0, 0], [1, 0, 0]], r"places \(2\)", id="two, one twice"),
+        pytest.param([[0, 0, 0], [1, 0, 0]], r"points \(2\)", id="two"),
+        pytest.param([[0, 0, 0], [1, 0, 0], [1, 0, 0]], r"points \(2\)", id="two, one twice"),
         pytest.param([[0, 0, 0], [1, 1, 1], [3, 3, 3]], "points are on a line", id="line"),
     ],
 )

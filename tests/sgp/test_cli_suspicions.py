@@ -47,7 +47,7 @@ def test_a_sphere_mask_that_is_no_disc_is_refused(sgp, recording, tmp_path):
         "--out", tmp_path / "found.json",
     )  # fmt: skip
     assert answer.code == 5
-    assert "no disc of a sphere" in answer.err
+    assert "not the disc of a sphere" in answer.err
     assert not (tmp_path / "found.json").exists()
 
 
