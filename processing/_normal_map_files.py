@@ -177,7 +177,7 @@ def _find_image(path: Path) -> Path:
 
 
 def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
-    """Return the colours and the alpha channel, None if there is none."""
+    """Return the colours and the alpha channel, or None without alpha."""
     if file.suffix.lower() != ".npy":
         return read_image_with_alpha(file, max_pixels=max_pixels)
     array: Pixels = read_npy(file, 4 * max_pixels)

@@ -27,7 +27,7 @@ _LEAST_COVERAGE = 0.35
 def find_spheres(
     values: npt.NDArray[np.float32],
     radii_px: Sequence[float] = (),
-    beside: Sequence[SphereImage] = (),
+    excluded: Sequence[SphereImage] = (),
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
@@ -42,7 +42,7 @@ def find_spheres(
         ``(N, H, W)`` linear images, NaN where saturated.
     radii_px
         Expected radii of the spheres in the image, to 15 %. Default: any radius.
-    beside
+    excluded
         Spheres that are already known; candidates that overlap them are skipped.
 
     Returns
@@ -54,12 +54,12 @@ def find_spheres(
     circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
     spheres: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
-        if any(overlap(circle, sphere.outline) for sphere in (*beside, *spheres)):
+        if any(overlap(circle, sphere.outline) for sphere in (*excluded, *spheres)):
             continue
         sphere = _verify(values, image, circle)
         if sphere is None or not _expected(sphere.outline, radii_px):
             continue
-        if not any(overlap(sphere.outline, s.outline) for s in (*beside, *spheres)):
+        if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
             spheres.append(sphere)
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
 

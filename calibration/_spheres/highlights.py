@@ -103,7 +103,7 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
 def _blob(
     image: npt.NDArray[np.float32], within: npt.NDArray[np.bool_], radius_px: float
 ) -> tuple[npt.NDArray[np.bool_], float] | None:
-    """Return the region and flux of the only compact bright blob, None if there is none."""
+    """Return the region and flux of the only compact bright blob, or None."""
     smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), 0.7), 0.0)
     peak = float(smooth.max())
     level = float(np.median(smooth[within])) if within.any() else 0.0

@@ -59,7 +59,7 @@ def searched_spheres(
     images, blurred = _parted(find_spheres(values, radii_px))
     # Report spheres of another size, and do not take a blurred circle around them for the outline.
     # A mirrored circle may be sharper than the outline, so the message suggests both remedies.
-    parted, _ = _parted([*images, *find_spheres(values, beside=images)])
+    parted, _ = _parted([*images, *find_spheres(values, excluded=images)])
     others = [image for image in parted if image not in images]
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
     sizes = ", ".join(f"{_radius_mm(camera, other):.1f}" for other in others)

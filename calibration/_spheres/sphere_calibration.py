@@ -49,7 +49,7 @@ class SphereCalibration:
     spheres
         K spheres.
     highlights_px
-        ``(N, K, 2)`` highlight of light n on sphere k; NaN if there is none.
+        ``(N, K, 2)`` highlight of light n on sphere k; NaN if it was not found.
     used
         ``(N, K)`` highlights that agree with the light.
     residuals_deg

@@ -84,7 +84,7 @@ class Similarity:
 
         The interpolation is Catmull-Rom, after a low-pass filter if the scale is below 1. A shift
         by whole pixels changes no normal. Pixels whose support is not completely inside the mask
-        are left out. The result is None if no pixel is left on the frame.
+        are left out. If no pixel is left on the frame, the method returns None.
         """
         vectors = normal_map.normals
         if self.scale < 1:
