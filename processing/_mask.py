@@ -76,7 +76,7 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
     """
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
-        raise DataError(f"an object mask needs a stack (N, H, W), not {stack.shape}")
+        raise DataError(f"an object mask requires a stack (N, H, W), not {stack.shape}")
     brightness, saturated = _brightest(stack)
     # Up to 1 % of the pixels may be highlights.
     reference = float(np.quantile(brightness, 0.99))
