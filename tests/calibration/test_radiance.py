@@ -268,7 +268,7 @@ def test_order_and_progress():
             [("a", np.full((2, 2), 9, np.uint16), 1.0), ("b", np.full((2, 2), 9, np.uint16), None)],
             {},
             DataError,
-            "b.tif: its exposure time",
+            "b.tif: no valid exposure time",
             id="exposure-missing",
         ),
         pytest.param(

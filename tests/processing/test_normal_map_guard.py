@@ -134,7 +134,7 @@ def test_damaged_arrays(tmp_path, data, said):
     path.write_bytes(data)
     with pytest.raises(DataError, match=said or "bytes") as caught:
         read_npy(path, 1000)
-    assert str(caught.value).startswith(f"{path}: not a readable array of numbers (")
+    assert str(caught.value).startswith(f"{path}: not a readable array of numbers: ")
     assert "\n" not in str(caught.value)
 
 
