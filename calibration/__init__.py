@@ -1,4 +1,4 @@
-"""Estimates of lights, camera and sensor, and raw frames turned into linear radiance."""
+"""Calibration of lights, and conversion of raw frames to linear radiance."""
 
 import lazy_loader
 

@@ -6,4 +6,4 @@ __all__ = ["DataError", "EstimateError"]
 
 
 class EstimateError(ValueError):
-    """Sound input does not determine the estimate; the message says why (exit code 5)."""
+    """Valid input does not determine the estimate; the message says why (exit code 5)."""

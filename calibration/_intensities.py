@@ -1,4 +1,4 @@
-"""How strong near lights are, and how they spread, from a matte plane."""
+"""Intensities and radiation pattern of near lights from images of a matte plane."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 _PIXELS = 20_000
 _ROUNDS = 30
-# A pixel whose darkest sample is below this share of the typical one is in some light's shadow.
+# A pixel is in the shadow of some light if its darkest sample is below this fraction of the median.
 _DARK = 0.1
 _FEWEST = 100
 _POOR_FIT = 0.03
@@ -22,7 +22,7 @@ _POOR_FIT = 0.03
 
 @dataclass(frozen=True)
 class IntensityCalibration:
-    """Lights with their intensities, and the evidence.
+    """Lights with their intensities, and the quality of the fit.
 
     Parameters
     ----------
@@ -31,11 +31,11 @@ class IntensityCalibration:
     mu
         Exponent of the radiation pattern, the same for all lights, at least 0.
     residual
-        Robust relative scatter of the plane about the model, 0.01 is 1 %.
+        Robust relative deviation of the plane from the model; 0.01 is 1 %.
     pixels
-        How many pixels were used.
+        Number of pixels used.
     warnings
-        What deserves a look, one line each.
+        Warnings, one line each.
     """
 
     lights: Lights
@@ -53,17 +53,17 @@ def calibrate_intensities(
 ) -> IntensityCalibration:
     """Estimate relative intensities and one `mu` from images of a matte plane at z = 0.
 
-    Every sample obeys ``log value = log intensity(light) + log albedo(pixel) + mu * log cosine +
-    known geometry`` (the LED model of Queau et al., 2018): additive in the logarithm, and solved by
-    alternating weighted means with Cauchy weights. The plane may be of any albedo, patterned too;
-    shadows, glints and things that lie on it are outliers.
+    The model of a sample is ``log value = log intensity(light) + log albedo(pixel) + mu * log
+    cosine + known geometry`` (the LED model of Queau et al., 2018). It is additive in the logarithm
+    and is solved by alternating weighted means with Cauchy weights. The plane may have any albedo,
+    including a pattern; shadows, highlights and objects on the plane are outliers.
 
     Parameters
     ----------
     values
         ``(N, H, W)`` linear radiance, not divided by any intensity; NaN where saturated.
     lights
-        N near lights in the order of the images; their own intensities and `mu` are ignored.
+        N near lights in the order of the images; their intensities and `mu` are ignored.
     points_mm
         ``(H, W, 3)`` points of the plane in the house frame.
     mask
@@ -72,24 +72,25 @@ def calibrate_intensities(
     Returns
     -------
     IntensityCalibration
-        Lights and evidence.
+        Lights and quality of the fit.
 
     Raises
     ------
     DataError
-        If shapes disagree, the lights are distant, or there is only one.
+        If shapes differ, the lights are distant, or there is only one light.
     EstimateError
-        If fewer than 100 pixels are lit by every light, or a light lies where it reaches fewer.
+        If fewer than 100 pixels are lit by every light, or a light cannot reach as many from its
+        position.
     """
     points = np.asarray(points_mm, np.float64)
     if not lights.near:
-        raise DataError("intensities need lights with positions: calibrate those first")
+        raise DataError("intensities require lights with positions: calibrate the positions first")
     if len(lights) < 2:
-        raise DataError("intensities are relative: 2 lights or more are needed")
+        raise DataError("intensities are relative: at least 2 lights are required")
     if values.shape != (len(lights), *mask.shape) or points.shape != (*mask.shape, 3):
         raise DataError(
-            f"a stack {values.shape}, {len(lights)} lights, a mask {mask.shape} and points "
-            f"{points.shape} do not belong together"
+            f"the shapes of the stack {values.shape}, the mask {mask.shape} and the points "
+            f"{points.shape} do not match each other and {len(lights)} lights"
         )
     rows, columns = _lit_pixels(values, mask)
     where = points[rows, columns]
@@ -99,12 +100,12 @@ def calibrate_intensities(
     if np.count_nonzero(reached) < _FEWEST:
         worst = lights.ids[int(np.argmin(np.count_nonzero(facing > 0, axis=1)))]
         raise EstimateError(
-            f"light {worst} does not reach the plane where its image is lit: check its position "
-            "and axis, and the camera"
+            f"light {worst} cannot reach the lit pixels of its image from its position: check its "
+            "position and axis, and the camera"
         )
     rows, columns = rows[reached], columns[reached]
     where, facing = where[reached], facing[:, reached]
-    # The pattern enters only through its exponent: vectors with mu = 1 over those with mu = 0.
+    # The cosine of the pattern is the ratio of the vectors with mu = 1 to those with mu = 0.
     pattern = replace(isotropic, mu=np.ones(len(lights))).vectors_at(where)[..., 2]
     samples = np.log(values[:, rows, columns].astype(np.float64)) - np.log(facing)
     strength, mu, residual = _fit(samples, np.log(pattern) - np.log(facing))
@@ -112,22 +113,22 @@ def calibrate_intensities(
     warnings: tuple[str, ...] = ()
     if residual > _POOR_FIT:
         warnings = (
-            f"the plane scatters {residual:.1%} about the model: is it matte, and at the working "
-            "plane?",
+            f"the plane deviates from the model by {residual:.1%}: check that it is matte and in "
+            "the working plane",
         )
-    found = replace(
+    calibrated = replace(
         lights,
         intensities=intensities / intensities.mean(),
         mu=np.full(len(lights), mu),
     )
-    return IntensityCalibration(found, mu, residual, len(where), warnings)
+    return IntensityCalibration(calibrated, mu, residual, len(where), warnings)
 
 
 def _lit_pixels(
     values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Return rows and columns of at most `_PIXELS` pixels, spread evenly over those lit by all."""
-    darkest = values.min(axis=0)  # NaN where any light saturates
+    """Return rows and columns of up to `_PIXELS` pixels, evenly spread over those lit by all."""
+    darkest = values.min(axis=0)  # NaN if the pixel is saturated under any light
     lit = mask & (darkest > 0)
     if lit.any():
         lit &= darkest > _DARK * np.median(darkest[lit])
@@ -135,7 +136,7 @@ def _lit_pixels(
     if len(rows) < _FEWEST:
         raise EstimateError(
             f"{len(rows)} pixels of the plane are lit and unsaturated under every light, at least "
-            f"{_FEWEST} are needed: check exposure and mask"
+            f"{_FEWEST} are required: check the exposure and the mask"
         )
     step = -(-len(rows) // _PIXELS)
     return rows[::step], columns[::step]
@@ -149,7 +150,7 @@ def _fit(samples: Array, cosine: Array) -> tuple[Array, float, float]:
         rest = samples - mu * cosine
         albedo = _mean(rest - strength[:, None], weights, axis=0)
         strength = _mean(rest - albedo, weights, axis=1)
-        # mu by the part of the cosine that no strength and no albedo can imitate.
+        # Fit mu to the part of the cosine that neither strength nor albedo can explain.
         free = cosine - _mean(cosine, weights, axis=0)
         free -= _mean(free, weights, axis=1)[:, None]
         residual = rest - strength[:, None] - albedo

@@ -1,4 +1,4 @@
-"""The object of a stack, told from its background by brightness over all lights."""
+"""Object mask of a stack of images, from the brightness under all lights."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from calibration import EstimateError
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Below this part of the object's brightness all is equally dark: without a floor the logarithm
-# would split the background's own noise.
+# Values below this fraction of the object's brightness are raised to it. Without the floor, the
+# threshold on the logarithm would split the noise of the background.
 _FLOOR = 0.05
-# Otsu's separability is 0.64 for one Gaussian and 0.75 for an even spread: two groups have more.
+# Otsu's separability is 0.64 for one Gaussian and 0.75 for a uniform distribution; two groups have
+# more.
 _MIN_SEPARABILITY = 0.75
-# A background is darker than this many times; shading and texture alone stay below.
+# The object is at least this many times as bright as the background; shading and texture alone have
+# less contrast.
 _MIN_CONTRAST = 3.0
-# Parts smaller than this share of the largest are dust.
+# Parts smaller than this fraction of the largest are dust.
 _MIN_PART = 0.05
 _BINS = 256
 
@@ -36,9 +38,10 @@ class ObjectMask:
     mask
         ``(H, W)`` bool, True on the object, without holes.
     contrast
-        Median brightness of the object over that of the background, at least 3.
+        Median brightness of the object divided by that of the background, at least 3.
     separability
-        Otsu's criterion, the variance between the two groups over the whole, 0.75..1.
+        Otsu's criterion, the variance between the two groups divided by the total variance,
+        0.75..1.
     """
 
     mask: Mask
@@ -47,54 +50,58 @@ class ObjectMask:
 
 
 def object_mask(values: npt.ArrayLike) -> ObjectMask:
-    """Find the object: what at least one light makes much brighter than the background.
+    """Find the object: the pixels that are much brighter than the background under some light.
 
     Parameters
     ----------
     values
         ``(N, H, W)`` linear radiance under N lights, divided by their intensities. Samples that
-        are not finite count as the brightest: they are saturated, and single dead pixels are
-        filtered out.
+        are not finite count as the brightest: they are saturated. Single dead pixels are filtered
+        out.
 
     Returns
     -------
     ObjectMask
-        Otsu's threshold (1979) on the logarithm of the brightest sample of each pixel; parts
-        smaller than 5 % of the largest dropped, holes filled. An object should cover 1 % of the
-        frame or more.
+        Otsu's threshold (1979) on the logarithm of the brightest sample of each pixel. Parts
+        smaller than 5 % of the largest part are removed and holes are filled. The object should
+        cover at least 1 % of the frame.
 
     Raises
     ------
     DataError
         If the stack is not ``(N, H, W)``.
     EstimateError
-        If nothing stands out: an object that fills the frame, a bright background, black images.
+        If no object stands out: it fills the frame, the background is bright, or all images are
+        black.
     """
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
-        raise DataError(f"an object mask needs a stack (N, H, W), not {stack.shape}")
+        raise DataError(f"an object mask requires a stack (N, H, W), not {stack.shape}")
     brightness, saturated = _brightest(stack)
-    # One part in a hundred may be glints.
+    # Up to 1 % of the pixels may be highlights.
     reference = float(np.quantile(brightness, 0.99))
     if not reference > 0:
-        raise EstimateError("all images are black or saturated: no object stands out, check them")
+        raise EstimateError("no object found: all images are black or saturated; check the images")
     brightness[saturated] = reference
     level, separability = _otsu(np.log(np.maximum(brightness, _FLOOR * reference)))
-    found = brightness > np.exp(level)
-    # An even image is all on one side.
-    inside, outside = (brightness[side] if side.any() else brightness for side in (found, ~found))
+    bright = brightness > np.exp(level)
+    # In a uniform image, all pixels are on one side of the threshold.
+    inside, outside = (brightness[side] if side.any() else brightness for side in (bright, ~bright))
     contrast = float(np.median(inside) / max(np.median(outside), 1e-6 * reference))
     if separability < _MIN_SEPARABILITY or contrast < _MIN_CONTRAST:
         raise EstimateError(
-            f"no object stands out from the background (contrast {contrast:.2g}, at least "
-            f"{_MIN_CONTRAST:g} is needed; separability {separability:.2f}, at least "
+            f"no object stands out from the background (contrast {contrast:.2g}, required "
+            f"{_MIN_CONTRAST:g}; separability {separability:.2f}, required "
             f"{_MIN_SEPARABILITY:g}): give a mask"
         )
-    return ObjectMask(mask=_whole(found), contrast=contrast, separability=separability)
+    return ObjectMask(mask=_clean(bright), contrast=contrast, separability=separability)
 
 
 def _brightest(stack: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], Mask]:
-    """Return the largest finite sample per pixel and where one is not; no single pixels."""
+    """Return the largest finite sample of each pixel, and the mask of the saturated pixels.
+
+    A median filter removes single pixels from both.
+    """
     brightness = np.zeros(stack.shape[1:], np.float32)
     saturated = np.zeros(stack.shape[1:], np.uint8)
     for image in stack:
@@ -106,7 +113,7 @@ def _brightest(stack: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32],
 
 
 def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
-    """Return the threshold that best splits the values in two, and how well it does, 0..1."""
+    """Return the threshold that splits the values best, and its separability, 0..1."""
     total = float(np.var(image, dtype=np.float64))
     if not total > 0:
         return float(image.flat[0]), 0.0
@@ -121,8 +128,8 @@ def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
     return float(edges[best + 1]), min(float(between[best]) / total, 1.0)
 
 
-def _whole(found: Mask) -> Mask:
-    parts, count = ndimage.label(found)
+def _clean(bright: Mask) -> Mask:
+    parts, count = ndimage.label(bright)
     area = np.bincount(parts.ravel(), minlength=count + 1)
     area[0] = 0
     kept = area >= _MIN_PART * area.max()

@@ -1,4 +1,4 @@
-"""How far two normal maps are apart: angles, and structural similarity."""
+"""Comparison of two normal maps: angular error and structural similarity."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# What a pixel without a normal counts, as in the published benchmarks.
+# Error of a pixel without a normal, as in the published benchmarks.
 _MISSING_DEG = 90.0
 
 
 @dataclass(frozen=True, eq=False)
 class AngularError:
-    """The angular error of a normal map against truth.
+    """The angular error of a normal map with respect to the ground truth.
 
     Parameters
     ----------
     mae_deg, median_deg
-        Mean and median over every pixel of the mask; a pixel without a normal counts 90 degrees.
+        Mean and median over all pixels of the mask; a pixel without a normal counts as 90 degrees.
     coverage
         Fraction of the mask that has a normal, 0..1.
     map_deg
@@ -50,31 +50,33 @@ def angular_error(
     Parameters
     ----------
     estimate
-        The map to be judged.
+        The map to evaluate.
     truth
         Another map, or ``(H, W, 3)`` vectors, of the same size.
     mask
-        ``(H, W)`` bool, the pixels that count. Default: where the truth is known.
+        ``(H, W)`` bool, the pixels to evaluate. Default: all pixels with a true normal.
 
     Returns
     -------
     AngularError
-        Over the mask; pixels where the truth itself is unknown cannot count and are left out.
+        The error over the mask. Pixels whose true normal is unknown are excluded.
 
     Raises
     ------
     DataError
-        If sizes disagree or no pixel is left to count.
+        If the sizes differ or no pixel is left to compare.
     """
-    known = truth if isinstance(truth, NormalMap) else NormalMap.from_vectors(truth)
-    counted = known.mask if mask is None else known.mask & _checked_mask(mask, known.size)
-    _check_sizes(estimate, known)
+    truth_map = truth if isinstance(truth, NormalMap) else NormalMap.from_vectors(truth)
+    counted = (
+        truth_map.mask if mask is None else truth_map.mask & _checked_mask(mask, truth_map.size)
+    )
+    _check_sizes(estimate, truth_map)
     if not counted.any():
         raise DataError("no pixel of the mask has a true normal: nothing to compare")
     both = counted & estimate.mask
-    map_deg = np.full(known.size, np.nan, np.float32)
+    map_deg = np.full(truth_map.size, np.nan, np.float32)
     map_deg[counted] = _MISSING_DEG
-    map_deg[both] = angle_deg(estimate.normals[both], known.normals[both])
+    map_deg[both] = angle_deg(estimate.normals[both], truth_map.normals[both])
     errors = map_deg[counted].astype(np.float64)
     return AngularError(
         mae_deg=float(errors.mean()),
@@ -91,7 +93,7 @@ def ssim(
     *,
     protocol: Literal["masked", "paper"] = "masked",
 ) -> float:
-    """Return the structural similarity of two normal maps, mean of the three channels.
+    """Return the structural similarity of two normal maps, averaged over the three channels.
 
     Normals are mapped to ``n / 2 + 0.5``; the window is a Gaussian of 11 x 11 pixels with a sigma
     of 1.5 (Wang et al., 2004).
@@ -101,13 +103,14 @@ def ssim(
     a, b
         Maps of the same size.
     mask
-        ``(H, W)`` bool, the pixels that count. Default: where either map has a normal. A pixel
-        that only one map knows is a zero vector in the other, and so counts against it.
+        ``(H, W)`` bool, the pixels to compare. Default: all pixels where at least one map has a
+        normal. If only one map has a normal, the other is a zero vector there, which lowers the
+        similarity.
     protocol
-        ``masked``: window statistics over the mask alone, averaged over the mask, with the usual
-        constants 0.01^2 and 0.03^2. ``paper``: the background of both maps is z, the average runs
-        over the whole frame whatever the mask, and the constants are 0.01 and 0.03 as printed in
-        the paper; both raise the figure, so it compares with the paper's and with nothing else.
+        ``masked``: window statistics over the mask only, averaged over the mask, with the usual
+        constants 0.01^2 and 0.03^2. ``paper``: the background of both maps is z, the average is
+        over the complete frame regardless of the mask, and the constants are 0.01 and 0.03 as
+        printed in the paper; both raise the value, so compare it only with the paper's values.
 
     Returns
     -------
@@ -117,7 +120,7 @@ def ssim(
     Raises
     ------
     DataError
-        If sizes disagree or the mask is empty.
+        If the sizes differ or the mask is empty.
     """
     _check_sizes(a, b)
     counted = a.mask | b.mask if mask is None else _checked_mask(mask, a.size)
@@ -136,7 +139,7 @@ def ssim(
 def _ssim_map(
     a: npt.NDArray[np.floating], b: npt.NDArray[np.floating], weight: Double, c1: float, c2: float
 ) -> Double:
-    """Return ``(H, W, 3)`` similarities with statistics over the pixels of weight 1."""
+    """Return the ``(H, W, 3)`` similarities, with statistics over the pixels of weight 1."""
 
     def blur(image: Double) -> Double:
         blurred = cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT_101)
@@ -160,7 +163,10 @@ def _ssim_map(
 
 def _check_sizes(a: NormalMap, b: NormalMap) -> None:
     if a.size != b.size:
-        raise DataError(f"normal maps of {_text(a.size)} and {_text(b.size)} pixels do not compare")
+        raise DataError(
+            f"cannot compare normal maps of {_text(a.size)} and {_text(b.size)} pixels: they must "
+            "have the same size"
+        )
 
 
 def _checked_mask(mask: Mask, size: tuple[int, int]) -> Mask:

@@ -1,4 +1,4 @@
-"""A normal map: unit vectors, and the mask that says where they are known."""
+"""A normal map: unit vectors and the mask of the pixels where they are known."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from acquisition import DataError
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-# Half-float EXR is off unit length by up to 8e-4.
+# Vectors in half-float EXR files deviate from unit length by up to 8e-4.
 _UNIT_TOLERANCE = 1e-3
-# The squares of what is shorter lose their digits in float64, and with them the direction.
+# The squares of shorter vectors lose their digits in float64, so the direction is lost, too.
 _MIN_LENGTH = 1e-140
 
 
@@ -33,12 +33,12 @@ class NormalMap:
     Raises
     ------
     DataError
-        If the shapes disagree, the mask is empty, a normal inside the mask is not finite or not of
+        If the shapes differ, the mask is empty, a normal inside the mask is not finite or not of
         unit length (to 0.001), or a vector outside is not 0. The message names the first pixel.
 
     See Also
     --------
-    NormalMap.from_vectors : makes a map out of vectors of any length.
+    NormalMap.from_vectors : Make a map from vectors of any length.
     """
 
     normals: Float
@@ -64,15 +64,15 @@ class NormalMap:
 
     @classmethod
     def from_vectors(cls, vectors: npt.ArrayLike, mask: Mask | None = None) -> NormalMap:
-        """Make a normal map out of vectors of any length.
+        """Make a normal map from vectors of any length.
 
         Parameters
         ----------
         vectors
-            ``(H, W, 3)`` numbers. A vector of length 0 or with a number that is not finite means
-            that the normal is unknown there: it is left out of the mask.
+            ``(H, W, 3)`` numbers. A vector of length 0 or with a component that is not finite
+            means that the normal is unknown: the pixel is removed from the mask.
         mask
-            ``(H, W)`` bool. Default: everywhere.
+            ``(H, W)`` bool. Default: all pixels.
 
         Returns
         -------
@@ -82,7 +82,7 @@ class NormalMap:
         Raises
         ------
         DataError
-            If shapes disagree or no vector is left.
+            If the shapes differ or no vector is left.
         """
         raw = np.asarray(vectors)
         inside = np.ones(raw.shape[:2], np.bool_) if mask is None else np.asarray(mask)
@@ -98,14 +98,15 @@ class NormalMap:
 
     @classmethod
     def of_unit_vectors(cls, normals: Float, mask: Mask) -> NormalMap:
-        """Make a map of what a rotation or a filter of another map has given, unseen.
+        """Make a map from the result of a rotation or a filter, without checking it.
 
-        Looking at every vector again would cost a fifth of what made them.
+        Checking every vector would take a fifth of the time that their computation took.
 
         Parameters
         ----------
         normals, mask
-            As of the class, and known to be so; contiguous, and nobody else's from now on.
+            As described for the class, which the caller guarantees. The arrays are contiguous, and
+            the caller does not use them afterwards.
         """
         made = object.__new__(cls)
         object.__setattr__(made, "normals", normals)
@@ -136,14 +137,14 @@ def _misfits(row: Float, inside: Mask) -> int:
         x, y, z = row[3 * c], row[3 * c + 1], row[3 * c + 2]
         off = x * x + y * y + z * z - (np.float32(1) if inside[c] else np.float32(0))
         bound = np.float32(2 * _UNIT_TOLERANCE) if inside[c] else np.float32(0)
-        # NaN fails every comparison, so it is asked for what is right, not for what is wrong.
+        # NaN fails every comparison, so the test is for valid vectors, not for invalid ones.
         count += 0 if abs(off) <= bound else 1
     return count
 
 
 @numba.njit(parallel=True, cache=True)
 def _unsound(normals: Float, mask: Mask) -> npt.NDArray[np.int64]:
-    """Return of each row 1 + the column of the first vector that does not fit the mask, or 0."""
+    """Return, for each row, 1 + the column of the first vector that violates the mask, or 0."""
     first = np.zeros(mask.shape[0], np.int64)
     for r in numba.prange(mask.shape[0]):
         row = normals[r].reshape(-1)

@@ -1,4 +1,4 @@
-"""Normal maps on disk: images of normals, and folders of them."""
+"""Normal maps on disk: images of normals and folders that contain them."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[Any]
 
-# The best first: what `write_normals` makes holds the same normals as EXR and as PNG.
+# In order of preference: `write_normals` writes the same normals as EXR and as PNG.
 _SUFFIXES = (".exr", ".npy", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
 _STEMS = ("normals", "normal_map")
 # Decoded vectors differ from unit length by up to 0.3 in JPEG files. Black and white backgrounds
 # decode to a length of 1.73, mid-grey ones to 0.
 _LENGTH_TOLERANCE = 0.5
 _BACKGROUND_LENGTH = 1.7
-# A picture is something else unless most of its vectors are this close to unit length: of random
-# colours a third are, of an 8-bit JPEG of normals 98 %.
+# An image is rejected unless most of its vectors are this close to unit length. One third of the
+# pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
 _CLOSE = 0.1
 _LONGEST = 1000.0
 
 
 class NormalMapFile(NamedTuple):
-    """What a file of normals held: the map, what its reader has to say, and the files it read."""
+    """A normal map from a file, the warnings of its reader, and the files that were read."""
 
     normal_map: NormalMap
     warnings: tuple[str, ...]
@@ -58,39 +58,41 @@ def read_normals(
     ----------
     path
         An image (.exr, .npy, .tif, .png, .jpg) whose red, green and blue are x, y and z, or a
-        folder with ``normals.*`` or ``normal_map.*``. Integers encode ``n / 2 + 0.5``; floats hold
-        either that or the vectors themselves, whichever are closer to unit length.
+        folder with ``normals.*`` or ``normal_map.*``. Integers encode ``n / 2 + 0.5``; floats are
+        either encoded in the same way or are the vectors themselves. The reading whose vectors are
+        closer to unit length is used.
     mask_path
-        An image that is brighter than half of its range inside. Default: ``mask.png`` beside the
-        image where there is one, else the image's alpha, unless it is opaque everywhere. With no
-        mask at all, pixels that do not decode to a unit vector (black, white and mid-grey
-        backgrounds) are outside.
+        An image that is brighter than half of its range inside the mask. Default: ``mask.png`` in
+        the folder of the image if it exists, else the image's alpha, unless it is opaque
+        everywhere. Without any mask, pixels that do not decode to a unit vector (black, white and
+        mid-grey backgrounds) are outside.
     green
-        ``down`` for maps whose green grows downwards (DirectX); y is then turned round.
+        ``down`` for maps whose green channel increases downwards (DirectX); the sign of y is then
+        inverted.
     max_pixels
-        The most that the map may have. It is checked before anything is decoded.
+        Maximum number of pixels of the map. It is checked before anything is decoded.
 
     Returns
     -------
     NormalMapFile
-        The map, brought to unit length, and warnings: what became of alpha, 8-bit quantisation,
-        vectors that are NaN or infinite, which are left out, pixels inside the mask without a
-        normal, normals that face away.
+        The map, normalised to unit length, and warnings about the use of alpha, 8-bit
+        quantisation, vectors that are NaN or infinite (which are left out), pixels inside the mask
+        without a normal, and normals that face away from the camera.
 
     Raises
     ------
     MissingPathError
         If a path does not exist.
     DataError
-        If a file is not understood, has more than ``max_pixels``, the mask does not fit or is
-        empty, or the image holds no normals.
+        If a file cannot be read or has more than ``max_pixels``, the mask does not fit or is
+        empty, or the image contains no normals.
     """
     file = _find_image(Path(path))
     pixels, alpha = _read_pixels(file, max_pixels)
     if pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise DataError(f"{file}: a normal map has three channels, this is of shape {pixels.shape}")
-    beside = file.parent / "mask.png"
-    mask_file = Path(mask_path) if mask_path is not None else beside if beside.exists() else None
+        raise DataError(f"{file}: a normal map has three channels, this has shape {pixels.shape}")
+    default = file.parent / "mask.png"
+    mask_file = Path(mask_path) if mask_path is not None else default if default.exists() else None
     height, width = pixels.shape[:2]
     mask = None if mask_file is None else read_mask(mask_file, (height, width))
     vectors, encoded = _decode(pixels)
@@ -102,22 +104,22 @@ def read_normals(
         if mask_file is None:
             mask, note = _mask_of_alpha(file, share)
         else:
-            note = f"{file}: its alpha channel is ignored, the mask is {mask_file}"
+            note = f"{file}: the alpha channel is ignored, the mask is {mask_file}"
         notes.append(note)
     if green == "down":
         vectors[..., 1] *= -1
     length = np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))
     unit = np.abs(length - 1) < _LENGTH_TOLERANCE
     drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
-    # Alpha often leaves a background inside, where only an object's own pixels were erased.
+    # Alpha often includes background: some programs erase only pixels of the object.
     candidates = drawn if mask is None else mask if mask_file is not None else mask & drawn
     close = int(np.count_nonzero(candidates & (np.abs(length - 1) < _CLOSE)))
     count = int(np.count_nonzero(candidates))
     if 2 * close <= count:
         decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
         raise DataError(
-            f"{file}: {decoded} to a unit vector: this is not a normal map, or its mask is "
-            "another's"
+            f"{file}: {decoded} to a unit vector: this is not a normal map, or the mask belongs to "
+            "another image"
         )
     normal_map = NormalMap.from_vectors(vectors, unit & candidates)
     read = (file,) if mask_file is None else (file, mask_file)
@@ -135,10 +137,10 @@ def write_normals(
     folder
         An existing folder; files of these names are replaced.
     normal_map
-        What to write. The PNG holds ``round((n / 2 + 0.5) * 65535)``, mid-grey outside the mask;
-        green is up.
+        The map to write. The PNG contains ``round((n / 2 + 0.5) * 65535)``, mid-grey outside the
+        mask; green is up.
     name
-        Another stem than ``normals`` for the files and in the output names.
+        Stem of the files and of the output names.
 
     Returns
     -------
@@ -169,13 +171,13 @@ def _find_image(path: Path) -> Path:
             if file.is_file():
                 return file
     raise DataError(
-        f"{path}: no normals in this folder, expected one of {', '.join(_STEMS)} with a suffix of "
-        f"{', '.join(_SUFFIXES)}"
+        f"{path}: no normals in this folder: expected a file {' or '.join(_STEMS)} with one of the "
+        f"suffixes {', '.join(_SUFFIXES)}"
     )
 
 
 def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
-    """Return colours and alpha."""
+    """Return the colours and the alpha channel, or None without alpha."""
     if file.suffix.lower() != ".npy":
         return read_image_with_alpha(file, max_pixels=max_pixels)
     array: Pixels = read_npy(file, 4 * max_pixels)
@@ -199,23 +201,24 @@ def _share(alpha: Pixels) -> Float:
 
 
 def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, str]:
-    """Return the mask that alpha draws, and what to say about it."""
+    """Return the mask given by the alpha channel, and a note about it."""
     inside = share > 0.5
     if not inside.any():
         raise DataError(
-            f"{file}: its alpha channel leaves nothing inside: save it without alpha, or put a "
-            "mask.png beside it"
+            f"{file}: the alpha channel is below half everywhere: save the image without alpha, "
+            "or put a mask.png into its folder"
         )
     if inside.all():
-        return None, f"{file}: its alpha channel is opaque everywhere and is ignored"
+        return None, f"{file}: the alpha channel is opaque everywhere and is ignored"
     count = np.count_nonzero(inside)
-    return inside, f"{file}: its alpha channel is the mask, {count} of {inside.size} pixels"
+    return inside, f"{file}: the alpha channel is the mask, {count} of {inside.size} pixels"
 
 
 def _undo_premultiplication(vectors: Float, share: Float) -> None:
-    """Divide encoded colours by alpha if they are multiplied by it: files do not tell reliably.
+    """Divide encoded colours by alpha if they are multiplied by it.
 
-    Vectors that are stored as they are only change their length.
+    Files do not state this reliably. Vectors that are stored without an encoding would only change
+    their length.
     """
     partly = (share > 0) & (share < 1)
     stored = vectors[partly]
@@ -225,15 +228,15 @@ def _undo_premultiplication(vectors: Float, share: Float) -> None:
 
 
 def _decode(pixels: Pixels) -> tuple[Float, bool]:
-    """Return vectors, and whether they were encoded as ``n / 2 + 0.5``."""
+    """Return the vectors, and whether they were encoded as ``n / 2 + 0.5``."""
     if np.issubdtype(pixels.dtype, np.integer):
         scale = 2.0 / float(np.iinfo(pixels.dtype).max)
         return (pixels * scale - 1.0).astype(np.float32), True
-    # No vector of unit length is so long, and the square of a longer one would overflow.
+    # Larger components cannot belong to a unit vector, and their squares would overflow.
     usable = (np.abs(pixels) < _LONGEST).all(axis=2, keepdims=True)
     stored = np.where(usable, pixels, 0).astype(np.float32)
     encoded = stored * 2 - 1
-    # A pixel of zeros is background in either reading and must not vote.
+    # A pixel of zeros is background in either reading and must not influence the choice.
     drawn = stored.any(axis=2)
     if _distance_to_unit(stored[drawn]) <= _distance_to_unit(encoded[drawn]):
         return stored, False
@@ -250,18 +253,18 @@ def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | No
     warnings = []
     if pixels.dtype == np.uint8:
         cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
-        warnings.append(f"{file}: 8-bit normals are quantised, about {cost} degree each")
-    strange = _not_finite(pixels)
+        warnings.append(f"{file}: 8-bit normals are quantised, an error of about {cost} degree")
+    not_finite = _not_finite(pixels)
     if mask is not None:
-        strange &= mask
-    if strange.any():
+        not_finite &= mask
+    if not_finite.any():
         warnings.append(
-            f"{file}: {np.count_nonzero(strange)} pixels hold a vector that is NaN or infinite and "
-            "are left out, as outside the mask"
+            f"{file}: {np.count_nonzero(not_finite)} pixels have a NaN or infinite vector and are "
+            "left out of the mask"
         )
     lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
     if lost:
-        warnings.append(f"{file}: {lost} pixels of the mask hold no unit vector and are left out")
+        warnings.append(f"{file}: {lost} pixels of the mask have no unit vector and are left out")
     if np.mean(normal_map.normals[normal_map.mask][:, 2]) < 0:
-        warnings.append(f"{file}: most normals face away from the camera, check the sign of z")
+        warnings.append(f"{file}: most normals face away from the camera: check the sign of z")
     return warnings

@@ -1,7 +1,7 @@
-"""Arrays of numbers from .npy files, read strictly.
+"""Strict reader of numeric arrays from .npy files.
 
-Format: NumPy Enhancement Proposal 1. numpy's own reader evaluates the header as Python and makes an
-array of whatever size it declares, before it looks at the file.
+Format: NumPy Enhancement Proposal 1. NumPy's own reader evaluates the header as Python and
+allocates an array of the size that the header declares before it checks the size of the file.
 """
 
 from __future__ import annotations
@@ -33,49 +33,50 @@ def read_npy(path: Path, max_numbers: int) -> npt.NDArray[Any]:
     path
         The file.
     max_numbers
-        The most that it may hold.
+        Maximum number of elements.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is no array of whole numbers or floats, or its size is not the one it declares.
+        If the file is not an array of integers or floats, is too large, or its size differs from
+        the size that its header declares.
     """
     try:
         return _array(read_bounded(path, MAX_BINARY_BYTES), max_numbers)
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
     except UnreadableError as error:
-        raise DataError(f"{path}: not a readable array of numbers ({error})") from error
+        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
 
 
 def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
     version, width = data[6:7], 2 if data[6:7] == b"\x01" else 4
     if data[:6] != _MAGIC or version not in (b"\x01", b"\x02", b"\x03"):
-        raise UnreadableError("it does not begin as a .npy file")
+        raise UnreadableError("the file does not begin with the header of a .npy file")
     begin = 8 + width
     end = begin + int.from_bytes(data[8:begin], "little")
-    # numpy refuses longer headers, too.
+    # NumPy also rejects longer headers.
     if not begin < end <= min(len(data), 10_000):
-        raise UnreadableError("its header is cut short or damaged")
+        raise UnreadableError("the header is truncated or damaged")
     text = data[begin:end].decode("latin-1")
-    found = {name: pattern.search(text) for name, pattern in _KEYS.items()}
-    descr, order, shape = (found[name] for name in ("descr", "order", "shape"))
+    matches = {name: pattern.search(text) for name, pattern in _KEYS.items()}
+    descr, order, shape = (matches[name] for name in ("descr", "order", "shape"))
     if descr is None or order is None or shape is None:
-        raise UnreadableError("its header is damaged, or it holds no plain numbers")
+        raise UnreadableError("the header is damaged, or the elements are not plain numbers")
     kind = descr[1]
     if kind[1] not in "iuf" or kind[2:] not in ("1", "2", "4", "8") or kind[1:] == "f1":
         name = {"c": "complex", "b": "bool", "O": "object"}.get(kind[1], kind)
-        raise UnreadableError(f"numbers of type {name}")
+        raise UnreadableError(f"elements of type {name}")
     dtype = np.dtype(kind)
     sides = [int(side) for side in re.findall(r"[0-9]+", shape[1][:60])]
     count = math.prod(sides)
     if count > max_numbers:
-        raise UnreadableError(f"{count} numbers, {max_numbers} are allowed")
+        raise UnreadableError(f"{count} numbers, at most {max_numbers} are allowed")
     if len(data) - end != count * dtype.itemsize:
         raise UnreadableError(
-            f"{len(data) - end} bytes for the shape {tuple(sides)}: cut short or damaged"
+            f"{len(data) - end} bytes for the shape {tuple(sides)}: truncated or damaged"
         )
     values = np.frombuffer(data, dtype, count, end)
     return values.reshape(sides, order="F" if order[1] == "True" else "C").copy()

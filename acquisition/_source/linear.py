@@ -53,7 +53,7 @@ class Linearizer:
         Raises
         ------
         DataError
-            If the frame or a reference frame is damaged or holds values that are not finite; the
+            If the frame or a reference frame is damaged or contains values that are not finite; the
             message names the file.
         """
         return self._above_references(frame, self._read(frame))
@@ -73,7 +73,7 @@ class Linearizer:
     def _read(self, frame: Frame) -> FloatImage:
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
-            raise DataError(f"{frame.path}: holds values that are not finite")
+            raise DataError(f"{frame.path}: contains values that are not finite")
         image: FloatImage = pixels.astype(np.float32)
         return image
 

@@ -1,1 +1,1 @@
-"""Raw frames turned into linear radiance."""
+"""Conversion of raw frames to linear radiance."""

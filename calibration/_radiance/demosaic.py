@@ -1,4 +1,4 @@
-"""Colour from a Bayer mosaic."""
+"""Demosaicing of Bayer images."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _GREEN = np.array([[0, 0.25, 0], [0.25, 1, 0.25], [0, 0.25, 0]], np.float32)
 def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.float32]:
     """Interpolate a Bayer mosaic bilinearly.
 
-    Saturated samples (NaN) are left out of the interpolation. A pixel whose own sample or all
-    neighbours of a colour are saturated has NaN in that colour.
+    Saturated samples (NaN) are left out of the interpolation. A pixel is NaN in a colour if its
+    own sample of this colour, or all neighbouring samples of this colour, are saturated.
 
     Parameters
     ----------
     mosaic
-        ``(H, W)`` linear, NaN where saturated.
+        ``(H, W)`` linear image, NaN where saturated.
     pattern
         The colours of the first 2 x 2 pixels, row by row: RGGB, BGGR, GRBG or GBRG.
 
@@ -34,11 +34,11 @@ def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.fl
     Raises
     ------
     DataError
-        If the pattern is another one.
+        If the pattern is not supported.
     """
     if pattern not in _PATTERNS:
         raise DataError(
-            f"the colour filter pattern {pattern} is not supported: {', '.join(_PATTERNS)} are"
+            f"the colour filter pattern {pattern} is not supported: use {', '.join(_PATTERNS)}"
         )
     valid = np.isfinite(mosaic)
     filled = np.where(valid, mosaic, np.float32(0))
@@ -52,7 +52,9 @@ def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.fl
         counted = (place & valid).astype(np.float32)
         weight = cv2.filter2D(counted, -1, kernel, borderType=cv2.BORDER_CONSTANT)
         total = cv2.filter2D(filled * counted, -1, kernel, borderType=cv2.BORDER_CONSTANT)
-        # A colour's own site sees no other site of that colour within the kernel.
-        known = weight > 0
-        colour[..., channel] = np.where(known, total / np.where(known, weight, 1), np.nan)
+        # The kernel at a site of a colour contains no other site of that colour.
+        interpolated = weight > 0
+        colour[..., channel] = np.where(
+            interpolated, total / np.where(interpolated, weight, 1), np.nan
+        )
     return colour

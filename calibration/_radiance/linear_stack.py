@@ -1,4 +1,4 @@
-"""Raw frames turned into linear radiance, one image per light."""
+"""Conversion of raw frames to linear radiance, one image per light."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FloatImage = npt.NDArray[np.float32]
 
-# ITU-R BT.601 luma, as the published results on DiLiGenT use it.
+# ITU-R BT.601 luma, as in the published results on DiLiGenT.
 _LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
 _THREADS = 4
 _LEAST_GREY_VALUES = 100.0
@@ -28,24 +28,24 @@ _LEAST_GREY_VALUES = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Linear images of one object under N lights of strength 1.
+    """Linear images of one object under N lights of intensity 1.
 
     Parameters
     ----------
     values
-        ``(N, H, W)`` or ``(N, H, W, 3)`` float32 radiance divided by the light's intensity and the
-        relative exposure: 1 is the white level at the longest exposure under intensity 1, of float
-        images the value 1. NaN where every exposure is saturated.
+        ``(N, H, W)`` or ``(N, H, W, 3)`` float32 radiance, divided by the light's intensity and the
+        relative exposure. 1 is the white level at the longest exposure under intensity 1; for float
+        images it is the value 1. NaN where every exposure is saturated.
     ids
         N names of the lights.
     lights
-        The N lights in this order, with their original intensities. None where not known.
+        The N lights in this order, with their original intensities; None if unknown.
     mask
-        ``(H, W)`` bool, the object. None where not known.
+        ``(H, W)`` bool, the object; None if unknown.
     camera
-        The camera as geometry. None where not known.
+        The camera model; None if unknown.
     warnings
-        What deserves a look, one line each.
+        Warnings, one line each.
     """
 
     values: FloatImage
@@ -56,7 +56,7 @@ class Stack:
     warnings: tuple[str, ...] = ()
 
     def take(self, indices: Sequence[int]) -> Stack:
-        """Return the stack of these images, in this order."""
+        """Return the stack of the images with these indices, in this order."""
         pick = list(indices)
         return replace(
             self,
@@ -75,23 +75,24 @@ def linear_stack(
 ) -> Stack:
     """Read a source and return its linear stack.
 
-    Every frame becomes ``linear = ((dn - black) / (white - black)) ** gamma``. From it is taken off
-    the mean of the ambient frames of the same exposure, or else of its dark frames, linear too. The
-    difference is divided by the frame's own relative exposure. Samples at the white level are
-    saturated and left out, where the source has one: float images have none and keep their scale.
-    Of several brackets each sample comes from the longest in which it is not saturated; repeats
+    Every frame is linearised as ``linear = ((dn - black) / (white - black)) ** gamma``. The mean of
+    the linearised ambient frames of the same exposure, or else of the dark frames, is subtracted,
+    and the difference is divided by the relative exposure of the frame. Samples at the white level
+    are saturated and left out; float images have no white level and keep their scale. With several
+    brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
     within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
-    by the light's intensity, an image of one channel by the mean of the three; gray is
-    ``.2989 R + .587 G + .114 B`` after that. Flat frames are not used.
+    by the light's intensity, an image of one channel by the mean of the three intensities; gray is
+    then ``.2989 R + .587 G + .114 B``. Flat frames are not used.
 
     Parameters
     ----------
     source
-        What `acquisition.read_source` returns.
+        Source, as returned by `acquisition.read_source`.
     channel
         ``gray`` for one value per pixel, ``rgb`` for three.
     gamma
-        Exponent that linearises the images (2.2 for display-ready ones). Default: linear already.
+        Exponent that linearises the images (2.2 for display-ready images). Default: the images are
+        linear.
     on_progress
         Receives the stage ``reading``, one step per light.
 
@@ -103,18 +104,18 @@ def linear_stack(
     Raises
     ------
     DataError
-        If a frame holds values that are not finite, lacks its exposure time among frames that have
-        one, or has a colour filter that is not Bayer's. The message names the file.
+        If a frame contains values that are not finite, has no exposure time although other frames
+        have one, or has a colour filter that is not a Bayer pattern. The message names the file.
     EstimateError
-        If all samples of all images are saturated, or black.
+        If all samples of all images are saturated or black.
     """
     lit = [frame for frame in source.frames if frame.role == "light"]
     if not lit:
-        raise DataError(f"{source.path}: no images under a light")
+        raise DataError(f"{source.path}: no image with a light")
     if not source.white_level > source.black_level >= 0:
         raise DataError(
-            f"{source.path}: a white level of {source.white_level} does not lie above the black "
-            f"level of {source.black_level}"
+            f"{source.path}: the white level of {source.white_level} must be above the black level "
+            f"of {source.black_level}, which must not be negative"
         )
     if gamma is not None and not (np.isfinite(gamma) and gamma > 0):
         raise DataError(f"a gamma of {gamma} is not a positive number")
@@ -141,7 +142,7 @@ def linear_stack(
 
 
 class _Developer:
-    """Turns the frames of one light into its linear image."""
+    """Callable that converts the frames of one light to its linear image."""
 
     def __init__(
         self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"], gamma: float | None
@@ -152,14 +153,16 @@ class _Developer:
         known = [exposure for exposure in exposures if exposure is not None]
         if known and (len(known) < len(lit) or min(known) <= 0):
             path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
-            raise DataError(f"{path}: its exposure time is missing; the other images have theirs")
+            raise DataError(
+                f"{path}: no valid exposure time, although other images have one: add it"
+            )
         self._longest = max(known, default=1.0)
         self._linear = Linearizer(source, gamma)
         self.warnings: list[str] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
         if unlit and not known:
             self.warnings.append(
-                "dark and ambient frames were not used: no image tells its exposure time"
+                "dark and ambient frames were not used: the images have no exposure times"
             )
         last_us = 0.0
         for exposure_us in sorted(set(known)) if unlit else ():
@@ -168,12 +171,13 @@ class _Developer:
             last_us = exposure_us
             if self._linear.reference(exposure_us) is None:
                 self.warnings.append(
-                    f"no dark frame of {exposure_us:g} us: the black level was subtracted there"
+                    f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
+                    "black level was subtracted"
                 )
 
     def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
         """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""
-        # By bracket: exposures read back from a camera may differ by a hair between repeats.
+        # Group by bracket: exposure times reported by a camera may differ slightly between repeats.
         brackets: dict[int, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
             brackets.setdefault(frame.bracket, []).append(frame)
@@ -205,21 +209,21 @@ class _Developer:
             image = demosaic(image, self._source.cfa)
         if image.ndim == 2:
             if self._channel == "rgb":
-                raise DataError(f"{frame.path}: has one channel, so there is no rgb; use gray")
+                raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
             return np.asarray(image / np.float32(intensity.mean()), np.float32)
         colour = np.asarray(image / intensity.astype(np.float32), np.float32)
         return colour if self._channel == "rgb" else np.asarray(colour @ _LUMA, np.float32)
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:
-    # fmax skips an image without any sample, which max would hand on from the first place.
+    # fmax skips images without any sample; max could return their NaN.
     brightest = np.fmax.reduce([np.fmax.reduce(image, axis=None) for image in values])
     if np.isnan(brightest):
         raise EstimateError(
             f"{source.path}: every sample of all {len(ids)} images is saturated: "
-            "record with a shorter exposure"
+            "record with a shorter exposure time"
         )
-    # In grey values, two are what rounding and a rough black level leave in the dark.
+    # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
     if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
         raise EstimateError(

@@ -1,1 +1,1 @@
-"""Lights from their highlights on mirror spheres."""
+"""Calibration of lights from their highlights on mirror spheres."""

@@ -1,4 +1,4 @@
-"""Lights from mirror spheres: outlines, highlights, then directions or positions."""
+"""Calibration of light directions or positions from mirror spheres."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from calibration._spheres.sphere_image import (
 
 _DISAGREEMENT_DEG = 3.0
 _POOR_RESIDUAL_DEG = 0.2
-# Refining moves wrong spheres until they nearly agree: half a degree left is many at the lights.
+# The refinement moves wrong spheres until they nearly agree, so a remaining error of half a degree
+# means an error of many degrees of the lights.
 _UNTRUSTED_DEG = 0.5
 _LEAST_AGREEING = 0.5
 
@@ -46,47 +47,47 @@ def calibrate_spheres(
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
 ) -> SphereCalibration:
-    """Estimate lights from the highlights they make on mirror spheres.
+    """Estimate lights from their highlights on mirror spheres.
 
-    Without a camera the view is taken as orthographic: for one sphere of a near light that is a few
-    degrees off. With a camera the viewing cone of each sphere is used, which needs no radius for
-    directions. With camera, radius and two or more spheres the lights get positions.
+    Without a camera, an orthographic view is assumed; for a near light and one sphere the error is
+    a few degrees. With a camera, the viewing cone of each sphere is used, which requires no radius
+    for directions. With a camera, a radius and two or more spheres, the lights have positions.
 
     Parameters
     ----------
     stack
-        One linear image per light: what `linear_stack` returns, or ``(N, H, W[, 3])`` values of
+        One linear image per light, as returned by `linear_stack`, or ``(N, H, W[, 3])`` values of
         lights ``L00``..., 1 at the white level of the longest exposure, NaN where saturated.
-        Brackets merged into the stack carry unsaturated highlights as values far above 1.
+        If brackets are merged into the stack, unsaturated highlights are values far above 1.
     masks
-        ``(H, W)`` bool or 0..1, one or more; each connected region is a sphere. The mask of a
-        `Source` shows its object: it marks spheres only where `Source.mask_origin` is ``given`` or
+        One or more masks, ``(H, W)`` bool or 0..1; each connected region is a sphere. The mask of a
+        `Source` shows its object; it marks spheres only if `Source.mask_origin` is ``given`` or
         ``folder``.
     circles
-        Rough circles (x, y, radius) in pixels, refined on the images. Without masks and circles
-        the spheres are found; with camera and radius only those of the right size, if they lay
-        about the working plane. What was found is left out, with a warning, where it is of another
-        size, its outline is far less sharp than that of the others, or most of its highlights
-        disagree with them.
+        Approximate circles (x, y, radius) in pixels, which are refined in the images. Without masks
+        and circles the spheres are searched for; with a camera and a radius, only spheres that have
+        the right size if they are close to the working plane. A sphere that was found is left out,
+        with a warning, if its size differs, its outline is much less sharp than that of the others,
+        or most of its highlights disagree with the others.
     camera
-        Camera model; positions need its working distance.
+        Camera model; positions require its working distance.
     radius_mm
-        Radius of the spheres, or one for each: in the order of masks or circles; for spheres that
-        were found, larger radii go to larger outlines.
+        Radius of the spheres, or one radius for each in the order of masks or circles. For spheres
+        that were searched for, larger radii are assigned to larger outlines.
 
     Returns
     -------
     SphereCalibration
-        Lights and evidence.
+        Lights and quality of the fit.
 
     Raises
     ------
     DataError
-        If shapes or radii disagree with each other, or the camera with the images; if both masks
-        and circles are given, or a radius without a camera.
+        If shapes or radii are inconsistent, the camera does not fit the images, both masks and
+        circles are given, or a radius is given without a camera.
     EstimateError
-        If no sphere is found, a light has no highlight, fewer than two spheres show it where
-        positions are wanted. The message names the light or the spheres.
+        If no sphere is found, a light has no highlight, or a light is visible on fewer than two
+        spheres although positions are requested. The message names the light or the spheres.
     """
     values, names = _values(stack)
     if camera is not None and camera.size != values.shape[1:]:
@@ -97,7 +98,7 @@ def calibrate_spheres(
     radii = None if radius_mm is None else _radii(radius_mm, camera)
     masks, circles = list(masks or ()), list(circles or ())
     if masks and circles:
-        raise DataError("spheres are marked by masks or by circles: give one of the two")
+        raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
     left_out: list[str] = []
     if masks:
@@ -121,18 +122,18 @@ def calibrate_spheres(
         _, rays = reflected_rays(camera.rays(highlights), axes, sines)
         return _directions(names, seen_spheres(images), highlights, rays, warnings)
     radii = one_radius_each(radii, images, found=found)
-    known = place(cones, radii, camera)
-    warnings += off_the_plane(known, camera)
+    placed = place(cones, radii, camera)
+    warnings += off_the_plane(placed, camera)
     if len(images) > 1:
         return _positions(names, images, cones, radii, camera, warnings, found=found)
     if left_out:
         raise EstimateError(
-            f"{'; '.join(left_out)}; positions need two spheres: give masks or circles, or leave "
-            "the radius out to get directions"
+            f"{'; '.join(left_out)}; positions require two spheres: give masks or circles, or "
+            "leave out the radius to get directions"
         )
-    warnings.append("one sphere gives directions only: positions need two")
-    _, rays = observed_rays(camera, known, highlights)
-    spheres = placed_spheres(images, known.centres_mm, radii)
+    warnings.append("one sphere gives only directions: positions require two spheres")
+    _, rays = observed_rays(camera, placed, highlights)
+    spheres = placed_spheres(images, placed.centres_mm, radii)
     return _directions(names, spheres, highlights, rays, warnings)
 
 
@@ -144,34 +145,37 @@ def _values(
     if values.ndim == 4:
         values = values.mean(axis=3)  # a NaN channel makes the sample NaN
     if values.ndim != 3 or 0 in values.shape:
-        raise DataError(f"a stack for spheres must be (N, H, W[, 3]), not {values.shape}")
+        raise DataError(
+            f"a stack of sphere images must have the shape (N, H, W[, 3]), not {values.shape}"
+        )
     names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
-        raise DataError(f"{len(names)} names for {len(values)} images: every image needs one light")
+        raise DataError(f"{len(names)} lights for {len(values)} images: give one for each image")
     return values, names
 
 
 def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Array:
-    """Return the given radii as an array, if they make sense."""
+    """Return the radii as an array, or raise `DataError` if they are invalid."""
     radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
     if not (len(radii) and np.all(np.isfinite(radii) & (radii > 0))):
         raise DataError("sphere radii must be positive lengths in mm")
     if camera is None or camera.working_distance_mm is None:
         raise DataError(
-            "a sphere radius needs a camera with a working distance: add it, or leave the radius "
-            "out to get directions"
+            "a sphere radius requires a camera with a working distance: add it, or leave out the "
+            "radius to get directions"
         )
     return radii
 
 
 def _check_seen(highlights: Array, names: tuple[str, ...], images: list[SphereImage]) -> None:
-    """Refuse highlights ``(N, K, 2)`` in which a light is seen on no sphere."""
+    """Raise `EstimateError` if a light has no highlight on any sphere, in ``(N, K, 2)``."""
     seen = np.isfinite(highlights[..., 0])
     missing = [name for name, on in zip(names, seen, strict=True) if not on.any()]
     if missing:
         raise EstimateError(
             f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
-            f"lights) on {places(images)}: check that the light was on and the outline is right"
+            f"lights) on {places(images)}: check that the light was on and that the outline is "
+            "correct"
         )
 
 
@@ -182,12 +186,12 @@ def _directions(
     rays: Array,
     warnings: list[str],
 ) -> SphereCalibration:
-    """Average the directions ``(N, K, 3)`` that the spheres show."""
+    """Average the directions ``(N, K, 3)`` measured on the spheres."""
     seen = np.isfinite(rays[..., 0])
     if not seen.any(axis=1).all():
         name = names[int(np.argmin(seen.any(axis=1)))]
         raise EstimateError(
-            f"the highlight under light {name} lies outside of the sphere: check the outline"
+            f"the highlight under light {name} is outside the sphere: check the outline"
         )
     directions = np.nansum(rays, axis=1)
     residuals = _rms(angle_deg(directions[:, None], rays), seen)
@@ -195,8 +199,8 @@ def _directions(
     if np.any(residuals > _DISAGREEMENT_DEG):
         worst = float(np.nanmax(residuals))
         warnings.append(
-            f"the spheres see lights in directions up to {worst:.1f} degrees apart: the lights are "
-            "near; give camera and radius to get positions"
+            f"the light directions of the spheres differ by up to {worst:.1f} degrees: the lights "
+            "are near; give a camera and a radius to get positions"
         )
     lights = Lights(directions=directions, ids=names)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
@@ -212,34 +216,34 @@ def _positions(
     *,
     found: bool,
 ) -> SphereCalibration:
-    """Find positions; leave out what was found as a sphere and contradicts the others."""
-    known = place(cones, radii, camera)
+    """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
+    placed = place(cones, radii, camera)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     saturated = np.stack([image.highlights.saturated for image in images], axis=1)
-    positions, centres, used = locate_lights(camera, known, highlights, saturated, names)
+    positions, centres, used = locate_lights(camera, placed, highlights, saturated, names)
     seen = np.isfinite(highlights[..., 0])
     share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     worst = int(np.argmin(share))
-    # Of two spheres none is the odd one: their residuals tell.
+    # With only two spheres it is unknown which one is wrong; the residuals show the contradiction.
     if found and len(images) > 2 and share[worst] < _LEAST_AGREEING:
         warnings.append(
-            f"{places([images[worst]])} was left out: {used[:, worst].sum()} of its "
+            f"{places([images[worst]])} was left out: only {used[:, worst].sum()} of its "
             f"{seen[:, worst].sum()} highlights agree with the other spheres"
         )
         kept = [k for k in range(len(images)) if k != worst]
         images, cones = [images[k] for k in kept], [cones[k] for k in kept]
         return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
-    points, rays = observed_rays(camera, replace(known, centres_mm=centres), highlights)
+    points, rays = observed_rays(camera, replace(placed, centres_mm=centres), highlights)
     residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
     disagreement = float(np.median(residuals))
     if disagreement > _UNTRUSTED_DEG:
         warnings.append(
-            f"the spheres contradict each other by {disagreement:.1f} degrees: these lights are "
-            "not to be trusted; check outlines, radii and camera"
+            f"the spheres contradict each other by {disagreement:.1f} degrees: do not trust these "
+            "lights; check outlines, radii and camera"
         )
     elif disagreement > _POOR_RESIDUAL_DEG:
         warnings.append(
-            f"the spheres agree about the lights to {disagreement:.1f} degrees only: "
+            f"the spheres agree about the lights only to {disagreement:.1f} degrees: "
             "check outlines, radii and camera"
         )
     dropped = int(np.sum(seen & ~used))
@@ -251,7 +255,7 @@ def _positions(
 
 
 def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:
-    """Return the root mean square ``(N,)`` of those of ``(N, K)`` angles that are used."""
+    """Return the root mean square ``(N,)`` of the used angles among ``(N, K)``."""
     square = np.where(use, angle_deg, 0.0) ** 2
     rms: Array = np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1))
     return rms

@@ -1,4 +1,4 @@
-"""The cone in which a camera sees a sphere."""
+"""Fit of the viewing cone of a sphere."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Cone:
     axis
         ``(3,)`` unit vector from the centre of projection to the sphere's centre.
     sine
-        Sine of the half angle: the sphere's radius over its distance.
+        Sine of the half angle: the sphere's radius divided by its distance.
     covariance
-        ``(3, 3)`` of ``axis / sine``, the sphere's centre in units of its radius.
+        ``(3, 3)`` covariance of ``axis / sine``, the sphere's centre in units of its radius.
     """
 
     axis: Array
@@ -54,12 +54,12 @@ def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
     cone
         The cone.
     weights
-        ``(M,)`` in 0..1.
+        ``(M,)`` weights in 0..1.
 
     Raises
     ------
     EstimateError
-        If fewer than 3 rays remain or they lie on no cone.
+        If fewer than 3 rays remain or they do not form a cone.
     """
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     weights = np.ones(len(unit))
@@ -68,19 +68,21 @@ def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
         check_enough(weights, 3, "a cone")
         v = weighted_solve(unit, np.ones(len(unit)), weights)
         if not v @ v > 1:
-            raise EstimateError("the outline points lie on no cone: check the sphere's outline")
+            raise EstimateError(
+                "the outline points do not fit a cone: check the outline of the sphere"
+            )
         # An angle e across the cone changes r . v by e tan(alpha).
         tangent = np.sqrt(v @ v - 1)
         weights = tukey_weights((unit @ v - 1) / tangent, FINEST_PX * pixel_angle)
     length = float(np.linalg.norm(v))
     axis = v / length
-    # |v| = 1 / cos(alpha), hence sin(alpha) = sqrt(1 - 1 / |v|^2) and centre / radius:
+    # |v| = 1 / cos(alpha), so sin(alpha) = sqrt(1 - 1 / |v|^2).
     sine = float(np.sqrt((length - 1) * (length + 1)) / length)
     residual = unit @ v - 1
     variance = np.sum(weights * residual**2) / max(np.sum(weights) - 3, 1.0)
     finest = FINEST_PX * pixel_angle * np.sqrt(length**2 - 1)
     of_v = max(variance, finest**2) * np.linalg.inv((unit * weights[:, None]).T @ unit)
-    # u = v / sqrt(|v|^2 - 1): its derivative carries the covariance over.
+    # The derivative of u = v / sqrt(|v|^2 - 1) transforms the covariance of v to that of u.
     root = np.sqrt(length**2 - 1)
     slope = np.eye(3) / root - np.outer(v, v) / root**3
     return Cone(axis, sine, slope @ of_v @ slope.T), weights

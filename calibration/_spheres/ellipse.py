@@ -1,4 +1,4 @@
-"""Ellipses and circles through noisy outline points."""
+"""Robust fits of ellipses and circles to noisy outline points."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from calibration._spheres.robust import (
     weighted_solve,
 )
 
-# An ellipse is not determined by a smaller share of its circumference: a circle is.
+# A smaller part of the circumference does not determine an ellipse, only a circle.
 ELLIPSE_COVERAGE = 0.75
 _TRIALS = 100
 _SAMPLE = 8
+_NO_ELLIPSE = "the outline points do not fit an ellipse: check the outline of the sphere"
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,9 @@ class Ellipse:
     centre_px
         (x, y) in pixels; (0, 0) is the centre of the first pixel.
     semi_axes_px
-        Half lengths of the axes.
+        Lengths of the semi-axes.
     angle_deg
-        From the image's x axis (to the right) to the first axis, positive toward y (down).
+        Angle from the image's x axis (right) to the first axis, positive toward y (down).
     """
 
     centre_px: tuple[float, float]
@@ -49,7 +50,7 @@ class Ellipse:
 
     @property
     def matrix(self) -> Array:
-        """``(2, 2)`` symmetric matrix from the unit circle to the ellipse round its centre."""
+        """``(2, 2)`` symmetric matrix from the unit circle to the ellipse around its centre."""
         angle = np.radians(self.angle_deg)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
@@ -58,7 +59,7 @@ class Ellipse:
     def unit(self, pixels: npt.ArrayLike) -> Array:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
         offset = np.asarray(pixels, np.float64) - self.centre_px
-        unit: Array = offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose needed
+        unit: Array = offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
         return unit
 
     def point(self, angle: npt.ArrayLike, scale: npt.ArrayLike = 1.0) -> Array:
@@ -69,10 +70,10 @@ class Ellipse:
         return pixels
 
     def distance_px(self, pixels: npt.ArrayLike) -> Array:
-        """Return about how far points ``(..., 2)`` lie outside (+) or inside (-) the outline."""
+        """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-)."""
         unit = self.unit(pixels)
         radius = np.linalg.norm(unit, axis=-1)
-        # First order: the level 1 of |unit|, over the length of its gradient in the image.
+        # First order: deviation of |unit| from 1, divided by the length of its gradient.
         gradient = np.linalg.norm(unit @ np.linalg.inv(self.matrix), axis=-1)
         distance: Array = (radius - 1) * radius / np.maximum(gradient, 1e-12)
         return distance
@@ -86,7 +87,7 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
     points_px
         ``(M, 2)`` points.
     start
-        Where to start. Default: the fit of a few points that most others agree with.
+        Start value. Default: the fit to a few points with which most others agree.
 
     Returns
     -------
@@ -110,16 +111,16 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
 
 
 def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
-    """Fit an ellipse to outline points: Halir and Flusser's direct fit, reweighted.
+    """Fit an ellipse to outline points with the reweighted direct fit of Halir and Flusser.
 
-    The weights are Sampson's (geometric distance to first order) times Tukey's.
+    The weights are Sampson weights (geometric distance to first order) times Tukey weights.
 
     Parameters
     ----------
     points_px
         ``(M, 2)`` points.
     start
-        Where to start. Default: the fit of a few points that most others agree with.
+        Start value. Default: the fit to a few points with which most others agree.
 
     Returns
     -------
@@ -131,14 +132,14 @@ def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse
     Raises
     ------
     EstimateError
-        If fewer than 5 points remain or they lie on no ellipse.
+        If fewer than 5 points remain or they do not form an ellipse.
     """
     ellipse = start or _least_median(points_px, _plain_ellipse)
     weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
     for _ in range(ROUNDS):
         check_enough(weights, 5, "an ellipse")
         unit = ellipse.unit(points_px)
-        # Algebraic distance grows with the size of the gradient: Sampson divides it out.
+        # The algebraic distance is proportional to the gradient; Sampson's weight divides it out.
         gradient = np.linalg.norm(unit @ np.linalg.inv(ellipse.matrix), axis=1)
         ellipse = _plain_ellipse(points_px, weights / np.maximum(gradient, 1e-12) ** 2)
         weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
@@ -146,10 +147,10 @@ def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse
 
 
 def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Ellipse:
-    """Return the fit of a few points that has the least median distance from all of them.
+    """Return the fit to a few points that has the least median distance from all points.
 
-    What does not belong to the outline often is a whole arc (a mount, a shadow), which an ordinary
-    start would follow.
+    Outliers often form a complete arc (a mount, a shadow), which a least-squares start would
+    follow.
     """
     check_enough(np.ones(len(points)), _SAMPLE, "an outline")
     random = np.random.default_rng(0)
@@ -164,7 +165,7 @@ def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Elli
         if best is None or median < best[0]:
             best = median, trial
     if best is None:
-        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
+        raise EstimateError(_NO_ELLIPSE)
     return best[1]
 
 
@@ -180,7 +181,7 @@ def _plain_circle(points: Array, weights: Array) -> Ellipse:
 
 def _plain_ellipse(points: Array, weights: Array) -> Ellipse:
     """Fit an ellipse by weighted direct least squares."""
-    # Centred and scaled: the conic's columns would differ by orders of magnitude otherwise.
+    # Centre and scale the points: otherwise the conic's columns differ by orders of magnitude.
     origin = points.mean(axis=0)
     scale = max(float(np.abs(points - origin).max()), 1e-12)
     unit = _conic_to_ellipse(_direct_conic((points - origin) / scale, weights))
@@ -207,7 +208,7 @@ def _direct_conic(points: Array, weights: Array) -> Array:
     vectors = np.asarray(np.real(complex_vectors), np.float64)
     elliptic = 4 * vectors[0] * vectors[2] - vectors[1] ** 2 > 0
     if not elliptic.any():
-        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
+        raise EstimateError(_NO_ELLIPSE)
     index = int(np.argmin(np.where(elliptic, np.abs(values), np.inf)))
     return np.concatenate([vectors[:, index], eliminate @ vectors[:, index]])
 
@@ -216,12 +217,12 @@ def _conic_to_ellipse(conic: Array) -> Ellipse:
     a, b, c, d, e, f = conic
     quadratic = np.array([[a, b / 2], [b / 2, c]])
     if not abs(np.linalg.det(quadratic)) > 1e-12:
-        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
+        raise EstimateError(_NO_ELLIPSE)
     centre = np.linalg.solve(2 * quadratic, [-d, -e])
     level = -(f + 0.5 * (d * centre[0] + e * centre[1]))
     values, vectors = np.linalg.eigh(quadratic * level)
     if not np.all(values > 0):
-        raise EstimateError("the outline points lie on no ellipse: check the sphere's outline")
+        raise EstimateError(_NO_ELLIPSE)
     axes = abs(level) / np.sqrt(values)
     angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
     return Ellipse(

@@ -1,4 +1,4 @@
-"""Find mirror spheres without masks: circles in the image that hold a moving highlight."""
+"""Search for mirror spheres without masks: circles that contain a moving highlight."""
 
 from __future__ import annotations
 
@@ -27,52 +27,52 @@ _LEAST_COVERAGE = 0.35
 def find_spheres(
     values: npt.NDArray[np.float32],
     radii_px: Sequence[float] = (),
-    beside: Sequence[SphereImage] = (),
+    excluded: Sequence[SphereImage] = (),
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
-    Edges of the mean image vote for centres along their gradients (Hough), radii follow from the
-    edges that face a centre, and a candidate counts when it shows a compact highlight under at
-    least half of the lights and that highlight moves with the light. Of overlapping candidates
-    (a sphere mirrors circles inside itself) the largest well-covered one is the outline.
+    Edges of the mean image vote for centres along their gradients (Hough transform). The radii
+    follow from the edges that face a centre. A candidate counts if it shows a compact highlight
+    under at least half of the lights and the highlight moves with the light. Of overlapping
+    candidates (a sphere mirrors circles inside itself) the largest well-covered one is the outline.
 
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear, NaN where saturated.
+        ``(N, H, W)`` linear images, NaN where saturated.
     radii_px
-        Radii the spheres should have in the image, to 15 %. Default: any.
-    beside
-        Spheres known already: nothing is looked for where they are.
+        Expected radii of the spheres in the image, to 15 %. Default: any radius.
+    excluded
+        Spheres that are already known; candidates that overlap them are skipped.
 
     Returns
     -------
     list of SphereImage
-        Sorted by x; empty if there is none.
+        The spheres, sorted by x; empty if none was found.
     """
     image = outline_image(values)
     circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
-    found: list[SphereImage] = []
+    spheres: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
-        if any(overlap(circle, sphere.outline) for sphere in (*beside, *found)):
+        if any(overlap(circle, sphere.outline) for sphere in (*excluded, *spheres)):
             continue
         sphere = _verify(values, image, circle)
         if sphere is None or not _expected(sphere.outline, radii_px):
             continue
-        if not any(overlap(sphere.outline, s.outline) for s in (*beside, *found)):
-            found.append(sphere)
-    return sorted(found, key=lambda sphere: sphere.outline.centre_px)
+        if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
+            spheres.append(sphere)
+    return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
 
 
 def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:
-    """Count the circles of these radii in a stack, whether spheres or not."""
+    """Count the circles with these radii in a stack, including those that are not spheres."""
     return sum(_expected(circle, radii_px) for circle in _circles(outline_image(values)))
 
 
 def _verify(
     values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
 ) -> SphereImage | None:
-    """Refine a candidate and return it if its highlights are those of a mirror sphere."""
+    """Refine a candidate; return it if its highlights are those of a mirror sphere."""
     few = values[:: max(len(values) // 8, 1)]
     if 2 * np.count_nonzero(find_highlights(few, circle).found) < len(few):
         return None
@@ -93,18 +93,21 @@ def _verify(
 
 
 def _expected(circle: Ellipse, radii_px: Sequence[float]) -> bool:
-    """Whether a circle has one of the radii, to 15 %: a mirrored horizon has 75 % or less."""
+    """Return whether a circle has one of the radii, to 15 %.
+
+    A mirrored horizon has 75 % of the radius or less.
+    """
     return not radii_px or any(abs(circle.radius_px / radius - 1) < 0.15 for radius in radii_px)
 
 
 def overlap(a: Ellipse, b: Ellipse) -> bool:
-    """Whether the centre of one lies within the other."""
+    """Return whether the centre of one outline is inside the other."""
     distance = np.hypot(a.centre_px[0] - b.centre_px[0], a.centre_px[1] - b.centre_px[1])
     return bool(distance < max(a.radius_px, b.radius_px))
 
 
 def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
-    """Return circular edges of an image, the best covered first, larger before smaller."""
+    """Return the circular edges of an image, sorted by coverage, then by size, descending."""
     factor = max(1.0, max(image.shape) / _SEARCH_SIZE_PX)
     size = (max(round(image.shape[1] / factor), 1), max(round(image.shape[0] / factor), 1))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -118,7 +121,7 @@ def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
         for centre in centres
         for radius, coverage in _radii(edges, facing, centre, largest)
     ]
-    # Near-equal coverage does not tell an outline from a circle mirrored inside it: the size does.
+    # If the coverage is similar, the larger circle is the outline and not a mirrored circle.
     scored.sort(key=lambda item: (round(item[0] / 0.25), item[2]), reverse=True)
     scale = image.shape[1] / size[0]
     return [
@@ -131,7 +134,7 @@ def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
 
 
 def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
-    """Return edge pixels ``(M, 2)`` and their unit gradients ``(M, 2)``: maxima along these."""
+    """Return edge pixels ``(M, 2)``, maxima along the gradient, and unit gradients ``(M, 2)``."""
     smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
     gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
@@ -145,7 +148,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
         for sign in (1, -1)
     )
     ridge = (strength[y, x] >= ahead) & (strength[y, x] > behind)
-    # Enough edges for every circle, few enough for a vote: the strongest.
+    # Keep the strongest edges: enough for every circle, few enough for a fast vote.
     keep = np.flatnonzero(ridge)
     if len(keep) > 20000:
         keep = keep[np.argsort(strength[y[keep], x[keep]])[-20000:]]
@@ -155,7 +158,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
 def _centres(
     edges: Array, facing: Array, shape: tuple[int, int], largest: float
 ) -> list[tuple[float, float]]:
-    """Vote along the gradients, both ways, and return the peaks."""
+    """Vote along the gradients in both directions, and return the peaks."""
     height, width = shape
     votes = np.zeros(height * width)
     for radius in np.arange(_SMALLEST_RADIUS_PX, largest):
@@ -163,8 +166,8 @@ def _centres(
             x, y = np.rint(edges + sign * radius * facing).astype(int).T
             inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
             votes += np.bincount(y[inside] * width + x[inside], minlength=len(votes))
-    # Gradient directions err in proportion to the radius: gather votes over a few pixels, and
-    # subtract the broad heap that clutter makes.
+    # The error of a vote is proportional to the radius: smooth the votes over a few pixels, and
+    # subtract the broad background from clutter.
     plane = cv2.GaussianBlur(votes.reshape(shape), (0, 0), 1.5)
     plane = plane - cv2.GaussianBlur(plane, (0, 0), 12.0)
     peaks = []
@@ -180,7 +183,10 @@ def _centres(
 def _radii(
     edges: Array, facing: Array, centre: tuple[float, float], largest: float
 ) -> list[tuple[float, float]]:
-    """Return (radius, coverage) of the circles round a centre: sectors with an edge facing it."""
+    """Return (radius, coverage) of the circles around a centre.
+
+    The coverage is the share of sectors with an edge that faces the centre.
+    """
     offset = edges - centre
     radius = np.linalg.norm(offset, axis=1)
     cosine = np.abs(np.sum(offset * facing, axis=1)) / np.maximum(radius, 1e-9)

@@ -1,4 +1,4 @@
-"""The mirror image of each light on a sphere, to a fraction of a pixel."""
+"""Sub-pixel positions of the highlight of each light on a sphere."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
-# What shines farther out is no light of ours: it is another sphere or the table.
+# Bright spots farther out are not lights but another sphere or the table.
 _LARGEST_RADIUS = 0.85
 _BLOB_LEVEL = 0.3
 _LARGEST_BLOB = 0.35
@@ -27,9 +27,9 @@ class Highlights:
     Parameters
     ----------
     pixels
-        ``(N, 2)`` positions (x, y); NaN where none was found.
+        ``(N, 2)`` positions (x, y); NaN if there is no highlight.
     saturated
-        ``(N,)`` whether the peak was saturated, so that the position is the middle of a blob.
+        ``(N,)`` whether the peak is saturated; the position is then the centre of a blob.
     """
 
     pixels: Array
@@ -37,31 +37,31 @@ class Highlights:
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
-        """``(N,)`` which lights were found."""
+        """``(N,)`` whether the highlight of each light was found."""
         return np.isfinite(self.pixels[:, 0])
 
 
 def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highlights:
     """Find the highlight of every light on a sphere.
 
-    What all lights share (reflections of the room) is subtracted. A highlight is the compact blob
-    of the largest flux within 0.85 of the radius. Left out are lights whose brightest blob is wide
-    (a matte surface), is cut by the frame, has a rival of half its flux, or has under 3 % of the
-    flux that the other lights have (then the light itself is hidden and what is seen came over
-    another sphere).
+    The part that all lights share (reflections of the room) is subtracted. A highlight is the
+    compact blob with the largest flux within 0.85 of the radius. A light is left out if its
+    brightest blob is wide (a matte surface), is cut off by the frame, has a rival with half its
+    flux, or has less than 3 % of the flux of the other lights (then the light is hidden, and the
+    blob is its reflection from another sphere).
 
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear, NaN where saturated.
+        ``(N, H, W)`` linear images, NaN where saturated.
     outline
         The sphere's outline.
 
     Returns
     -------
     Highlights
-        Unsaturated peaks are located by an iterated Gaussian-weighted centroid, saturated ones by
-        the centroid of what lies above half of the white level.
+        Unsaturated peaks are located by an iterated Gaussian-weighted centroid, saturated peaks by
+        the centroid of the pixels above half of the white level.
     """
     radius = outline.radius_px
     x0, y0 = (np.floor(np.array(outline.centre_px) - radius * 1.1).astype(int)).clip(0)
@@ -103,7 +103,7 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
 def _blob(
     image: npt.NDArray[np.float32], within: npt.NDArray[np.bool_], radius_px: float
 ) -> tuple[npt.NDArray[np.bool_], float] | None:
-    """Return the region and flux of the one compact bright blob, None where there is none."""
+    """Return the region and flux of the only compact bright blob, or None."""
     smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), 0.7), 0.0)
     peak = float(smooth.max())
     level = float(np.median(smooth[within])) if within.any() else 0.0
@@ -128,7 +128,7 @@ def _blob(
 def _clipped_centroid(
     image: npt.NDArray[np.float32], region: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float64]:
-    """Return the centroid of a saturated blob: pixels count by how far they exceed half of it."""
+    """Return the centroid of a saturated blob, weighted by the excess over half its maximum."""
     y, x = np.nonzero(region)
     values = image[y, x].astype(np.float64)
     weight = np.clip(values - 0.5 * values.max(), 1e-12, None)
@@ -138,10 +138,10 @@ def _clipped_centroid(
 def _weighted_centroid(
     image: npt.NDArray[np.float32], region: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.float64]:
-    """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN) less its background.
+    """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN) without background.
 
-    The window follows the spot, so a symmetric spot has no bias from where the pixels lie, and
-    noise in its wings counts little.
+    The window follows the spot, so the positions of the pixels do not bias a symmetric spot, and
+    noise in its wings has little weight.
     """
     y, x = np.nonzero(region)
     weight = np.clip(image[y, x].astype(np.float64), 1e-12, None)
@@ -161,7 +161,7 @@ def _weighted_centroid(
         if not total > 0:
             break
         offset = np.array([np.sum(gauss * window * columns), np.sum(gauss * window * rows)])
-        # Twice the shift: the window pulls the plain weighted mean half-way back to itself.
+        # Double the shift: the window moves the weighted mean half-way back to its own centre.
         shift = 2 * (offset / total - centre)
         centre = centre + shift
         if np.hypot(*shift) < 1e-5:

@@ -1,4 +1,4 @@
-"""Positions of near lights from their mirror images on spheres of known size."""
+"""Positions of near lights from their highlights on spheres of known size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from calibration._spheres.reflection import mirror_points, reflected_rays
 from calibration._spheres.robust import Array
 
 _ROUNDS = 8
-# How far to trust a highlight, and the middle of a saturated one.
+# Standard deviation of a highlight, and of the centre of a saturated highlight.
 _HIGHLIGHT_SIGMA_PX = 0.05
 _SATURATED_SIGMA_PX = 0.5
 _INLIER_PX = 1.5
@@ -34,7 +34,7 @@ class KnownSpheres:
     radii_mm
         ``(K,)``.
     covariance_mm2
-        ``(3 K, 3 K)`` how well the outlines determine the centres.
+        ``(3 K, 3 K)`` covariance of the centres from the outlines.
     """
 
     centres_mm: Array
@@ -45,21 +45,21 @@ class KnownSpheres:
 def observed_rays(
     camera: CameraModel, spheres: KnownSpheres, highlights_px: Array
 ) -> tuple[Array, Array]:
-    """Return where the highlights lie and where the light comes from.
+    """Return the points of the highlights and the directions of the incident light.
 
     Parameters
     ----------
     camera
-        With a working distance.
+        Camera with a working distance.
     spheres
         K spheres.
     highlights_px
-        ``(N, K, 2)``; NaN where a light was not seen.
+        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
 
     Returns
     -------
     points_mm
-        ``(N, K, 3)`` on the spheres, house frame; NaN where not seen.
+        ``(N, K, 3)`` on the spheres, house frame; NaN without a highlight.
     directions
         ``(N, K, 3)`` unit vectors toward the light.
     """
@@ -72,7 +72,7 @@ def observed_rays(
 def predicted_highlights(
     camera: CameraModel, centres_mm: Array, radii_mm: Array, lights_mm: Array
 ) -> Array:
-    """Return the pixels ``(N, K, 2)`` in which K spheres show N lights."""
+    """Return the pixels ``(N, K, 2)`` of the highlights of N lights on K spheres."""
     points = mirror_points(camera.centre_mm, lights_mm[:, None], centres_mm[None], radii_mm[None])
     return camera.project(points)
 
@@ -84,48 +84,49 @@ def locate_lights(
     saturated: npt.NDArray[np.bool_],
     ids: tuple[str, ...],
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Find the positions of lights seen on two or more spheres.
+    """Estimate the positions of lights with highlights on two or more spheres.
 
-    Every pair of reflected rays proposes a position for a light; the proposal whose predicted
-    highlights have the least median error decides which spheres agree, so that one false highlight
-    among three or more does no harm. Then all positions are refined together with the sphere
-    centres, to the least sum of squared highlight errors in pixels and of deviations of the centres
-    from what the outlines say.
+    Every pair of reflected rays gives a candidate position for a light. The candidate whose
+    predicted highlights have the least median error decides which spheres agree, so one false
+    highlight among three or more is harmless. All positions are then refined together with the
+    sphere centres: the refinement minimises the sum of the squared highlight errors in pixels and
+    of the squared deviations of the centres from those given by the outlines.
 
     Parameters
     ----------
     camera
-        With a working distance.
+        Camera with a working distance.
     spheres
         K spheres.
     highlights_px
-        ``(N, K, 2)``; NaN where a light was not seen.
+        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
     saturated
-        ``(N, K)`` highlights that are only known as the middle of a saturated blob.
+        ``(N, K)`` highlights that are only known as the centre of a saturated blob.
     ids
         N names of the lights, for messages.
 
     Returns
     -------
     positions_mm
-        ``(N, 3)`` of the lights, house frame.
+        ``(N, 3)`` positions of the lights, house frame.
     centres_mm
-        ``(K, 3)`` of the spheres, as refined.
+        ``(K, 3)`` refined centres of the spheres.
     used
         ``(N, K)`` highlights that agree with the position.
 
     Raises
     ------
     EstimateError
-        If a light is seen on fewer than two spheres or its rays do not meet in front of them.
+        If a light has highlights on fewer than two spheres or its rays do not meet in front of
+        them.
     """
     points, directions = observed_rays(camera, spheres, highlights_px)
     seen = np.isfinite(directions[..., 0])
     few = [name for name, count in zip(ids, seen.sum(axis=1), strict=True) if count < 2]
     if few:
         raise EstimateError(
-            f"{_names(few)} seen on fewer than 2 of {seen.shape[1]} spheres: positions need two; "
-            "leave the radius out to get directions"
+            f"{_names(few)}: highlights on fewer than 2 of {seen.shape[1]} spheres; positions "
+            "require two: leave out the radius to get directions"
         )
     positions = np.zeros((len(ids), 3))
     used = np.zeros_like(seen)
@@ -134,7 +135,7 @@ def locate_lights(
         proposals = _pair_positions(points[i, at], directions[i, at])
         if len(proposals) == 0:
             raise EstimateError(
-                f"the reflections of light {name} do not meet in front of the spheres: "
+                f"the reflected rays of light {name} do not meet in front of the spheres: "
                 "check the radius, the camera and the outlines"
             )
         predicted = predicted_highlights(
@@ -152,7 +153,7 @@ def locate_lights(
 
 
 def _pair_positions(points: Array, directions: Array) -> Array:
-    """Return the points nearest to each pair of rays, if in front of both."""
+    """Return the points closest to each pair of rays that are in front of both spheres."""
     proposals = []
     for a, b in combinations(range(len(points)), 2):
         cosine = directions[a] @ directions[b]
@@ -175,7 +176,7 @@ def _refine(
     weight: Array,
     ids: tuple[str, ...],
 ) -> tuple[Array, Array]:
-    """Gauss-Newton on all lights and sphere centres; the lights are eliminated (Schur)."""
+    """Refine all lights and sphere centres by Gauss-Newton with a Schur complement."""
     n, k = weight.shape
     used = weight > 0
     centres = spheres.centres_mm.copy()
@@ -207,7 +208,7 @@ def _refine(
         right = pull_centre - np.einsum("nap,nab,nb->p", cross, inverse, pull_light)
         move_centre = -np.linalg.solve(schur, right)
         move_light = -np.einsum("nab,nb->na", inverse, pull_light + cross @ move_centre)
-        # A step beyond a fifth of the distance would leave the range of the linear model.
+        # Limit the step to a fifth of the distance, where the linear model is valid.
         longest = 0.2 * np.linalg.norm(positions, axis=1)
         length = np.linalg.norm(move_light, axis=1)
         positions = (
@@ -222,7 +223,7 @@ def _refine(
 def _slopes(
     residuals: Callable[[Array, Array], Array], positions: Array, centres: Array
 ) -> tuple[Array, Array]:
-    """Return the derivatives ``(N, K, 2, 3)`` by light and by sphere centre, from differences."""
+    """Return the numerical derivatives ``(N, K, 2, 3)`` by light and by sphere centre."""
     step = 1e-3
     by_light, by_centre = [], []
     for axis in np.eye(3) * step:
@@ -235,15 +236,15 @@ def _slopes(
 
 
 def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:
-    """Refuse a position whose deviation is a good part of its distance."""
+    """Raise `EstimateError` if the uncertainty of a position is large relative to its distance."""
     values = np.linalg.eigvalsh(of_light)
     deviation = 1 / np.sqrt(np.maximum(values[:, 0], 1e-30))
     share = deviation / np.linalg.norm(positions, axis=1)
     worst = int(np.argmax(share))
     if not share[worst] < _WORST_SHARE:
         raise EstimateError(
-            f"the distance of light {ids[worst]} is not determined: its reflections are nearly "
-            "parallel; move the spheres apart, or leave the radius out to get directions"
+            f"the distance of light {ids[worst]} is not determined, because its reflected rays are "
+            "nearly parallel: move the spheres apart, or leave out the radius to get directions"
         )
 
 

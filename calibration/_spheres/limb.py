@@ -1,4 +1,4 @@
-"""The exact place of a mirror sphere's edge within a blurred step."""
+"""Exact position of the edge of a mirror sphere within a blurred step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHIFT_STEP_PX = 0.05
 
 
 def profile_offsets() -> Array:
-    """Return the distances from the guessed outline at which `edge_offsets` wants samples."""
+    """Return the distances from the approximate outline at which `edge_offsets` needs samples."""
     count = round(2 * REACH_PX / STEP_PX) + 1
     offsets: Array = (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
     return offsets
@@ -26,21 +26,22 @@ def profile_offsets() -> Array:
 def edge_offsets(profiles: Array) -> Array:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
-    Just inside its edge a mirror sphere shows what lies beside it, farther in what lies ever
-    farther away: with the depth d the reflected ray turns by ``2 sqrt(2 d / r)``, so brightness
-    starts like ``a + b sqrt(d)``. The steepest point or the half level of such a limb lies about
-    0.15 px outside of the true edge. Fitted here is the limb inside, a straight line outside,
-    both blurred by a pixel; the position with the least squared error is the edge.
+    Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
+    shows more distant parts of the scene: at the depth d inside the edge, the reflected ray is
+    rotated by ``2 sqrt(2 d / r)``, so the brightness is ``a + b sqrt(d)`` for small d. The steepest
+    point and the half level of this limb are about 0.15 px outside the true edge. The model is the
+    limb inside and a straight line outside, both blurred by a pixel; the edge is the position with
+    the least squared error.
 
     Parameters
     ----------
     profiles
-        ``(M, S)`` brightness at `profile_offsets`, from inside to outside, linear.
+        ``(M, S)`` linear brightness at `profile_offsets`, from inside to outside.
 
     Returns
     -------
     Array
-        ``(M,)`` offset of the edge, pixels, outward positive; within 1 px.
+        ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
     shifts, complements = _complements()
     errors = np.stack(
@@ -57,7 +58,7 @@ def edge_offsets(profiles: Array) -> Array:
 
 @cache
 def _complements() -> tuple[Array, Array]:
-    """Return trial shifts and, for each, the projection onto what the model cannot explain."""
+    """Return trial shifts and, for each, the projection to the complement of the model."""
     offsets = profile_offsets()
     count = round(_LONGEST_SHIFT_PX / _SHIFT_STEP_PX)
     shifts = np.arange(-count, count + 1, dtype=np.float64) * _SHIFT_STEP_PX

@@ -1,4 +1,4 @@
-"""What the images show of the spheres that masks or rough circles mark."""
+"""Outlines and highlights of spheres that are marked by masks or approximate circles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from calibration._spheres.sphere_image import SphereImage
 
 Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
 
-# An ellipse this long is no sphere: perspective and pixels that are not square do less.
+# Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE = 0.05
 
@@ -35,7 +35,7 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
             )
         outlines = mask_outlines(mask)
         if not outlines:
-            raise EstimateError("a sphere mask is empty: mark the sphere in it")
+            raise EstimateError("a sphere mask is empty: paint the sphere in it")
         for points in outlines:
             outline, _ = fit_ellipse(points)
             _check_disc(outline, points)
@@ -50,7 +50,7 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
 def circled_spheres(
     values: npt.NDArray[np.float32], circles: Sequence[tuple[float, float, float]]
 ) -> list[SphereImage]:
-    """Return outlines and highlights of the spheres near rough circles.
+    """Return outlines and highlights of the spheres near approximate circles.
 
     Parameters and errors are those of `calibrate_spheres`.
     """
@@ -58,7 +58,10 @@ def circled_spheres(
     picture = outline_image(values)
     for x, y, radius in circles:
         if not (np.isfinite([x, y, radius]).all() and radius > 0):
-            raise DataError(f"a sphere circle ({x:g}, {y:g}) px of radius {radius:g} px is none")
+            raise DataError(
+                f"a sphere circle at ({x:g}, {y:g}) px with radius {radius:g} px is invalid: give "
+                "finite numbers and a radius above 0"
+            )
         guess = Ellipse((float(x), float(y)), (float(radius), float(radius)))
         outline, points, coverage = refine_outline(picture, guess, max(4.0, 0.1 * radius))
         images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
@@ -66,18 +69,19 @@ def circled_spheres(
 
 
 def _coverage(outline: Ellipse, points: Array) -> float:
-    """Return the share 0..1 of a circumference that rows and columns of a mask cross."""
-    # Rows cross a whole circle 4 r times, columns too.
+    """Return the share 0..1 of a circumference that is covered by crossings of a mask."""
+    # The rows cross a complete circle 4 r times, and so do the columns.
     return min(len(points) / (8 * outline.radius_px), 1.0)
 
 
 def _check_disc(outline: Ellipse, points: Array) -> None:
-    """Refuse a mask whose outline is not that of a sphere."""
+    """Raise `EstimateError` if the outline of a mask is not that of a sphere."""
     axes = outline.semi_axes_px
     scatter = float(np.sqrt(np.mean(outline.distance_px(points) ** 2)))
     if max(axes) > _LONGEST_RATIO * min(axes) or scatter > 1 + _ROUGHEST_SHARE * min(axes):
         x, y = outline.centre_px
         raise EstimateError(
-            f"the mask at ({x:.0f}, {y:.0f}) px is no disc of a sphere: its ellipse has semi-axes "
-            f"{axes[0]:.0f} x {axes[1]:.0f} px, from which its edge strays by {scatter:.1f} px"
+            f"the mask at ({x:.0f}, {y:.0f}) px is not the disc of a sphere: its ellipse has "
+            f"semi-axes of {axes[0]:.0f} x {axes[1]:.0f} px, from which its edge deviates by "
+            f"{scatter:.1f} px"
         )

@@ -21,10 +21,11 @@ _ALONG_PX = 4.0
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
     """Return the outline points of every connected region of a mask.
 
-    The points lie where the mask crosses one half between two neighbouring pixels, by linear
-    interpolation: an anti-aliased mask (values 0..1) is followed to a few hundredths of a pixel, a
-    binary one to half a pixel without bias. The image border is no outline, so a sphere that the
-    frame cuts keeps only its visible arc. Specks under 60 pixels are dropped.
+    The points are the linearly interpolated crossings of the level 0.5 between neighbouring pixels.
+    They are accurate to a few hundredths of a pixel for an anti-aliased mask (values 0..1), and to
+    half a pixel without bias for a binary mask. The image border is not an outline, so only the
+    visible arc remains of a sphere that is cut off by the frame. Regions below 60 pixels are
+    ignored.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> lis
             continue
         rows = slice(max(y - 1, 0), y + height + 1)
         columns = slice(max(x - 1, 0), x + width + 1)
-        # Other regions may reach into the box: keep this one and what is outside every region.
+        # Other regions may overlap the box: keep this region and the pixels outside every region.
         own = np.isin(regions[rows, columns], (0, index))
         crop = np.where(own, level[rows, columns], 0.0)
         points = np.concatenate([_crossings(crop), _crossings(crop.T)[:, ::-1]])
@@ -54,7 +55,7 @@ def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> lis
 
 
 def _crossings(level: Array) -> Array:
-    """Return where rows of the image cross 0.5, as (x, y)."""
+    """Return the crossings of the level 0.5 along the rows of the image, as (x, y)."""
     left, right = level[:, :-1], level[:, 1:]
     y, x = np.nonzero((left > 0.5) != (right > 0.5))
     step = (0.5 - left[y, x]) / (right[y, x] - left[y, x])
@@ -62,17 +63,17 @@ def _crossings(level: Array) -> Array:
 
 
 def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the image whose steps show outlines: the upper mean over lights.
+    """Return the image in which outlines are searched for: the upper mean over the lights.
 
-    The upper mean, over the brighter lights of each pixel less the brightest tenth, is free of
-    shadows, which darken some lights, and of highlights, which brighten few. A multiple
-    of its noise is added: then the logarithm, whose steps are looked for, has no edges from noise
-    in the dark.
+    The upper mean of a pixel is taken over its brighter half of the lights without the brightest
+    tenth. It contains no shadows, which darken some lights, and no highlights, which brighten few.
+    A multiple of its noise is added, so noise in dark areas causes no edges in the logarithm, whose
+    steps are searched for.
 
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear; NaN counts as white.
+        ``(N, H, W)`` linear images; NaN counts as white.
     """
     count = len(values)
     low, high = count // 2, max(count - max(count // 10, 1), count // 2 + 1)
@@ -81,10 +82,11 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     for start in range(0, values.shape[1], _BAND_ROWS):
         rows = slice(start, start + _BAND_ROWS)
         band = np.clip(np.nan_to_num(values[:, rows], nan=white), 0.0, white)
-        # Lights last: sorting along the contiguous axis is several times faster.
+        # Move the lights to the last axis: sorting along contiguous memory is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
-    # Immerkaer's noise measure: this mask is blind to brightness, slopes and straight edges.
+    # Immerkaer's noise estimate: this kernel is insensitive to brightness, slopes and straight
+    # edges.
     residue = cv2.filter2D(mean, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32))
     noise = float(np.percentile(np.abs(residue), 75)) / 6.9
     offset = max(20 * noise, 0.01 * float(mean.mean()), 1e-6)
@@ -92,7 +94,7 @@ def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 
 def _white(values: npt.NDArray[np.float32]) -> float:
-    """Return what counts as white: 1, or what nearly all is below in images without that scale."""
+    """Return the white level: 1, or the 99th percentile if that is higher (other scales)."""
     some = values[:, ::_WHITE_STEP, ::_WHITE_STEP]
     finite = some[np.isfinite(some)]
     return max(float(np.percentile(finite, 99)), 1.0) if len(finite) else 1.0
@@ -101,34 +103,34 @@ def _white(values: npt.NDArray[np.float32]) -> float:
 def refine_outline(
     image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
 ) -> tuple[Ellipse, Array, float]:
-    """Fit the outline to image edges near a guess, in narrowing rounds.
+    """Fit the outline to image edges near a guess, in rounds with a decreasing search range.
 
     Parameters
     ----------
     image
         ``(H, W)`` from `outline_image`.
     guess
-        Where to start.
+        Start value.
     reach_px
-        How far the true outline may be from the guess.
+        Largest distance of the true outline from the guess.
 
     Returns
     -------
     ellipse
-        The outline. A circle unless three quarters of the circumference are seen: an ellipse
-        is not determined by less.
+        The outline. It is a circle unless three quarters of the circumference are visible, because
+        a smaller part does not determine an ellipse.
     points_px
         ``(M, 2)`` edge points that belong to it.
     coverage
-        Share 0..1 of the circumference those points cover.
+        Share 0..1 of the circumference that these points cover.
 
     Raises
     ------
     EstimateError
-        If no edge is there.
+        If there is no edge near the guess.
     """
     ellipse = guess
-    start: Ellipse | None = None  # the guess may be off by more than the outliers are
+    start: Ellipse | None = None  # the error of the guess may exceed that of the outliers
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
         angles, offsets, seen = _steepest(image, ellipse, reach)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
@@ -137,7 +139,7 @@ def refine_outline(
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
         profiles = _profiles(image, ellipse, angles, profile_offsets())
-        # Some pixels along the outline average out how it cuts the pixel grid.
+        # Smoothing along the outline averages out its position relative to the pixel grid.
         profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
         offsets = edge_offsets(profiles)
         ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
@@ -147,10 +149,12 @@ def refine_outline(
 def _fit(
     guess: Ellipse, angles: Array, offsets: Array, count: int, start: Ellipse | None
 ) -> tuple[Ellipse, Array, float]:
-    """Fit a circle or, where enough is seen, an ellipse; return it, its points, its coverage."""
+    """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
         x, y = guess.centre_px
-        raise EstimateError(f"no outline at ({x:.0f}, {y:.0f}) px: give a mask or a circle")
+        raise EstimateError(
+            f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
+        )
     points = guess.point(angles, 1 + offsets / guess.radius_px)
     ellipse, weights = fit_circle(points, start)
     if len(points) > ELLIPSE_COVERAGE * count:
@@ -162,7 +166,7 @@ def _fit(
 def _profiles(
     image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
 ) -> Array:
-    """Return the image along radii, ``(angles, offsets)``."""
+    """Return the image sampled along radii, ``(angles, offsets)``."""
     scale = 1 + offsets / ellipse.radius_px
     place = ellipse.point(angles[:, None], scale[None, :]).astype(np.float32)
     sampled = cv2.remap(
@@ -175,14 +179,14 @@ def _profiles(
 def _steepest(
     image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """Find the step of the largest contrast on each radius.
+    """Find the step with the largest contrast on each radius.
 
-    Returns the angles (about one a pixel), its offset from the guess at each, and where one stands
-    out.
+    Returns the angles (about one per pixel), the offset of the step from the guess at each angle,
+    and whether the step is significant.
     """
     count = int(np.clip(2 * np.pi * guess.radius_px, 90, 2000))
     angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
-    wide = max(reach_px, 6.0)  # what is no edge is learnt beyond the reach
+    wide = max(reach_px, 6.0)  # a wider range shows the contrast of pixels without an edge
     offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)
     profiles = _profiles(image, guess, angles, offsets)
     contrast = gaussian_filter1d(np.log(profiles), 0.8 / STEP_PX, axis=1, order=1, mode="nearest")

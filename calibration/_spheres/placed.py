@@ -1,4 +1,4 @@
-"""Where spheres of known radius lie, from the cones in which the camera sees them."""
+"""Positions of spheres of known radius, from their viewing cones."""
 
 from __future__ import annotations
 
@@ -13,22 +13,25 @@ from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 
 _OUTLINE_SIGMA_PX = 0.05
-# Spheres lie about the working plane: farther off by this share of its distance, the radius that
-# was given puts them there. It would scale the lights' positions alike, and no residual would tell.
+# Spheres are placed near the working plane. If their computed distance from it exceeds this
+# fraction of the working distance, the radius is probably wrong. A wrong radius also scales the
+# positions of the lights, which no residual would show.
 _FARTHEST_SHARE = 0.05
 
 
 def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> Array:
-    """Return one radius for each sphere, in their order; of found ones the larger look larger."""
+    """Return one radius for each sphere, in their order; sort the radii by size if `found`."""
     if len(radii) == 1:
         return np.repeat(radii, len(images))
     if found and len(radii) != len(images):
         raise EstimateError(
             f"{len(images)} spheres found for {len(radii)} radii, {places(images)}: "
-            "give one radius for each, or masks or circles"
+            "give one radius for each sphere, or masks or circles"
         )
     if len(radii) != len(images):
-        raise DataError(f"{len(radii)} radii for {len(images)} spheres: give one, or one for each")
+        raise DataError(
+            f"{len(radii)} radii for {len(images)} spheres: give one radius, or one for each sphere"
+        )
     if found:
         order = np.argsort([image.outline.radius_px for image in images])
         radii = np.sort(radii)[np.argsort(order)]
@@ -36,11 +39,11 @@ def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> 
 
 
 def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
-    """Put each sphere as far from the camera as its radius says."""
+    """Return the spheres at the distances from the camera that follow from their radii."""
     eye = camera.centre_mm
     pairs = list(zip(cones, radii, strict=True))
     centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
-    # The scatter of the points does not tell how far an outline is off as a whole.
+    # The scatter of the points does not include a systematic error of the outline.
     pixel_angle = _OUTLINE_SIGMA_PX / camera.focal_px
     covariances = []
     for cone, radius in pairs:
@@ -51,13 +54,13 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     return KnownSpheres(centres, radii, block_diag(*covariances))
 
 
-def off_the_plane(known: KnownSpheres, camera: CameraModel) -> list[str]:
-    """Tell of spheres that their radii put far from the working plane."""
-    beneath_mm = float(np.median(known.centres_mm[:, 2] - known.radii_mm))
+def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[str]:
+    """Return a warning if the radii place the spheres far from the working plane."""
+    beneath_mm = float(np.median(placed.centres_mm[:, 2] - placed.radii_mm))
     if abs(beneath_mm) <= _FARTHEST_SHARE * camera.centre_mm[2]:
         return []
     return [
-        f"the radius puts the spheres {abs(beneath_mm):.0f} mm "
-        f"{'above' if beneath_mm > 0 else 'below'} the working plane: unless they lie there, "
-        f"radius or working distance is wrong, and the lights' positions with it"
+        f"the radius places the spheres {abs(beneath_mm):.0f} mm "
+        f"{'above' if beneath_mm > 0 else 'below'} the working plane: unless they are there, the "
+        "radius or the working distance is wrong, and so are the positions of the lights"
     ]

@@ -1,4 +1,4 @@
-"""Mirror geometry of a sphere: from highlights to rays, and from a light to its highlight."""
+"""Mirror geometry of a sphere: rays from highlights, and highlights from lights."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from calibration._spheres.robust import Array
 
 
 def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
-    """Return the light directions seen at highlights by a distant camera without perspective.
+    """Return the light directions for highlights in an orthographic view.
 
-    With the sphere's normal n at the highlight and the view direction z, the mirror law gives
-    ``2 (n . z) n - z``. The outline may be an ellipse: then pixels are not square.
+    With the sphere's normal n at the highlight and the view direction z, the law of reflection
+    gives ``2 (n . z) n - z``. The outline may be an ellipse if the pixels are not square.
 
     Parameters
     ----------
     outline
         The sphere's outline.
     pixels
-        ``(..., 2)`` highlights. NaN, or outside of the outline, gives NaN.
+        ``(..., 2)`` highlights. The result is NaN for NaN and for points outside the outline.
 
     Returns
     -------
@@ -43,16 +43,16 @@ def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[A
     rays
         ``(..., 3)`` rays from the centre of projection, of any length. NaN gives NaN.
     centre
-        ``(..., 3)`` the spheres' centres as seen from the centre of projection, broadcast against
+        ``(..., 3)`` centres of the spheres relative to the centre of projection, broadcast against
         the rays.
     radius
-        ``(...)`` their radii, in the unit of ``centre``.
+        ``(...)`` radii of the spheres, in the unit of ``centre``.
 
     Returns
     -------
     points
-        ``(..., 3)`` where the rays meet the sphere, from the centre of projection; NaN where a ray
-        misses.
+        ``(..., 3)`` points where the rays meet the spheres, relative to the centre of projection;
+        NaN if a ray misses.
     directions
         ``(..., 3)`` unit vectors of the reflected rays.
     """
@@ -68,18 +68,18 @@ def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[A
 
 
 def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Array:
-    """Return the point of a sphere in which an eye sees a light (Alhazen's problem).
+    """Return the point of a sphere at which an eye sees a light (Alhazen's problem).
 
-    In the plane of eye, centre and light the normal turns from the eye (angle 0) to the light
-    (angle psi); the difference of the two angles of incidence grows with it and crosses zero once.
-    A bracketed Newton iteration finds the crossing to rounding.
+    The normal is in the plane of eye, centre and light, at an angle between 0 (toward the eye) and
+    psi (toward the light). The difference between the two angles of incidence increases with this
+    angle and crosses zero once. A bracketed Newton iteration finds the zero to rounding precision.
 
     Parameters
     ----------
     eye, light, centre
-        ``(..., 3)``, broadcast against each other; eye and light outside of the sphere.
+        ``(..., 3)``, broadcast against each other; eye and light are outside the sphere.
     radius
-        ``(...)``.
+        ``(...)`` radii.
 
     Returns
     -------
@@ -112,7 +112,10 @@ def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Arr
 
 
 def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
-    """Angle between the normal and the direction to a point this far away at this angle."""
+    """Return the angle between the normal and the direction to a point.
+
+    The point is at ``distance`` from the centre, at ``angle`` from the normal.
+    """
     incidence: Array = np.arctan2(distance * np.sin(angle), distance * np.cos(angle) - radius)
     return incidence
 

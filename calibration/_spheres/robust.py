@@ -1,4 +1,4 @@
-"""Least squares that leaves out what does not belong: Tukey's biweight."""
+"""Robust least squares with Tukey's biweight."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from calibration._errors import EstimateError
 
 Array = npt.NDArray[np.float64]
 
-# Rounds of reweighting.
+# Number of reweighting rounds.
 ROUNDS = 10
-# No outline is known better than this; a smaller scale would throw away good points.
+# No outline is known better than this; a smaller scale would reject good points.
 FINEST_PX = 0.15
 
 
 def tukey_weights(residual: Array, finest: float) -> Array:
-    """Biweight whose scale is the median absolute residual, but not below the finest."""
+    """Return biweights whose scale is the scaled median absolute residual, at least `finest`."""
     scale = max(1.4826 * float(np.median(np.abs(residual))), finest)
     weights: Array = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2
     return weights
 
 
 def check_enough(weights: Array, count: int, what: str) -> None:
-    """Raise `EstimateError` where fewer than ``count`` weights are left for, say, a circle."""
+    """Raise `EstimateError` if fewer than ``count`` weights are positive; ``what`` is the shape."""
     left = int(np.sum(weights > 0))
     if left < count:
         raise EstimateError(f"{left} outline points do not determine {what}: check the outline")
 
 
 def weighted_solve(design: Array, target: Array, weights: Array) -> Array:
-    """Solve ``design @ x = target`` for ``(M, P)`` rows of these weights by least squares."""
+    """Solve ``design @ x = target`` with ``(M, P)`` weighted rows by least squares."""
     root = np.sqrt(weights)
     solution = np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0]
     return np.asarray(solution, np.float64)

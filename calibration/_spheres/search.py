@@ -1,4 +1,4 @@
-"""Which round things in the images are the spheres that are meant: sharp, and of their size."""
+"""Selection of the spheres among round outlines, by sharpness and size."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from calibration._spheres.find import find_spheres, overlap, round_outlines
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 
-# Outlines of spheres scatter by 0.02 to 0.15 px; those of what only looks round, by 0.4 and more.
+# Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 _SHARP_OUTLINE_PX = 0.25
 _SHARP_OUTLINE_RATIO = 3.0
 
@@ -21,60 +21,60 @@ def searched_spheres(
     camera: CameraModel | None,
     radii_mm: Array | None,
 ) -> tuple[list[SphereImage], list[str]]:
-    """Find the spheres, those of the right size where camera and radii tell it.
+    """Search for the spheres; with a camera and radii, only for spheres of the right size.
 
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear, NaN where saturated.
+        ``(N, H, W)`` linear images, NaN where saturated.
     camera
-        Camera of the images; with radii it has a working distance.
+        Camera of the images; it must have a working distance if there are radii.
     radii_mm
-        ``(1,)`` radius of all spheres, or one for each; None for any.
+        ``(1,)`` radius of all spheres, or one radius for each; None for any size.
 
     Returns
     -------
     images
-        At least one.
+        At least one sphere.
     left_out
-        What was found and does not count, as its outline is far less sharp than that of the
-        others, or its size is not that of any given radius; one line each, sizes in one.
+        Messages about outlines that do not count, because they are much less sharp than the others
+        or do not have the size of any radius; one line each, wrong sizes in one line.
 
     Raises
     ------
     EstimateError
-        If none counts; the message says what was looked at.
+        If no sphere counts; the message describes the candidates.
     """
     if camera is None or radii_mm is None:
         images, blurred = _parted(find_spheres(values))
         if not images:
             raise EstimateError(
                 f"no mirror sphere found: {round_outlines(values)} round outlines in the mean "
-                "image, none with a compact highlight that moves with the light; give masks or "
+                "image, none with a compact highlight that moves with the light: give masks or "
                 "circles"
             )
         return images, _blurred_lines(blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
     radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
     images, blurred = _parted(find_spheres(values, radii_px))
-    # A sphere of another size is not missed in silence, and a vague circle about it is not
-    # taken for its outline. What a sphere mirrors may be the sharper circle, so both is said.
-    parted, _ = _parted([*images, *find_spheres(values, beside=images)])
+    # Report spheres of another size, and do not take a blurred circle around them for the outline.
+    # A mirrored circle may be sharper than the outline, so the message suggests both remedies.
+    parted, _ = _parted([*images, *find_spheres(values, excluded=images)])
     others = [image for image in parted if image not in images]
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
     sizes = ", ".join(f"{_radius_mm(camera, other):.1f}" for other in others)
     if not images and others:
         raise EstimateError(
             f"no sphere of {wanted} mm found, but {places(others)} of about {sizes} mm: "
-            "give each sphere's radius"
+            "give the radius of each sphere"
         )
     if not images:
         sizes_px = ", ".join(f"{radius:.0f}" for radius in sorted(set(radii_px)))
         raise EstimateError(
             f"no mirror sphere found: {round_outlines(values)} round outlines in the mean image, "
-            f"{round_outlines(values, radii_px)} of them of a radius near {sizes_px} px, none with "
-            "a compact highlight that moves with the light; check the radius, or give masks or "
-            "circles"
+            f"{round_outlines(values, radii_px)} of them with a radius near {sizes_px} px, none "
+            "with a compact highlight that moves with the light: check the radius, or give masks "
+            "or circles"
         )
     left_out = []
     if others:
@@ -82,15 +82,15 @@ def searched_spheres(
         left_out.append(
             f"{places(others)} {'was' if one else 'were'} left out: the sharp "
             f"{'outline' if one else 'outlines'} there {'fits' if one else 'fit'} about "
-            f"{sizes} mm, not {wanted} mm: give each sphere's radius where they differ, "
-            "else its circle or mask"
+            f"{sizes} mm, not {wanted} mm: give the radius of each sphere if they differ, "
+            "otherwise circles or masks"
         )
     unnamed = [b for b in blurred if not any(overlap(b.outline, o.outline) for o in others)]
     return images, left_out + _blurred_lines(unnamed)
 
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:
-    """Return what is about as sharp as the sharpest outline, and what is far less so."""
+    """Return the images with sharp outlines, and those that are much less sharp."""
     limit_px = _SHARP_OUTLINE_PX
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
@@ -100,13 +100,13 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
 
 def _blurred_lines(images: list[SphereImage]) -> list[str]:
     return [
-        f"{places([image])} was left out: its outline scatters by {image.rms_px:.1f} px, too much "
+        f"{places([image])} was left out: the outline scatters by {image.rms_px:.1f} px, too much "
         "for a mirror sphere"
         for image in images
     ]
 
 
 def _radius_mm(camera: CameraModel, image: SphereImage) -> float:
-    """Return the radius of a sphere on the working plane that appears so large."""
+    """Return the radius of a sphere on the working plane with the apparent size of an image."""
     size = image.outline.radius_px
     return float(camera.centre_mm[2]) * size / (camera.focal_px + size)

@@ -1,4 +1,4 @@
-"""What a calibration with mirror spheres gives."""
+"""The result of a calibration with mirror spheres."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from calibration._spheres.sphere_image import SphereImage
 
 @dataclass(frozen=True)
 class Sphere:
-    """A mirror sphere as it was found.
+    """A mirror sphere in the images.
 
     Parameters
     ----------
     outline
         Ellipse of its outline in the image.
     coverage
-        Share 0..1 of the circumference that was seen.
+        Share 0..1 of the circumference that is visible.
     rms_px
         Scatter of the outline points about the outline.
     centre_mm, radius_mm
-        In the house frame, where camera and radius are known.
+        Centre in the house frame, and radius; None unless camera and radius are known.
     """
 
     outline: Ellipse
@@ -39,24 +39,24 @@ class Sphere:
 
 @dataclass(frozen=True, eq=False)
 class SphereCalibration:
-    """Lights, and the evidence for them.
+    """Lights, and the quality of the fit.
 
     Parameters
     ----------
     lights
-        Positions where camera and radius are known and there are two or more spheres, directions
-        otherwise. Intensities are 1: a highlight tells where a light is, not how strong.
+        Lights with positions if camera and radius are known and there are two or more spheres,
+        otherwise with directions. Intensities are 1: a highlight does not determine the intensity.
     spheres
         K spheres.
     highlights_px
-        ``(N, K, 2)`` highlight of light n on sphere k; NaN where none was found.
+        ``(N, K, 2)`` highlight of light n on sphere k; NaN if it was not found.
     used
         ``(N, K)`` highlights that agree with the light.
     residuals_deg
-        ``(N,)`` rms angle between the light and the directions from which its used highlights
-        show it. NaN for a direction that only one sphere shows.
+        ``(N,)`` rms angle between the light and the directions measured at its used highlights. NaN
+        for a direction from only one sphere.
     warnings
-        What deserves a look, one line each.
+        Warnings, one line each.
     """
 
     lights: Lights
@@ -68,7 +68,7 @@ class SphereCalibration:
 
 
 def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:
-    """Return spheres of which only the images tell."""
+    """Return spheres that are only known from the images, without centre and radius."""
     return tuple(Sphere(image.outline, image.coverage, image.rms_px) for image in images)
 
 

@@ -1,4 +1,4 @@
-"""What the images show of one sphere."""
+"""Outline and highlights of one sphere in the images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calibration._spheres.robust import Array
 
 @dataclass(frozen=True, eq=False)
 class SphereImage:
-    """What the images show of one sphere.
+    """Outline and highlights of one sphere in the images.
 
     Parameters
     ----------
@@ -22,9 +22,9 @@ class SphereImage:
     points_px
         ``(M, 2)`` outline points.
     coverage
-        Share 0..1 of the circumference that was seen.
+        Share 0..1 of the circumference that is visible.
     highlights
-        One per light.
+        Highlights, one per light.
     """
 
     outline: Ellipse
@@ -34,35 +34,35 @@ class SphereImage:
 
     @property
     def rms_px(self) -> float:
-        """Scatter of the outline points about the outline, robust."""
+        """Robust scatter of the outline points about the outline."""
         return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
 
 
 def missing_highlights_warning(images: list[SphereImage]) -> list[str]:
-    """Tell of spheres that show no light, if there are any."""
+    """Return a warning about spheres without any highlight, or an empty list."""
     dark = [image for image in images if not image.highlights.found.any()]
     if not dark:
         return []
     return [
-        f"no highlight under any light on {places(dark)}: it counts for nothing; is it a mirror "
-        "sphere, and its outline right?"
+        f"no highlight under any light on {places(dark)}, which is ignored: check that it is a "
+        "mirror sphere and that its outline is correct"
     ]
 
 
 def saturation_warning(images: list[SphereImage]) -> list[str]:
-    """Tell of saturated highlights, if there are any."""
+    """Return a warning about saturated highlights, or an empty list."""
     share = np.mean(
         np.concatenate([image.highlights.saturated[image.highlights.found] for image in images])
     )
     if share == 0:
         return []
     return [
-        f"{100 * share:.0f} % of the highlights are saturated, their middle may be a degree off: "
-        "add a short exposure"
+        f"{100 * share:.0f} % of the highlights are saturated, so their directions may be wrong by "
+        "a degree: add a short exposure"
     ]
 
 
 def places(images: list[SphereImage]) -> str:
-    """Name spheres by where they are."""
+    """Return a text that names spheres by their positions in the image."""
     where = [f"({i.outline.centre_px[0]:.0f}, {i.outline.centre_px[1]:.0f})" for i in images]
     return ("the sphere at " if len(where) == 1 else "the spheres at ") + ", ".join(where) + " px"

@@ -1,1 +1,1 @@
-"""Shape and detail of normal maps: separated, measured, transferred."""
+"""Separation, measurement and transfer of the shape and detail of normal maps."""

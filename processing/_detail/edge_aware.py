@@ -1,9 +1,9 @@
 """Low-pass filters that stop at occlusions.
 
-Where one surface ends before another, a Gaussian mixes the normals of both, and what it mixed is
-left in the detail as a bright seam. These filters smooth under the guidance of the Gaussian's
-shape: it has lost the detail but still tells the two sides of an edge apart. Outside the mask guide
-and normals are 0, which is as far from a unit vector as the other side of an edge.
+At an occlusion, a Gaussian mixes the normals of the two surfaces, which leaves a bright seam in the
+detail. These filters are guided by the Gaussian's shape, which contains no detail but still
+separates the two sides of an edge. Outside the mask, the guide and the normals are 0, which differs
+from a unit vector as much as the other side of an edge does.
 """
 
 from __future__ import annotations
@@ -18,25 +18,26 @@ Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 EdgeAware = Literal["guided", "bilateral"]
 
-# Chosen on drawn scenes of occlusions, folds and faint to strong relief (w of 3, 5 and 8): little
-# left in the bands along edges, against little of the relief lost elsewhere.
+# Chosen on synthetic scenes with occlusions, folds and weak to strong relief (w of 3, 5 and 8), as
+# a compromise between a small residue along edges and a small loss of relief elsewhere.
 _GUIDED_REACH = 0.8  # of w
 _GUIDED_EPSILON = 0.004
 _BILATERAL_RANGE = 0.3
 
 
 def leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float, w: int) -> Float:
-    """Return what smoothing leaves of normals where it mixes only what is alike in the guide.
+    """Return the rest of the normals after smoothing that does not cross the edges of the guide.
 
-    A first pass makes a better guide for the second: it mends edges that the Gaussian has rounded.
+    A first pass computes a better guide for the second: it restores edges that the Gaussian has
+    rounded.
 
     Parameters
     ----------
     kind
         ``guided``: the normals are fitted as a linear function of the guide in windows of 0.8 w to
-        either side (He et al., 2010). ``bilateral``: a Gaussian of sigma w, less weight to pixels
-        whose guide differs by more than 0.3 (joint bilateral filter, Petschnigg et al., 2004). Its
-        rest is filtered once more, as so wide a range leaves shape in it.
+        either side (He et al., 2010). ``bilateral``: a Gaussian of sigma w that gives less weight
+        to pixels whose guide differs by more than 0.3 (joint bilateral filter, Petschnigg et al.,
+        2004). Its rest is filtered once more, because the wide range leaves shape in the rest.
     normals, guide
         ``(H, W, 3)`` unit vectors, 0 outside the mask: the map and its Gaussian shape.
     mask
@@ -47,7 +48,7 @@ def leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float
     Returns
     -------
     Float
-        ``(H, W, 3)`` normals less their smooth part, 0 outside the mask.
+        ``(H, W, 3)`` normals minus their smooth part, 0 outside the mask.
     """
     smooth = _smooth(kind, normals, mask, guide, w)
     length = np.linalg.norm(smooth, axis=2, keepdims=True)
@@ -64,5 +65,5 @@ def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -
             guide, vectors, -1, _BILATERAL_RANGE, w, borderType=cv2.BORDER_REFLECT_101
         )
     )
-    # It smears over the mask's border, and from there nothing may come back.
+    # Smoothing blurs across the border of the mask; the next pass must not use the values outside.
     return np.where(mask[..., None], np.asarray(smooth, np.float32), np.float32(0))

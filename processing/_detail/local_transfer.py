@@ -1,4 +1,4 @@
-"""A part of one surface, such as a face, set into another."""
+"""Transfer of a part of one surface, for example a face, into another."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class LocalTransferResult:
-    """A local transfer; what it cost is measured when it is asked for.
+    """The result of a local transfer; its errors are computed on demand.
 
     Parameters
     ----------
     normal_map
-        The target with the part set in; known over the target's mask.
+        The target with the inserted part; known over the target's mask.
     target
-        As it was given.
+        The input target.
     region
         ``(H, W)`` bool, the pixels of the target that received the part.
     placed
-        The source as it lies over the target, its normals turned with it.
+        The source in the pixels of the target, with its normals rotated accordingly.
     placement
-        How it came there.
+        The transform from the source to the target.
     shape_filter
-        The filter that separated both.
+        The filter that separated both maps.
     amplitude
         Factor on the slopes of the detail.
     """
@@ -52,12 +52,12 @@ class LocalTransferResult:
 
     @cached_property
     def fidelity(self) -> TransferFidelity:
-        """Errors in the region, the blending included, by the filter that separated the maps."""
+        """Errors in the region, blending included, with the filter that separated the maps."""
         return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
 
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
-        """The same by the paper's filter (a Gaussian of order 1)."""
+        """The same errors with the paper's filter (a Gaussian of order 1)."""
         paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
@@ -87,27 +87,28 @@ def transfer_local(
     w: int = 10,
     reach_px: float | None = None,
 ) -> LocalTransferResult:
-    """Set a part of a source into a target: its detail at a coarse granularity, without a seam.
+    """Transfer the coarse detail of a part of a source into a target without a visible seam.
 
-    The source is laid over the target and separated there, so that `w` counts pixels of the target:
-    the larger it is, the coarser are the features that come along. Its detail goes onto the
-    target's shape inside the region; the difference to the target's own detail along the seam is
-    taken up by a membrane (see `blend_detail`). Outside the region the target stays as it is.
+    The source is placed on the target and separated there, so `w` is in pixels of the target: the
+    larger `w`, the coarser the features that are transferred. Inside the region, the detail of the
+    source is combined with the shape of the target. A membrane compensates the difference to the
+    target's own detail along the seam (see `blend_detail`). Outside the region the target does not
+    change.
 
     Parameters
     ----------
     source
-        The map the part is taken of.
+        The map that contains the part.
     target
-        The map that receives it.
+        The map that receives the part.
     source_mask
-        ``(H, W)`` bool of the source's size, the part. Default: all of it.
+        ``(H, W)`` bool of the source's size, the part. Default: the complete source.
     target_mask
-        ``(H, W)`` bool of the target's size, where it may go. Default: everywhere.
+        ``(H, W)`` bool of the target's size, the pixels that may receive the part. Default: all.
     at
-        Column and row of the target where the middle of the source mask's bounding box goes.
-        Default: the middle of the target mask's; without one, and with maps of one size, the part
-        stays where it is.
+        Column and row of the target at which the centre of the source mask's bounding box is
+        placed. Default: the centre of the target mask's bounding box; without a target mask, and
+        if the maps have the same size, the position does not change.
     scale, rotate_deg, mirror
         See `Similarity`.
     amplitude
@@ -115,23 +116,23 @@ def transfer_local(
     filter, order, w
         The shape filter; see `ShapeFilter`.
     reach_px
-        Distance from the seam at which 1/e of the difference is left. Default: `w`.
+        Distance from the seam at which the compensated difference has fallen to 1/e. Default: `w`.
 
     Returns
     -------
     LocalTransferResult
-        The map, and its errors and seam on demand.
+        The map, and its errors and seam steps on demand.
 
     Raises
     ------
     DataError
-        If a mask does not fit its map, the masks do not overlap, maps of different size come
-        without a place, the filter does not fit, or a number is out of range.
+        If a mask does not fit its map, the masks do not overlap, the position is missing for maps
+        of different size, the filter does not fit, or a number is out of range.
     """
     shape_filter = ShapeFilter(filter, order, w)
     reach = float(w) if reach_px is None else reach_px
     if not 0 < reach < np.inf:
-        raise DataError(f"a blending reach of {reach} px is not possible: give a number above 0")
+        raise DataError(f"a blending reach of {reach} px is invalid: give a number above 0")
     part = _checked(source_mask, source, "source") & source.mask
     room = _checked(target_mask, target, "target") & target.mask
     for name, mask in (("source", part), ("target", room)):
@@ -139,8 +140,8 @@ def transfer_local(
             raise DataError(f"the {name} mask and the {name}'s normals do not overlap")
     if at is None and target_mask is None and source.size != target.size:
         raise DataError(
-            f"a source of {_text(source)} pixels has no place on a target of {_text(target)}: say "
-            "where by a position or a target mask"
+            f"a source of {_text(source)} pixels has no position on a target of {_text(target)}: "
+            "give a position or a target mask"
         )
     anchor = _middle(part)
     if at is None:
@@ -150,8 +151,8 @@ def transfer_local(
     region = placement.place_mask(part, target.size) & room
     if placed is None or not (region & placed.mask).any():
         raise DataError(
-            f"the source mask put at {at[0]:g},{at[1]:g} does not overlap the target mask: choose "
-            "another place, scale or mask"
+            f"the source mask placed at {at[0]:g},{at[1]:g} does not overlap the target mask: "
+            "choose another position, scale or mask"
         )
     region &= placed.mask
     detail = scale_slopes(separate_by(shape_filter, placed).detail, amplitude)
@@ -176,7 +177,7 @@ def _checked(mask: Mask | None, normal_map: NormalMap, name: str) -> Mask:
 
 
 def _middle(mask: Mask) -> tuple[int, int]:
-    """Return the (column, row) in the middle of a mask's bounding box."""
+    """Return the (column, row) of the centre of a mask's bounding box."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(columns[0] + columns[-1]) // 2, int(rows[0] + rows[-1]) // 2
 

@@ -1,4 +1,4 @@
-"""Which part of a source lands where on a target."""
+"""Placement of a part of a source on a target."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the pixels of a source go on a target, without resampling.
+    """The position of the pixels of a source on a target, without resampling.
 
     Parameters
     ----------
     source_window
         (column, row, width, height) of the part of the source that is used.
     at
-        (column, row) of the target where the window's first pixel goes.
+        (column, row) of the target at which the first pixel of the window is placed.
     tiles
-        How many copies of the window it takes (across, down).
+        Number of copies of the window (across, down).
     """
 
     source_window: tuple[int, int, int, int]
@@ -33,7 +33,7 @@ class Placement:
     tiles: tuple[int, int]
 
     def place(self, detail: NormalMap, target: NormalMap) -> NormalMap:
-        """Lay a source's detail over a target; known where the target and the detail are."""
+        """Place a source's detail on a target; known where both target and detail are known."""
         normals, mask = _lay(
             detail.normals, detail.mask, target.mask, self.source_window, self.at, self.tiles
         )
@@ -72,13 +72,13 @@ def fill(source_mask: Mask, target_mask: Mask) -> Placement:
     Parameters
     ----------
     source_mask, target_mask
-        ``(H, W)`` bool, neither empty; sizes may differ.
+        ``(H, W)`` bool, not empty; the sizes may differ.
 
     Returns
     -------
     Placement
-        Along each axis the middle of the rectangle where it is longer than the target's bounding
-        box, else repeated from the box's first pixel on.
+        Along each axis: if the rectangle is at least as long as the target's bounding box, its
+        middle part; otherwise the rectangle is repeated, starting at the first pixel of the box.
     """
     x, y, width, height = largest_rectangle(source_mask)
     rows, columns = np.flatnonzero(target_mask.any(axis=1)), np.flatnonzero(target_mask.any(axis=0))
@@ -96,12 +96,12 @@ def _cut(start: int, length: int, need: int) -> tuple[int, int, int]:
 
 
 def place_at(source: NormalMap, target: NormalMap, at: tuple[int, int]) -> Placement:
-    """Put a source's first pixel onto a pixel (column, row) of the target.
+    """Place a source's first pixel on a pixel (column, row) of the target.
 
     Raises
     ------
     DataError
-        If no pixel of the source's mask lands inside the target's mask.
+        If no pixel of the source's mask is placed inside the target's mask.
     """
     height, width = source.size
     placement = Placement((0, 0, width, height), (int(at[0]), int(at[1])), (1, 1))
@@ -127,8 +127,8 @@ def place_at(source: NormalMap, target: NormalMap, at: tuple[int, int]) -> Place
 def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
     """Return (column, row, width, height) of the largest rectangle inside a mask.
 
-    Of several the first in reading order of their lower right corner. Width and height are 0
-    where the mask is empty.
+    If several are equally large, the first in reading order of the lower right corners is returned.
+    Width and height are 0 if the mask is empty.
     """
     x, y, width, height = _largest_rectangle(mask)
     return int(x), int(y), int(width), int(height)
@@ -136,8 +136,8 @@ def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
 
 @numba.njit(cache=True)
 def _largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
-    # The largest rectangle under each row's histogram of runs of pixels above, by a stack of rising
-    # bars: each bar is pushed and popped once.
+    # Find the largest rectangle in each row's histogram of vertical pixel runs with a stack of
+    # increasing bars: each bar is pushed and popped once.
     rows, columns = mask.shape
     above = np.zeros(columns + 1, np.int64)
     left = np.zeros(columns + 1, np.int64)

@@ -1,4 +1,7 @@
-"""What the paper claims of detail, as figures: separable, transferable, idempotent."""
+"""Measures of the properties that the paper claims for detail.
+
+Detail is separable, transferable and idempotent.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from processing._normal_map import NormalMap
 
 @dataclass(frozen=True)
 class DetailLikeness:
-    """How much one detail is like another.
+    """The similarity of two details.
 
     Parameters
     ----------
@@ -27,7 +30,7 @@ class DetailLikeness:
     ssim
         Structural similarity over the mask.
     ssim_paper
-        The same in the paper's protocol; see `processing.ssim`.
+        Structural similarity in the paper's protocol; see `processing.ssim`.
     """
 
     mae_deg: float
@@ -36,12 +39,12 @@ class DetailLikeness:
 
 
 def detail_likeness(detail: NormalMap, meant: NormalMap) -> DetailLikeness:
-    """Compare two details of one size.
+    """Compare two details of the same size.
 
     Raises
     ------
     DataError
-        If the sizes disagree.
+        If the sizes differ.
     """
     return DetailLikeness(
         angular_error(detail, meant).mae_deg,
@@ -51,19 +54,19 @@ def detail_likeness(detail: NormalMap, meant: NormalMap) -> DetailLikeness:
 
 
 def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness]:
-    """Take the detail of a detail again and again, and compare each with the first.
+    """Separate a detail repeatedly, and compare the detail of each order with the first.
 
     Parameters
     ----------
     parts
-        A separation; its detail is order 1.
+        A separation; its detail is the detail of order 1.
     highest
-        The last order, 2 or more.
+        The highest order, 2 or more.
 
     Returns
     -------
     dict[int, DetailLikeness]
-        By order, from 2 on.
+        Similarity by order, starting at 2.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness
         If `highest` is below 2.
     """
     if highest < 2:
-        raise DataError(f"the detail of a detail is of order 2 or more, not {highest}")
+        raise DataError(f"the detail of a detail has order 2 or more, not {highest}")
     again = parts.detail
     likeness = {}
     for order in range(2, highest + 1):
@@ -82,18 +85,19 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness
 
 @dataclass(frozen=True)
 class ChainStep:
-    """One station of a detail that is handed on from target to target.
+    """One step of a chain that transfers a detail from target to target.
 
     Parameters
     ----------
     target
-        Index of the target it was put onto.
+        Index of the target that received the detail.
     to_previous, to_original
-        Likeness of the detail taken off there to the one put on, and to the source's.
+        Similarity of the detail separated from the result to the transferred detail, and to the
+        detail of the source.
     shape_mae_deg
-        Mean angle between the target's shape and that of the result.
+        Mean angle between the shape of the target and the shape of the result.
     pixels
-        How many there were, the same at every station.
+        Number of pixels, the same in all steps.
     """
 
     target: int
@@ -111,50 +115,50 @@ def transfer_chain(
     order: int = 8,
     w: int = 5,
 ) -> tuple[ChainStep, ...]:
-    """Hand a detail from target to target and back to the first, taking it off each time.
+    """Transfer a detail from target to target and back to the first, separating it each time.
 
-    So that every pixel goes the whole way, all maps are cut to one size first: each to the middle
-    of the largest rectangle inside its mask.
+    All maps are first cropped to the same size, each to the middle of the largest rectangle inside
+    its mask, so that every pixel takes part in all steps.
 
     Parameters
     ----------
     source
-        The map whose detail is handed on.
+        The map whose detail is transferred.
     targets
-        Where it goes, in this order, and then to the first again.
+        The maps that receive the detail, in this order; the first also receives it last.
     filter, order, w
         The shape filter; see `ShapeFilter`.
 
     Returns
     -------
     tuple[ChainStep, ...]
-        One for each target in order, and one for the first again.
+        One step for each target in order, and a last step for the first target.
 
     Raises
     ------
     DataError
-        If there is no target, or the filter's window is larger than the common cut.
+        If there is no target, or the filter's window is larger than the cropped maps.
     """
     if not targets:
-        raise DataError("a chain of transfers needs at least one target")
+        raise DataError("a chain of transfers requires at least one target")
     shape_filter = ShapeFilter(filter, order, w)
-    first, *others = _common_cut([source, *targets])
+    first, *others = _crop_to_common_size([source, *targets])
     original = separate_by(shape_filter, first).detail
     shapes = [shape_filter.shape(other) for other in others]
     detail = original
     steps = []
     for index in [*range(len(others)), 0]:
-        found = separate_by(shape_filter, combine(shapes[index], detail))
+        separated = separate_by(shape_filter, combine(shapes[index], detail))
         steps.append(
             ChainStep(
                 index,
-                to_previous=detail_likeness(found.detail, detail),
-                to_original=detail_likeness(found.detail, original),
-                shape_mae_deg=angular_error(found.shape, shapes[index]).mae_deg,
+                to_previous=detail_likeness(separated.detail, detail),
+                to_original=detail_likeness(separated.detail, original),
+                shape_mae_deg=angular_error(separated.shape, shapes[index]).mae_deg,
                 pixels=first.mask.size,
             )
         )
-        detail = found.detail
+        detail = separated.detail
     return tuple(steps)
 
 
@@ -166,7 +170,7 @@ def cross_exchange(
     order: int = 8,
     w: int = 5,
 ) -> tuple[TransferResult, TransferResult]:
-    """Put the detail of each of two maps onto the shape of the other.
+    """Transfer the detail of each of two maps to the shape of the other.
 
     Parameters
     ----------
@@ -178,7 +182,7 @@ def cross_exchange(
     Returns
     -------
     tuple[TransferResult, TransferResult]
-        a's detail on b and b's on a, with errors on demand.
+        The detail of a on b, and the detail of b on a, with errors on demand.
     """
     return (
         transfer(a, b, filter=filter, order=order, w=w),
@@ -186,12 +190,12 @@ def cross_exchange(
     )
 
 
-def _common_cut(maps: Sequence[NormalMap]) -> list[NormalMap]:
+def _crop_to_common_size(maps: Sequence[NormalMap]) -> list[NormalMap]:
     rectangles = [largest_rectangle(one.mask) for one in maps]
     width, height = (min(box[k] for box in rectangles) for k in (2, 3))
-    cut = []
+    cropped = []
     for one, (x, y, wide, high) in zip(maps, rectangles, strict=True):
         left, top = x + (wide - width) // 2, y + (high - height) // 2
         normals = one.normals[top : top + height, left : left + width]
-        cut.append(NormalMap(normals, np.ones((height, width), np.bool_)))
-    return cut
+        cropped.append(NormalMap(normals, np.ones((height, width), np.bool_)))
+    return cropped

@@ -1,8 +1,8 @@
 """Shortest-arc rotations between unit vectors, applied to whole maps in closed form.
 
-The rotation that brings a shape component to z is the paper's 3 x 3 matrix (Rodrigues' formula).
+The rotation that takes a shape component to z is the paper's 3 x 3 matrix (Rodrigues' formula).
 It is applied row by row and never stored. The arithmetic is float64 and the pole is renormalised,
-so that the only error of a round trip is the rounding of the float32 map between.
+so the only error of a round trip is the rounding of the intermediate float32 map.
 """
 
 from __future__ import annotations
@@ -31,45 +31,45 @@ def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
 
 
 def rotate_to_z(vectors: Normals, poles: Normals) -> Normals:
-    """Apply to each vector the shortest rotation that brings its pole to z = (0, 0, 1).
+    """Apply to each vector the shortest rotation that takes its pole to z = (0, 0, 1).
 
-    With the shape component as pole this is the detail component (eq. ``eq_detail_form`` and
-    ``eq_detail_rotCal`` of the paper), also known as reoriented normal mapping (Barre-Brisebois
-    and Hill, 2012).
+    With the shape component as the pole, the result is the detail component (eq. ``eq_detail_form``
+    and ``eq_detail_rotCal`` of the paper), also known as reoriented normal mapping
+    (Barre-Brisebois and Hill, 2012).
 
     Parameters
     ----------
     vectors
         ``(H, W, 3)`` float32.
     poles
-        ``(H, W, 3)`` float32 unit vectors. Where a pole is zero the result is zero; at
-        (0, 0, -1), where no arc is shortest, the half turn diag(1, -1, -1) is taken.
+        ``(H, W, 3)`` float32 unit vectors. The result is zero if the pole is zero. For a pole at
+        (0, 0, -1), which has no unique shortest arc, the rotation is diag(1, -1, -1).
 
     Returns
     -------
     Normals
-        ``(H, W, 3)`` float32, of the length of `vectors`.
+        ``(H, W, 3)`` float32, with the lengths of `vectors`.
     """
     return _turned(vectors, poles, 1.0)
 
 
 def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
-    """Apply to each vector the shortest rotation that brings z to its pole.
+    """Apply to each vector the shortest rotation that takes z to its pole.
 
-    The inverse of `rotate_to_z` (eq. ``eq_transfer``): the round trip stays below 5e-5 degree for
-    every pole, (0, 0, -1) among them.
+    This is the inverse of `rotate_to_z` (eq. ``eq_transfer``). The error of a round trip is below
+    5e-5 degree for every pole, including (0, 0, -1).
 
     Parameters
     ----------
     vectors
         ``(H, W, 3)`` float32.
     poles
-        ``(H, W, 3)`` float32 unit vectors. Where a pole is zero the result is zero.
+        ``(H, W, 3)`` float32 unit vectors. The result is zero if the pole is zero.
 
     Returns
     -------
     Normals
-        ``(H, W, 3)`` float32, of the length of `vectors`.
+        ``(H, W, 3)`` float32, with the lengths of `vectors`.
     """
     return _turned(vectors, poles, -1.0)
 
@@ -94,7 +94,8 @@ def _rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals
             cosine = (ax * bx + ay * by + az * bz) / lengths
             sine2 = vx * vx + vy * vy + vz * vz
             if cosine < 0 and sine2 < 1e-24:
-                # Opposite: a half turn about any axis across; start from the smallest component.
+                # Opposite vectors: a half turn about any perpendicular axis; build the axis from
+                # the smallest component.
                 if abs(ax) <= abs(ay) and abs(ax) <= abs(az):
                     vx, vy, vz = 0.0, az, -ay
                 elif abs(ay) <= abs(az):
@@ -115,19 +116,19 @@ def _rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals
 
 
 def rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
-    """Apply to each vector the shortest rotation that brings its start to its end.
+    """Apply to each vector the shortest rotation that takes its start to its end.
 
     Parameters
     ----------
     vectors
         ``(H, W, 3)`` float32.
     starts, ends
-        ``(H, W, 3)`` float32 unit vectors. Where one is zero the result is zero; where they are
-        opposite a half turn is taken.
+        ``(H, W, 3)`` float32 unit vectors. The result is zero if one of them is zero. If they are
+        opposite, the rotation is a half turn.
 
     Returns
     -------
     Normals
-        ``(H, W, 3)`` float32, of the length of `vectors`.
+        ``(H, W, 3)`` float32, with the lengths of `vectors`.
     """
     return np.asarray(_rotate_between(vectors, starts, ends))

@@ -1,4 +1,4 @@
-"""How alike the rotations of neighbouring shape normals are: the paper's shape table."""
+"""Similarity of the rotations of neighbouring shape normals, for the paper's shape table."""
 
 from __future__ import annotations
 
@@ -14,23 +14,25 @@ from processing._normal_map import NormalMap
 
 Double = npt.NDArray[np.float64]
 
-# Squared sine under which a normal counts as opposite to z: its axis is 0/0 there.
+# Below this squared sine a normal counts as opposite to z: its rotation axis would be 0/0.
 _OPPOSITE = 1e-30
 
 
 @dataclass(frozen=True)
 class RotationSimilarity:
-    """The rotation from each pixel's shape normal to that of its neighbours, averaged.
+    """The mean rotation between the shape normals of each pixel and its neighbours.
 
-    Each figure is a mean over a window, and of that over the mask (eq. ``eq_similar_coe`` and
-    ``eq_similar_norm`` of the paper). Neighbours outside the mask do not count.
+    Each value is averaged over the window of a pixel and then over the mask (eq.
+    ``eq_similar_coe`` and ``eq_similar_norm`` of the paper). Neighbours outside the mask do not
+    count.
 
     Parameters
     ----------
     angle_deg
         Angle of R(here) R(there)^-1.
     norm_1, norm_2, norm_inf
-        Of R(here) R(there)^-1 - I: largest column sum, largest singular value, largest row sum.
+        Norms of R(here) R(there)^-1 - I: largest column sum, largest singular value and largest
+        row sum.
     """
 
     angle_deg: float
@@ -40,7 +42,7 @@ class RotationSimilarity:
 
 
 def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
-    """Compare the rotations that bring neighbouring shape normals to z.
+    """Compare the rotations that take neighbouring shape normals to z.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def _to_z(x: float, y: float, z: float, out: Double) -> None:
 
 @numba.njit(parallel=True, cache=True)
 def _similarity(normals: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], w: int) -> Double:
-    """Return per row the sums of the window means of angle, 1-, 2- and infinity-norm."""
+    """Return, for each row, the sums of the window means of angle, 1-, 2- and infinity-norm."""
     height, width = mask.shape
     sums = np.zeros((height, 4))
     for r in numba.prange(height):

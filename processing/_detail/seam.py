@@ -1,4 +1,4 @@
-"""Detail set into detail without a seam: a membrane on the sphere takes up the difference."""
+"""Seamless insertion of one detail into another by a membrane on the sphere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-# Each pair of neighbouring pixels once: the left and the right of it, the upper and the lower.
+# Slices that enumerate each pair of neighbours once: (left, right) and (upper, lower).
 _NEIGHBOURS = (
     ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
     ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
@@ -32,27 +32,27 @@ def seam_of(region: Mask, target: Mask) -> Mask:
 
 
 def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: float) -> Float:
-    """Set one detail into another so that no step shows where they meet.
+    """Insert one detail into another without a step at the seam.
 
-    Poisson image editing (Perez et al., 2003) on the sphere: both details are unrolled about z
-    (the logarithm map), and the difference along the seam is carried into the region by a screened
-    membrane. Unit length is kept by rolling up again (the exponential map). A detail has no shape
-    left, so the difference swings about 0 along the seam and dies away inside.
+    This is Poisson image editing (Perez et al., 2003) on the sphere. The logarithm map takes both
+    details to the tangent plane at z, a screened membrane extends the difference along the seam
+    into the region, and the exponential map takes the result back to unit vectors. A detail
+    contains no shape, so the difference fluctuates about 0 along the seam and decays inside.
 
     Parameters
     ----------
     inner, outer
-        Detail maps of one size, both known over the region.
+        Detail maps of the same size, both known over the region.
     region
-        ``(H, W)`` bool, where `inner` goes.
+        ``(H, W)`` bool, the pixels that receive `inner`.
     reach_px
-        Distance from the seam at which 1/e of the difference is left.
+        Distance from the seam at which the difference has fallen to 1/e.
 
     Returns
     -------
     Float
-        ``(H, W, 3)`` float32: `inner` in the region, `outer` around it, and on the seam's own
-        pixels exactly `outer`.
+        ``(H, W, 3)`` float32: `inner` with the membrane added inside the region, `outer` around it.
+        On the pixels of the seam it is exactly `outer`.
     """
     seam = seam_of(region, outer.mask)
     unrolled = _logarithm(inner.normals)
@@ -63,14 +63,15 @@ def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: flo
 
 @dataclass(frozen=True)
 class SeamSteps:
-    """How far neighbouring normals turn, on average, where a part was set in.
+    """The mean angle between neighbouring normals at the seam and inside an inserted part.
 
     Parameters
     ----------
     seam_deg
-        Across the seam: the larger of the steps into and out of the outermost pixels of the part.
+        Step across the seam: the larger of the mean steps into and out of the outermost pixels of
+        the part.
     interior_deg
-        Between neighbours inside the part, its outermost pixels left out.
+        Step between neighbours inside the part, without its outermost pixels.
     """
 
     seam_deg: float
@@ -78,14 +79,17 @@ class SeamSteps:
 
     @property
     def ratio(self) -> float:
-        """The seam's step over the interior's; up to about 1 no seam shows. NaN if that is 0."""
+        """Step at the seam divided by the interior step, NaN if that is 0.
+
+        No seam is visible up to a ratio of about 1.
+        """
         return self.seam_deg / self.interior_deg if self.interior_deg else math.nan
 
 
 def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
-    """Measure how far neighbouring normals turn across a region's seam and inside it.
+    """Measure the mean angle between neighbouring normals across a region's seam and inside it.
 
-    NaN where a region has no seam, or no pixel inside it.
+    A step is NaN if the region has no seam, or no pixel inside the seam.
     """
     seam = seam_of(region, result.mask)
     inside = region & ~seam
@@ -107,7 +111,7 @@ def _logarithm(vectors: Float) -> Double:
     """Return ``(H, W, 2)`` tangent vectors at z: their length is the angle to z in radians."""
     x, y, z = (vectors[..., k].astype(np.float64) for k in range(3))
     sine = np.hypot(x, y)
-    # The limit at z itself is 1; (0, 0, -1) lies in every direction, x is as good as any.
+    # The limit at z is 1. At (0, 0, -1) every direction is valid; x is chosen.
     factor = np.divide(np.arctan2(sine, z), sine, out=np.ones_like(sine), where=sine > 0)
     return np.stack([np.where((sine == 0) & (z < 0), np.pi, x * factor), y * factor], axis=2)
 
@@ -122,8 +126,9 @@ def _exponential(tangents: Double) -> Float:
 def _membrane(step: Double, seam: Mask, region: Mask, reach_px: float) -> Double:
     """Solve (Laplacian - 1 / reach^2) u = 0 inside a region with u = step on its seam.
 
-    The region's rim that is no seam is free. Red-black over-relaxation with the best factor loses
-    an error by more than exp(-1.4 / reach) a sweep, so the number of sweeps is known beforehand.
+    The boundary of the region outside the seam is free. One sweep of red-black over-relaxation with
+    the optimal factor reduces an error at least by the factor exp(-1.4 / reach), so the required
+    number of sweeps is known in advance.
     """
     rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
     box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))

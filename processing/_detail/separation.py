@@ -1,4 +1,4 @@
-"""A normal map as two parts: its shape component and its detail component."""
+"""Separation of a normal map into a shape component and a detail component."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from processing._normal_map import NormalMap
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """The shape and detail components of one normal map; `combine` puts them together again.
+    """The shape and detail components of one normal map; `combine` is the inverse operation.
 
     Parameters
     ----------
     shape
         The low-pass filtered normals.
     detail
-        The normals in the frame whose z is the shape's normal; (0, 0, 1) where there is none.
+        The normals in the local frame whose z is the shape's normal; (0, 0, 1) means no detail.
     shape_filter
         The filter that separated them.
     """
@@ -35,9 +35,9 @@ class Separation:
 
     @cached_property
     def separability_map_deg(self) -> npt.NDArray[np.float32]:
-        """``(H, W)`` angle between the detail's own shape and z, NaN outside the mask.
+        """``(H, W)`` angle between the shape component of the detail and z, NaN outside the mask.
 
-        0 would be a detail with no shape left in it at all (the paper's detail separability).
+        0 means that the detail contains no shape (the paper's detail separability).
         """
         mask = self.detail.mask
         left = self.shape_filter.shape(self.detail).normals
@@ -63,40 +63,40 @@ def separate(
     Parameters
     ----------
     normal_map
-        The map; outside its mask both parts are 0.
+        The map; outside its mask both components are 0.
     filter, order, w
-        The shape filter; see `ShapeFilter`. ``order=1`` is the paper's.
+        The shape filter; see `ShapeFilter`. ``order=1`` is the paper's filter.
 
     Returns
     -------
     Separation
-        `combine` of its parts gives the map back to 5e-5 degree.
+        Its components; `combine` restores the map from them to 5e-5 degree.
 
     Raises
     ------
     DataError
-        If the filter is unknown or its window larger than the map.
+        If the filter is unknown or its window is larger than the map.
     """
     return separate_by(ShapeFilter(filter, order, w), normal_map)
 
 
 def separate_by(shape_filter: ShapeFilter, normal_map: NormalMap) -> Separation:
-    """Separate a normal map into shape and detail by a filter that exists already."""
+    """Separate a normal map into shape and detail with an existing filter."""
     return Separation(*shape_filter.split(normal_map), shape_filter)
 
 
 def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
-    """Put a detail component onto a shape component (eq. ``eq_transfer`` of the paper).
+    """Combine a shape component and a detail component (eq. ``eq_transfer`` of the paper).
 
     Parameters
     ----------
     shape, detail
-        Maps of the same size, of one map or of two.
+        Components of the same size, from the same normal map or from two maps.
 
     Returns
     -------
     NormalMap
-        Known where both are.
+        Normals, known where both components are known.
 
     Raises
     ------
@@ -106,10 +106,10 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     if shape.size != detail.size:
         raise DataError(
             f"a shape of {shape.size[1]} x {shape.size[0]} pixels and a detail of "
-            f"{detail.size[1]} x {detail.size[0]} do not combine: they must be of one size"
+            f"{detail.size[1]} x {detail.size[0]} cannot be combined: they must have the same size"
         )
     mask = shape.mask & detail.mask
     if not mask.any():
         raise DataError("the masks of shape and detail do not overlap: nothing to combine")
-    # Where one of them is 0 the result is.
+    # The result is 0 where either component is 0.
     return NormalMap.of_unit_vectors(rotate_from_z(detail.normals, shape.normals), mask)

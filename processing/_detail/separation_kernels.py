@@ -1,9 +1,9 @@
-"""The loops over pixels that separate normal maps into shape and detail, and turn vectors.
+"""Compiled loops over pixels that separate normal maps into shape and detail.
 
-Rows are flat: of a row of W vectors element 3 c + k is component k of pixel c, so that a shift by t
-pixels is one by 3 t elements and every loop runs over neighbours in memory. Images are taken in
-tiles small enough for the cache, a thread each; a tile's rows are smoothed across, then down, and
-what is made of the smoothed row is written at once.
+Rows are flat: in a row of W vectors, element 3 c + k is component k of pixel c. A shift by t pixels
+is a shift by 3 t elements, and every loop runs over contiguous memory. Images are processed in
+tiles that fit into the cache, one thread per tile. The rows of a tile are smoothed across, then
+down, and each smoothed row is processed and written immediately.
 """
 
 from __future__ import annotations
@@ -18,19 +18,20 @@ Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 _ROWS, _COLUMNS = 128, 512
-# Squared sine under which two vectors count as opposite: the axis is 0/0 there.
+# Below this squared sine two vectors count as opposite: the rotation axis would be 0/0.
 _OPPOSITE = 1e-30
-# Length of a mean of unit vectors under which it is rounding and has no direction.
+# A shorter mean of unit vectors consists of rounding errors and has no direction.
 _CANCELLED = 1e-7
-# Multiply and add in one rounding; nothing that changes NaN, signs or order.
+# Allow fused multiply-add, but nothing that changes NaN, signs or the order of operations.
 _FAST = {"contract"}
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
-    """Turn a flat row by the rotations from its poles to z (sign 1) or back (sign -1).
+    """Rotate a flat row by the rotations from its poles to z (sign 1) or back (sign -1).
 
-    The arithmetic is float64, so that the only error of a round trip is the rounding between.
+    The arithmetic is float64, so the only error of a round trip is the rounding of the
+    intermediate result.
     """
     for c in range(out.size // 3):
         i = 3 * c
@@ -42,7 +43,7 @@ def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
         sx *= scale
         sy *= scale
         sz *= scale
-        # 1 / (1 + sz) cancels near the lower pole; there it is the same number another way.
+        # 1 / (1 + sz) suffers from cancellation near the lower pole; (1 - sz) / sine2 is equal.
         sine2 = sx * sx + sy * sy
         opposite = sz < 0 and sine2 < _OPPOSITE
         above = 1.0 if sz >= 0 else 1 - sz
@@ -59,14 +60,14 @@ def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
 
 @numba.njit(parallel=True, cache=True)
 def turn(vectors: Float, poles: Float, sign: float, out: Float) -> None:
-    """Turn ``(H, 3 W)`` vectors row by row; see `_turn_row`."""
+    """Rotate ``(H, 3 W)`` vectors row by row; see `_turn_row`."""
     for r in numba.prange(out.shape[0]):
         _turn_row(vectors[r], poles[r], sign, out[r])
 
 
 @numba.njit(cache=True)
 def _mirrored(i: int, length: int) -> int:
-    """Return an index beyond the frame mirrored about the outermost pixels."""
+    """Return an index outside the frame, mirrored about the outermost pixels."""
     i = abs(i) % (2 * length - 2)
     return i if i < length else 2 * length - 2 - i
 
@@ -96,7 +97,7 @@ def _add_four_pairs(
     k: Float,
     out: Float,
 ) -> None:
-    # Four at a time, so that the sum is read and written less often.
+    # Four pairs at a time reduce the number of reads and writes of the sum.
     k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
     for i in range(out.size):
         out[i] += k0 * (a[i] + b[i]) + k1 * (c[i] + d[i]) + k2 * (e[i] + f[i]) + k3 * (g[i] + h[i])
@@ -104,7 +105,7 @@ def _add_four_pairs(
 
 @numba.njit(cache=True)
 def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) -> None:
-    """Smooth the values from `middle` on, whose neighbours to either side are `step` apart."""
+    """Smooth the values from index `middle` onwards; neighbouring pixels are `step` apart."""
     n, radius = out.size, kernel.size - 1
     _scaled(values[middle : middle + n], kernel[0], out)
     for t in range(1, radius - 2, 4):
@@ -130,7 +131,7 @@ def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) 
 def _across(
     image: Float, step: int, kernel: Float, top: int, bottom: int, left: int, right: int
 ) -> Float:
-    """Smooth a tile's rows, and those above and below that its columns need, across."""
+    """Smooth across the rows of a tile and the rows above and below that its columns require."""
     radius = kernel.size - 1
     rows, width = image.shape[0], image.shape[1] // step
     out = np.zeros((bottom - top + 2 * radius, (right - left) * step), np.float32)
@@ -152,14 +153,14 @@ def _across(
 
 @numba.njit(cache=True)
 def _down(smooth: Float, r: int, kernel: Float, out: Float) -> None:
-    """Smooth row r of a tile down."""
+    """Smooth down the columns at row r of a tile."""
     middle = (r + kernel.size - 1) * out.size
     _convolve(smooth.reshape(-1), middle, out.size, kernel, out)
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _direct_row(mean: Float, normals: Float, mask: Mask, out: Float) -> None:
-    """Bring means to unit length; where they cancelled the normal itself stands."""
+    """Normalise means to unit length; use the normal itself if the mean cancelled out."""
     for c in range(mask.size):
         i = 3 * c
         x, y, z = np.float64(mean[i]), np.float64(mean[i + 1]), np.float64(mean[i + 2])
@@ -182,7 +183,7 @@ def _tiles(mask: Mask) -> int:
 
 @numba.njit(cache=True)
 def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
-    """Return first and last row and column of a tile; no rows where it lies outside the mask."""
+    """Return the row and column limits of a tile, without rows if it is outside the mask."""
     over = -(-mask.shape[1] // _COLUMNS)
     top, left = number // over * _ROWS, number % over * _COLUMNS
     bottom, right = min(top + _ROWS, mask.shape[0]), min(left + _COLUMNS, mask.shape[1])
@@ -193,18 +194,18 @@ def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
 
 @numba.njit(parallel=True, cache=True)
 def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detail: Float) -> None:
-    """Write shape and detail by a filter that is applied once, in one pass.
+    """Write shape and detail in one pass for a filter that is applied once.
 
     Parameters
     ----------
     normals
-        ``(H, 3 W)``, 0 outside the mask: no weights are needed, as the mean's length falls out.
+        ``(H, 3 W)``, 0 outside the mask. No weights are required, because the mean is normalised.
     mask
         ``(H, W)``.
     kernel
-        ``(R + 1,)`` right half of the symmetric kernel, the middle first.
+        ``(R + 1,)`` right half of the symmetric kernel, the centre first.
     shape, detail
-        ``(H, 3 W)`` zeros, to be filled inside the mask.
+        ``(H, 3 W)`` zeros that are filled inside the mask.
     """
     for number in numba.prange(_tiles(mask)):
         top, bottom, left, right = _tile(mask, number)
@@ -222,7 +223,7 @@ def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detai
 
 @numba.njit(parallel=True, cache=True)
 def gains(mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
-    """Write what a smoothed ``(H, W)`` image is to be multiplied by: 1 / weight, 0 outside."""
+    """Write the ``(H, W)`` factors of a smoothed image: 1 / weight, 0 outside the mask."""
     for number in numba.prange(_tiles(mask)):
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
@@ -246,7 +247,7 @@ def _rest_row(rest: Float, mean: Float, gain: Float, out: Float) -> None:
 
 @numba.njit(parallel=True, cache=True)
 def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> None:
-    """Write what smoothing leaves of a rest, itself of ``(H, 3 W)``; gains as by `gains`."""
+    """Write the ``(H, 3 W)`` rest minus its smooth part, with the gains from `gains`."""
     for number in numba.prange(_tiles(mask)):
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
@@ -261,7 +262,7 @@ def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> No
 
 @numba.njit(parallel=True, cache=True)
 def finish(normals: Float, mask: Mask, shape: Float, detail: Float) -> None:
-    """Write shape and detail where `detail` holds what the filter left of the normals."""
+    """Write shape and detail; on entry `detail` contains the normals minus their smooth part."""
     for r in numba.prange(mask.shape[0]):
         smooth = np.zeros(normals.shape[1], np.float32)
         for i in range(smooth.size):

@@ -22,18 +22,18 @@ FilterKind = Literal["gaussian", "box", "guided", "bilateral"]
 class ShapeFilter:
     """A low-pass filter of unit vectors inside a mask (eq. ``eq_conv_cal`` of the paper).
 
-    A Gaussian of order 1 is the paper's. A higher order filters what the filter left over again
-    ("twicing", Tukey 1977): the pass band is flatter, the half cut-off stays at the same
+    A Gaussian of order 1 is the paper's filter. A higher order filters the rest repeatedly
+    ("twicing", Tukey 1977): the pass band is flatter, the half cut-off remains at the same
     frequency, and less of the shape leaks into the detail.
 
     Parameters
     ----------
     kind
-        ``gaussian`` with sigma = w / 2, ``box``, or one that stops at occlusions: ``guided`` or
-        ``bilateral``, both led by the Gaussian's shape of order 1.
+        ``gaussian`` with sigma = w / 2, ``box``, or a filter that stops at occlusions: ``guided``
+        or ``bilateral``, both guided by the shape component of a Gaussian of order 1.
     order
-        Of the Gaussian, 1 or more. The others have none: a box's frequency response is negative in
-        places, where repetition would amplify.
+        Order of the Gaussian, 1 or more. The other filters ignore it: the frequency response of a
+        box is negative at some frequencies, which repetition would amplify.
     w
         Half width in pixels of the paper's (2w+1) x (2w+1) window, 1 or more.
 
@@ -50,7 +50,7 @@ class ShapeFilter:
     def __post_init__(self) -> None:
         if self.kind not in get_args(FilterKind):
             raise DataError(
-                f"there is no shape filter {self.kind!r}: use {', '.join(get_args(FilterKind))}"
+                f"unknown shape filter {self.kind!r}: use {', '.join(get_args(FilterKind))}"
             )
         for name, value in (("order", self.order), ("w", self.w)):
             if value != int(value) or value < 1:
@@ -58,24 +58,24 @@ class ShapeFilter:
 
     @property
     def passes(self) -> int:
-        """How often the image is blurred; what guides the edge-aware filters is blurred once."""
+        """Number of blurs of the image; the guide of the edge-aware filters is blurred once."""
         return self.order if self.kind == "gaussian" else 1
 
     @property
     def sigma_px(self) -> float:
         """Sigma of one Gaussian pass.
 
-        Each order passes more of the high frequencies, so that a wider Gaussian keeps the half
-        cut-off: half of the amplitude is left at the frequency where 1 - (1 - g)^order = 1/2.
+        Each order passes more of the high frequencies. A wider Gaussian compensates for this and
+        keeps the half cut-off, the frequency at which 1 - (1 - g)^order = 1/2.
         """
         return self.w / 2 * math.sqrt(math.log(1 - 0.5 ** (1 / self.passes)) / math.log(0.5))
 
     @property
     def _kernel(self) -> Float:
-        """The kernel's right half, the middle first; the whole has the sum 1."""
+        """Right half of the kernel, the centre first; the sum of the complete kernel is 1."""
         if self.kind == "box":
             return np.full(self.w + 1, 1 / (2 * self.w + 1), np.float32)
-        # The paper cuts its Gaussian at 2 sigma; a wider one would ring if it were cut as short.
+        # The paper truncates its Gaussian at 2 sigma; a wider Gaussian would then ring.
         radius = self.w if self.passes == 1 else math.ceil(3 * self.sigma_px)
         half = np.exp(-0.5 * (np.arange(radius + 1) / self.sigma_px) ** 2)
         return np.asarray(half / (2 * half.sum() - half[0]), np.float32)
@@ -85,10 +85,10 @@ class ShapeFilter:
         return self.split(normal_map)[0]
 
     def split(self, normal_map: NormalMap) -> tuple[NormalMap, NormalMap]:
-        """Return shape and detail of a normal map.
+        """Return the shape and the detail of a normal map.
 
-        Only pixels inside the mask count; beyond the frame the image is mirrored about its
-        outermost pixels. Where normals cancel out the normal itself is the shape.
+        Only pixels inside the mask count. Outside the frame the image is mirrored about its
+        outermost pixels. If the normals of a window cancel out, the normal itself is the shape.
 
         Parameters
         ----------
@@ -98,8 +98,8 @@ class ShapeFilter:
         Returns
         -------
         tuple[NormalMap, NormalMap]
-            With the same mask. A Gaussian of order 1 and a box need no memory beyond them, higher
-            orders 8 bytes a pixel.
+            Maps with the same mask. A Gaussian of order 1 and a box require no additional memory,
+            higher orders 8 bytes per pixel.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class ShapeFilter:
     ) -> tuple[Float, Float]:
         kernel, gain = self._kernel, np.zeros(mask.shape, np.float32)
         gains(mask, mask.astype(np.float32), kernel, gain)
-        # The outputs take turns in holding what is left, so that nothing else has to.
+        # The two outputs hold the rest alternately, so no other buffer is required.
         rest, free = normals, (shape, detail)
         for done in range(self.passes):
             leave(mask, rest, gain, kernel, free[done % 2])

@@ -1,4 +1,4 @@
-"""A normal map shifted, scaled, turned and mirrored in the image plane."""
+"""Translation, scaling, rotation and mirroring of a normal map in the image plane."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _FARTHEST_PX = 1e6
 
 @dataclass(frozen=True)
 class Similarity:
-    """Where one image goes on another.
+    """The placement of one image on another.
 
-    The image is mirrored, scaled and turned about its anchor, which then lands on `at`.
+    The image is mirrored, scaled and rotated about its anchor, which is then moved to `at`.
 
     Parameters
     ----------
     anchor, at
-        (column, row) in the image, and where it goes.
+        (column, row) in the image, and its position in the other image.
     scale
-        Factor on lengths, 0.001 to 1000. Heights grow with widths, so that slopes stay.
+        Factor on lengths, 0.001 to 1000. Heights are scaled like widths, so slopes do not change.
     rotate_deg
-        Counter-clockwise as seen.
+        Counter-clockwise rotation in the image.
     mirror
-        Left and right are exchanged first.
+        Exchange left and right first.
 
     Raises
     ------
@@ -74,17 +74,17 @@ class Similarity:
     @property
     def _back(self) -> Double:
         """The 2 x 3 matrix from (column, row, 1) of the frame to (column, row) of the image."""
-        # Rows count downwards: the turn of vectors, seen in pixels, is its conjugate by the flip.
+        # Rows count downwards: in pixels, the rotation of vectors is conjugated by the flip of y.
         flip = np.array([1.0, -1.0])
         back = np.linalg.inv(self.scale * (flip[:, None] * self._turn * flip))
         return np.column_stack([back, np.array(self.anchor) - back @ np.array(self.at)])
 
     def place(self, normal_map: NormalMap, size: tuple[int, int]) -> NormalMap | None:
-        """Return the map as seen on a frame of (height, width) pixels, its normals turned with it.
+        """Return the map placed on a frame of (height, width) pixels, with rotated normals.
 
-        Catmull-Rom interpolation, after a low pass where the map shrinks; a shift by whole pixels
-        changes no normal. Pixels whose support is not wholly inside the mask are left out; None
-        where nothing is left on the frame.
+        The interpolation is Catmull-Rom, after a low-pass filter if the scale is below 1. A shift
+        by whole pixels changes no normal. Pixels whose support is not completely inside the mask
+        are left out. If no pixel is left on the frame, the method returns None.
         """
         vectors = normal_map.normals
         if self.scale < 1:
@@ -99,7 +99,7 @@ class Similarity:
         return NormalMap.from_vectors(placed, known)
 
     def place_mask(self, mask: Mask, size: tuple[int, int]) -> Mask:
-        """Return a mask as seen on a frame of (height, width) pixels."""
+        """Return a mask placed on a frame of (height, width) pixels."""
         rows, columns = np.indices(size)
         back = self._back
         x, y = (
@@ -114,7 +114,7 @@ class Similarity:
 
 @numba.njit(cache=True)
 def _weights(fraction: float, out: Double) -> None:
-    """Write the weights of the pixels at -1, 0, 1 and 2; exact for what is linear or quadratic."""
+    """Write the weights of the pixels at -1, 0, 1 and 2; exact for quadratic functions."""
     f = fraction
     out[0] = f * (-0.5 + f * (1 - 0.5 * f))
     out[1] = 1 + f * f * (-2.5 + 1.5 * f)
@@ -124,7 +124,7 @@ def _weights(fraction: float, out: Double) -> None:
 
 @numba.njit(cache=True)
 def _split(position: float) -> tuple[int, float]:
-    """Return whole and fractional part; what rounding left beside a pixel is on it."""
+    """Return the integer and fractional part; remove rounding errors close to a pixel."""
     nearest = round(position)
     if abs(position - nearest) < _ON_PIXEL:
         return int(nearest), 0.0

@@ -1,4 +1,4 @@
-"""Detail of one surface put onto the shape of another."""
+"""Transfer of the detail of one surface to the shape of another."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Float = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class TransferFidelity:
-    """How well a result holds the shape and the detail it was made of, by one filter.
+    """How well a result preserves the shape and the detail it was made from, for one filter.
 
     Parameters
     ----------
     shape
         The target's shape component.
     detail
-        The detail as it was put onto the target.
+        The detail as it was placed on the target.
     result
         The result, separated again by the same filter.
     """
@@ -40,12 +40,12 @@ class TransferFidelity:
 
     @cached_property
     def shape_error_deg(self) -> Float:
-        """``(H, W)`` angle between the shape that was meant and the result's, NaN outside."""
+        """``(H, W)`` angle between the intended shape and the shape of the result, NaN outside."""
         return _angles_deg(self.shape, self.result.shape, self.detail.mask)
 
     @cached_property
     def detail_error_deg(self) -> Float:
-        """``(H, W)`` angle between the detail that was meant and the result's, NaN outside."""
+        """``(H, W)`` angle between the intended and the resulting detail, NaN outside."""
         return _angles_deg(self.detail, self.result.detail, self.detail.mask)
 
     @property
@@ -65,7 +65,7 @@ def fidelity_of(
     placed_detail: Callable[[ShapeFilter], NormalMap],
     shape_filter: ShapeFilter,
 ) -> TransferFidelity:
-    """Hold a result against its target's shape and the detail put onto it, by one filter."""
+    """Compare a result with its target's shape and the transferred detail, for one filter."""
     return TransferFidelity(
         shape_filter.shape(target), placed_detail(shape_filter), separate_by(shape_filter, result)
     )
@@ -73,20 +73,20 @@ def fidelity_of(
 
 @dataclass(frozen=True, eq=False)
 class TransferResult:
-    """A transfer; what it cost is measured when it is asked for.
+    """The result of a transfer; its errors are computed on demand.
 
     Parameters
     ----------
     normal_map
         The target with the source's detail; known over the target's mask.
     source, target
-        What it was made of.
+        The input maps.
     shape_filter
         The filter that separated them.
     amplitude
         Factor on the slopes of the detail.
     placement
-        Which part of the source went where.
+        Position of the source on the target.
     """
 
     normal_map: NormalMap
@@ -98,12 +98,12 @@ class TransferResult:
 
     @cached_property
     def fidelity(self) -> TransferFidelity:
-        """Shape and detail errors by the filter that separated them."""
+        """Shape and detail errors with the filter that separated the maps."""
         return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
 
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
-        """The same by the paper's filter (a Gaussian of order 1)."""
+        """The same errors with the paper's filter (a Gaussian of order 1)."""
         paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
@@ -124,10 +124,10 @@ def transfer(
     w: int = 5,
     at: tuple[int, int] | None = None,
 ) -> TransferResult:
-    """Put the detail of a source onto the shape of a target (eq. ``eq_transfer`` of the paper).
+    """Transfer the detail of a source to the shape of a target (eq. ``eq_transfer`` of the paper).
 
-    Neither map is ever resized. Without `at` the largest rectangle inside the source's mask fills
-    the target: its middle where it is larger, side by side repeated where it is smaller.
+    The maps are never resized. Without `at`, the largest rectangle inside the source's mask fills
+    the target: it is cropped to its middle if it is larger, and tiled if it is smaller.
 
     Parameters
     ----------
@@ -136,19 +136,20 @@ def transfer(
     target
         The map whose shape is kept.
     keep_target_detail
-        Put the detail onto the target's own normals, its detail included, instead of onto its
-        shape. This is what the paper's transfer table shows.
+        Add the detail to the target's own normals, including their detail, instead of to the
+        target's shape. The paper's transfer table uses this.
     amplitude
-        Factor on the slopes of the detail: 0 none, 1 as it is, negative inverts the relief.
+        Factor on the slopes of the detail: 0 for none, 1 for no change; a negative factor inverts
+        the relief.
     refine
-        Number of corrections that turn every normal by the rotation from the shape of the result to
-        the shape of the target. One step about halves the shape error and raises the detail
-        error by half. It diverges with a wide box.
+        Number of corrections that rotate every normal by the rotation from the shape of the result
+        to the shape of the target. One correction approximately halves the shape error and
+        increases the detail error by half. The corrections diverge with a wide box.
     filter, order, w
         The shape filter; see `ShapeFilter`.
     at
-        Column and row of the target where the source's first pixel goes (they may be negative).
-        Target pixels that no source pixel inside its mask reaches keep their normals.
+        Column and row of the target at which the source's first pixel is placed; negative values
+        are allowed. Target pixels that receive no source pixel inside the mask keep their normals.
 
     Returns
     -------
@@ -158,8 +159,8 @@ def transfer(
     Raises
     ------
     DataError
-        If the filter does not fit one of the maps, a number is out of range, or with `at` the masks
-        do not overlap.
+        If the filter does not fit one of the maps, a number is out of range, or the masks do not
+        overlap at `at`.
     """
     if refine < 0:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
@@ -174,15 +175,15 @@ def transfer(
         received[..., None], rotate_from_z(detail.normals, ground.normals), target.normals
     )
     for _ in range(refine):
-        found = shape_filter.shape(NormalMap(normals, target.mask))
-        turned = rotate_between(normals, found.normals, shape.normals)
+        result_shape = shape_filter.shape(NormalMap(normals, target.mask))
+        turned = rotate_between(normals, result_shape.normals, shape.normals)
         normals = np.where(received[..., None], turned, normals)
     result = NormalMap(normals, target.mask)
     return TransferResult(result, source, target, shape_filter, amplitude, placement)
 
 
 def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
-    """Return a detail with its slopes multiplied.
+    """Return a detail with its slopes multiplied by a factor.
 
     Raises
     ------
@@ -191,12 +192,12 @@ def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
     """
     if not np.isfinite(amplitude):
         raise DataError(
-            f"a detail amplitude of {amplitude} is no number: use 1 for the detail as is"
+            f"a detail amplitude of {amplitude} is not a finite number: use 1 to keep the detail"
         )
     if amplitude == 1:
         return detail
     scaled = detail.normals * np.array([amplitude, amplitude, 1.0], np.float32)
-    # A horizontal normal has nothing left at amplitude 0; no detail is z.
+    # At amplitude 0 a horizontal normal becomes a zero vector; replace it by z, no detail.
     scaled[detail.mask & ~scaled.any(axis=2)] = (0, 0, 1)
     return NormalMap.from_vectors(scaled, detail.mask)
 

@@ -1,1 +1,1 @@
-"""Normal maps from meshes and point clouds."""
+"""Projection of meshes and point clouds to normal maps."""

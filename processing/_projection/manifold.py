@@ -1,4 +1,4 @@
-"""Whether a mesh is a surface everywhere, and its faces wind one way."""
+"""Consistent winding of the faces of a mesh, and detection of non-manifold edges."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Codes = npt.NDArray[np.int64]
 
 
 class WoundAlike(NamedTuple):
-    """Faces ``(F, 3)``; how many were turned round; edges that join more than two faces."""
+    """Faces ``(F, 3)``, the number of reversed faces, and of edges with more than two faces."""
 
     faces: Whole
     turned: int
@@ -22,20 +22,20 @@ class WoundAlike(NamedTuple):
 
 
 def wind_alike(faces: Whole) -> WoundAlike:
-    """Turn faces round that wind against their neighbours.
+    """Reverse faces whose winding is opposite to that of their neighbours.
 
-    Normals blended over faces that wind both ways cancel out or point inwards. In each connected
-    part the fewer faces are turned; across edges of more than two faces nothing is told.
+    Normals that are blended over faces of opposite winding cancel out or point inwards. In each
+    connected part the minority is reversed. Edges with more than two faces connect no faces.
 
     Parameters
     ----------
     faces
-        ``(F, 3)`` vertex numbers. Faces that name a vertex twice do not count.
+        ``(F, 3)`` vertex indices. Faces that contain a vertex twice do not count.
 
     Returns
     -------
     WoundAlike
-        The faces in their order.
+        The faces in their original order.
     """
     a, b, c = faces.T
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
@@ -43,7 +43,7 @@ def wind_alike(faces: Whole) -> WoundAlike:
     ordered = np.sort(codes)
     edges = ordered >> 1
     third = edges[2:] == edges[:-2]
-    # An edge of n faces is third n - 2 times in a row, and counts once.
+    # An edge with n faces appears n - 2 times in a row in `third`; count it once.
     crowded = int(np.count_nonzero(third[1:] & ~third[:-1])) + int(third[:1].any())
     if not (ordered[1:] == ordered[:-1]).any():
         return WoundAlike(faces, 0, crowded)
@@ -55,7 +55,7 @@ def wind_alike(faces: Whole) -> WoundAlike:
 
 
 def _codes(faces: Whole) -> Codes:
-    """Return ``(3 F,)`` numbers of half-edges: twice that of the edge, and its direction."""
+    """Return the ``(3 F,)`` codes of the half-edges: twice the number of the edge + direction."""
     begin = faces.T.astype(np.int64)
     end = np.roll(begin, -1, axis=0)
     corners = int(faces.max(initial=0)) + 1
@@ -64,20 +64,29 @@ def _codes(faces: Whole) -> Codes:
 
 
 def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
-    """Return which faces, of these half-edges and sums of vertices, wind against their part."""
+    """Return the faces whose winding is opposite to that of the majority of their part.
+
+    Parameters
+    ----------
+    codes
+        ``(3 F,)`` half-edges from `_codes`.
+    totals
+        ``(F,)`` sums of the vertex indices of each face.
+    """
     count = len(totals)
     order = np.argsort(codes, kind="stable")
     edges = codes[order] >> 1
     same = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
     pair = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:])
     first, second = order[pair], order[pair + 1]
-    # Neighbours that wind alike run along their edge in opposite directions.
+    # Neighbours with the same winding traverse their common edge in opposite directions.
     unlike = codes[first] == codes[second]
     first, second = first % count, second % count
-    # A face on its own copy is no neighbour of it: they share the third corner too.
+    # Duplicate faces also share the third corner and are not neighbours.
     apart = totals[first] != totals[second]
     first, second, unlike = first[apart], second[apart], unlike[apart]
-    # Every face twice, as it is and turned round: what belongs together hangs together.
+    # The graph contains every face twice, in its own and in reversed orientation, and connects
+    # neighbours of consistent orientation.
     begin = np.concatenate([first, first + count])
     end = np.concatenate([second, second + count]) + count * np.concatenate([unlike, -1 * unlike])
     links = coo_array((np.ones(len(begin), np.int8), (begin, end)), shape=(2 * count, 2 * count))
@@ -86,6 +95,6 @@ def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
     side = here > there
     name = np.minimum(here, there)
     fewer = 2 * np.bincount(name, side) > np.bincount(name)
-    # A strip like Moebius' has one side only: nothing there winds against anything.
+    # A Moebius strip has only one side, so no orientation is wrong.
     against: npt.NDArray[np.bool_] = (side ^ fewer[name]) & (here != there)
     return against

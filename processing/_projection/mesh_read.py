@@ -1,4 +1,4 @@
-"""Triangle meshes and point clouds from files."""
+"""Readers of triangle meshes and point clouds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
 
 _CLOUDS = (".ply", ".xyz")
-# Normals of a file are off unit length by their digits only; colours are not unit vectors.
+# Normals in a file deviate from unit length only by rounding; colours are not unit vectors.
 _UNIT_TOLERANCE = 0.02
 
 
@@ -29,17 +29,17 @@ class Geometry:
     vertices
         ``(V, 3)`` float64, finite.
     faces
-        ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from outside; None for points.
+        ``(F, 3)`` int32 vertex indices, counter-clockwise as seen from outside; None for points.
     normals
-        ``(V, 3)`` float64 unit vectors that came with the points, or None.
+        ``(V, 3)`` float64 unit vectors of the points, or None.
     warnings
-        What the reader should know, a line each.
+        Warnings, one line each.
 
     Raises
     ------
     DataError
-        If there is no vertex, a mesh has no face, a vertex is not finite, or a face names a vertex
-        that is not there.
+        If there is no vertex, a mesh has no face, a vertex is not finite, or a face refers to a
+        vertex that does not exist.
     """
 
     vertices: Double
@@ -50,23 +50,24 @@ class Geometry:
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, np.float64)
         if vertices.ndim != 2 or vertices.shape[1] != 3 or not len(vertices):
-            raise DataError(f"vertices of shape {vertices.shape}, expected (V, 3) with V above 0")
+            raise DataError(f"vertices of shape {vertices.shape}, expected (V, 3) with V > 0")
         finite = np.isfinite(vertices).all(axis=1)
         if not finite.all():
             raise DataError(
-                f"vertex {int(finite.argmin())} is {vertices[finite.argmin()].tolist()}, not "
-                "finite: mend the mesh"
+                f"vertex {int(finite.argmin())} is not finite, "
+                f"{vertices[finite.argmin()].tolist()}: repair the mesh"
             )
         object.__setattr__(self, "vertices", vertices)
         if self.faces is None:
             return
         faces = np.asarray(self.faces)
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-            raise DataError(f"faces of shape {faces.shape}, expected (F, 3) with F above 0")
+            raise DataError(f"faces of shape {faces.shape}, expected (F, 3) with F > 0")
         if faces.min() < 0 or faces.max() >= len(vertices):
             wrong = int(((faces < 0) | (faces >= len(vertices))).any(axis=1).argmax())
             raise DataError(
-                f"face {wrong} names a vertex that is not there, the mesh has {len(vertices)}"
+                f"face {wrong} refers to a vertex that does not exist: the mesh has "
+                f"{len(vertices)} vertices"
             )
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, np.int32))
 
@@ -77,30 +78,32 @@ def read_geometry(path: str | Path) -> Geometry:
     Parameters
     ----------
     path
-        A mesh as OBJ, PLY, STL, GLB or OFF, polygons and triangle strips being cut into triangles;
-        a point cloud as PLY without faces or as XYZ, a text of ``x y z`` or ``x y z nx ny nz``
-        lines.
+        A mesh as OBJ, PLY, STL, GLB or OFF; polygons and triangle strips are split into triangles.
+        A point cloud as PLY without faces or as XYZ, a text file with ``x y z`` or
+        ``x y z nx ny nz`` lines.
 
     Returns
     -------
     Geometry
-        Vertices of a mesh that lie in one place are one, so that normals blend over the seams of
-        textures and between the loose faces of an STL; those that no face uses are left out. Faces
-        that wind against their neighbours are turned round and told; edges of more than two faces
-        are told. Points that are not finite, as scanners write for a miss, are left out and told.
+        Vertices of a mesh with equal coordinates are merged, so that normals blend across texture
+        seams and between the separate faces of an STL; unused vertices are removed. Faces whose
+        winding is opposite to that of their neighbours are reversed. Points that are not finite,
+        which scanners write for a miss, are left out. A warning reports reversed faces, edges with
+        more than two faces, and points that were left out.
 
     Raises
     ------
     MissingPathError
-        If there is no such file.
+        If the file does not exist.
     DataError
-        If it is of another kind, damaged, truncated, or see `Geometry`.
+        If the file has another format, is damaged or truncated, or for the reasons given in
+        `Geometry`.
     """
     mesh = read_mesh_file(path)
     try:
         if mesh.faces is None:
             if Path(path).suffix.lower() not in _CLOUDS:
-                raise DataError("the mesh has no faces: point clouds are read from .ply and .xyz")
+                raise DataError("the mesh has no faces: use .ply or .xyz files for point clouds")
             return _cloud(mesh)
         return _mesh(mesh, mesh.faces)
     except DataError as error:
@@ -108,30 +111,31 @@ def read_geometry(path: str | Path) -> Geometry:
 
 
 def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
-    # Here numbers beyond 32 bits are found.
+    # This also rejects indices that exceed 32 bits.
     checked = Geometry(mesh.vertices, faces)
     joined, corners = _joined(checked.vertices, faces)
     corners, turned, crowded = wind_alike(corners)
     warnings = list(mesh.warnings)
     if crowded:
         warnings.append(
-            f"edges where more than two faces meet (no manifold): {crowded}; it is drawn as it is"
+            f"edges with more than two faces: {crowded}; the mesh is not a manifold and is drawn "
+            "without repair"
         )
     if turned:
-        warnings.append(f"faces turned round as they wind against their neighbours: {turned}")
+        warnings.append(f"faces reversed to match the winding of their neighbours: {turned}")
     return Geometry(joined, corners, warnings=tuple(warnings))
 
 
 def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Whole]:
-    """Make one vertex of those in one place, and leave out those that no face uses."""
+    """Merge vertices with equal coordinates, and remove those that no face uses."""
     used = np.zeros(len(vertices), np.bool_)
     used[faces] = True
     order = np.lexsort(vertices.T)
     order = order[used[order]]
     ordered = vertices[order]
     new = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
-    # The first of each place in the order of the file keeps its turn: near in the file, near in
-    # memory.
+    # Keep the order of the file: the first vertex at each position keeps its place, so vertices
+    # that are close in the file remain close in memory.
     first = np.minimum.reduceat(order, np.flatnonzero(new))
     kept = np.sort(first)
     number = np.zeros(len(vertices), np.int32)
@@ -144,19 +148,19 @@ def _cloud(mesh: MeshFile) -> Geometry:
     finite = np.isfinite(points).all(axis=1)
     warnings = []
     if not finite.all():
-        warnings.append(f"points left out as not finite: {int((~finite).sum())}")
+        warnings.append(f"points left out because they are not finite: {int((~finite).sum())}")
     if not finite.any():
-        raise DataError("the point cloud holds no finite point")
+        raise DataError("the point cloud has no finite point")
     normals = None if mesh.normals is None else mesh.normals[finite]
     if normals is not None:
-        # Before their length, which would overflow.
+        # Exclude large vectors first; the square of their length would overflow.
         short = (np.abs(normals) < 2).all(axis=1, keepdims=True)
         length = np.linalg.norm(np.where(short, normals, 0), axis=1)
         off = ~(np.abs(length - 1) < _UNIT_TOLERANCE)
         if off.any():
             warnings.append(
-                f"of {len(off)} points {int(off.sum())} come with a normal that is no unit vector "
-                "(or a colour): all normals are fitted anew"
+                f"{int(off.sum())} of {len(off)} points have a normal that is not a unit vector "
+                "(or a colour): all normals are fitted to the points instead"
             )
             normals = None
     return Geometry(points[finite], None, normals, tuple(warnings))

@@ -1,4 +1,4 @@
-"""A point cloud: normals fitted on neighbourhoods, and drawn into a frame of pixels."""
+"""Normals of a point cloud, fitted to neighbourhoods, and rendering to a frame of pixels."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from processing._projection.view import Frame
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# Points whose neighbours are looked at together: bounds the memory.
+# Number of points whose neighbours are processed together; it limits the memory.
 _CHUNK = 100_000
-# Spread across a neighbourhood, relative to that along it, under which it is a line.
+# A neighbourhood is a line if its relative spread across the line is below this.
 _LINE = 1e-6
-# Weight of a coefficient of the quadric beside that of the neighbours.
+# Weight of the regularisation of the quadric's coefficients, relative to the neighbours.
 _RIDGE = 1e-6
-# Points within a disc, as many as leave no hole where points lie at random.
+# Number of points within a disc; enough to leave no holes between random points.
 _POINTS_IN_DISC = 8
-# A lone point gets no larger disc than this many times the usual one.
+# Largest disc of an isolated point, as a multiple of the median disc.
 _LARGEST_DISC = 3.0
-# Cosine of the line of sight to the normal above which a visible point's normal is sure to face
-# the viewer.
+# Cosine of the angle between line of sight and normal above which the normal of a visible point
+# certainly faces the viewer.
 _SURELY_FACING = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Surfels:
-    """Points with the small discs that stand for the surface around them.
+    """Points with small discs that represent the surface around them.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ class Surfels:
     normals
         ``(N, 3)`` float64 unit vectors, of either sign.
     bends_per_mm
-        ``(N, 3, 3)`` how the normal turns per mm of the way along the surface.
+        ``(N, 3, 3)`` change of the normal per mm along the surface.
     radii_mm
-        ``(N,)`` of discs that hold eight points each.
+        ``(N,)`` radii of discs that contain eight points each.
     warnings
-        What the reader should know, a line each.
+        Warnings, one line each.
     """
 
     points_mm: Double
@@ -62,34 +62,38 @@ class Surfels:
 def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: int = 16) -> Surfels:
     """Fit the surface around every point to its nearest neighbours.
 
-    A plane across the direction of least spread (Hoppe et al., Surface reconstruction from
-    unorganized points, 1992), then a quadric over that plane, whose slope corrects the normal and
-    whose curvature says how it turns (Cazals and Pouget, Estimating differential quantities using
-    polynomial fitting of osculating jets, 2005).
+    The first fit is a plane at right angles to the direction of least spread (Hoppe et al., Surface
+    reconstruction from unorganized points, 1992). The second is a quadric over that plane: its
+    slope corrects the normal, and its curvature gives the change of the normal (Cazals and Pouget,
+    Estimating differential quantities using polynomial fitting of osculating jets, 2005).
 
     Parameters
     ----------
     points_mm
-        ``(N, 3)`` finite.
+        ``(N, 3)``, finite.
     normals
-        ``(N, 3)`` unit vectors that are known already; then nothing is fitted.
+        ``(N, 3)`` unit vectors if they are known; then only their change is fitted.
     neighbours
-        How many points a surface is fitted to, the point itself included. More is smoother.
+        Number of points to which a surface is fitted, including the point itself. More points give
+        a smoother surface.
 
     Returns
     -------
     Surfels
-        Without duplicates, and without points whose neighbours lie on a line; both are told.
+        Surfels without duplicates and without points whose neighbours are on a line; a warning
+        reports both.
 
     Raises
     ------
     EstimateError
-        If fewer than three points differ, or all of them lie on a line.
+        If there are fewer than three different points, or all points are on a line.
     """
     points, index = np.unique(points_mm, axis=0, return_index=True)
     warnings = []
     if len(points) < len(points_mm):
-        warnings.append(f"points left out as duplicates: {len(points_mm) - len(points)}")
+        warnings.append(
+            f"points left out because they are duplicates: {len(points_mm) - len(points)}"
+        )
     if len(points) < 3:
         raise too_few_points(len(points))
     count = min(neighbours, len(points))
@@ -112,23 +116,25 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
         fitted, bends = normals[index], bends * agree[:, None, None]
         sound[:] = True
     if not sound.any():
-        raise EstimateError("the points lie on a line: no normal can be fitted")
+        raise EstimateError("all points are on a line: no normal can be fitted")
     if not sound.all():
-        warnings.append(f"points left out as on a line: {int((~sound).sum())}")
+        warnings.append(
+            f"points left out because their neighbours are on a line: {int((~sound).sum())}"
+        )
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
 
 
 def too_few_points(different: int) -> EstimateError:
-    """Return the error of a cloud that makes no surface."""
+    """Return the error for a cloud with too few different points."""
     return EstimateError(
-        f"too few points in different places ({different}): a normal needs three at least"
+        f"too few different points ({different}): a normal requires at least three"
     )
 
 
 def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
-    """Return the spreads ``(n, 3)``, rising, and axes ``(n, 3, 3)`` of neighbourhoods."""
+    """Return the spreads ``(n, 3)``, ascending, and the axes ``(n, 3, 3)`` of neighbourhoods."""
     weight = (weight / weight.sum(axis=1, keepdims=True))[..., None]
     centred = offset - (weight * offset).sum(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", weight * centred, centred))
@@ -136,15 +142,15 @@ def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
 
 
 def _quadric(offset: Double, weight: Double, axes: Double) -> tuple[Double, Double]:
-    """Return normals ``(n, 3)`` and bends ``(n, 3, 3)`` of quadrics over the planes."""
+    """Return the normals ``(n, 3)`` and bends ``(n, 3, 3)`` of quadrics over the planes."""
     normal, u, v = axes[:, :, 0], axes[:, :, 1], axes[:, :, 2]
-    # Heights and ways in units of the neighbourhood's size, which keeps the systems alike.
+    # Scaling by the size of the neighbourhood keeps the systems well conditioned.
     size = np.maximum(np.abs(offset).max(axis=(1, 2)), 1e-300)
     x, y, z = (np.einsum("nki,ni->nk", offset, axis) / size[:, None] for axis in (u, v, normal))
     terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=-1)
     weighted = weight[..., None] * terms
     system = np.einsum("nki,nkj->nij", weighted, terms)
-    # What few neighbours leave open becomes 0.
+    # Coefficients that too few neighbours leave undetermined become 0.
     system += _RIDGE * weight.sum(axis=1)[:, None, None] * np.eye(6)
     right = np.einsum("nki,nk->ni", weighted, z)
     _, p, q, xx, xy, yy = np.linalg.solve(system, right[..., None])[..., 0].T
@@ -157,25 +163,25 @@ def _quadric(offset: Double, weight: Double, axes: Double) -> tuple[Double, Doub
 
 
 def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
-    """Draw the discs nearest to the viewer, blended where they overlap.
+    """Draw the discs nearest to the viewer and blend them where they overlap.
 
     Parameters
     ----------
     surfels
-        Points in the house frame. Normals of what is seen are turned toward the viewer; points
-        that face away, as their way round from there tells, are not drawn.
+        Points in the house frame. The normals of visible points are oriented toward the viewer.
+        This orientation is propagated to the other points, and those that face away are not drawn.
     frame
-        The pixels. Discs are widened to cover one pixel at least.
+        The pixels. Discs are enlarged to cover at least one pixel.
 
     Returns
     -------
     Drawn
-        The object's outline reaches past its last points by up to one disc.
+        The image. The outline of the object extends up to one disc beyond its last points.
 
     Raises
     ------
     EstimateError
-        If all points lie behind the camera.
+        If all points are behind the camera.
     """
     points, warnings = surfels.points_mm, list(surfels.warnings)
     normals, bends, radii = surfels.normals, surfels.bends_per_mm, surfels.radii_mm
@@ -185,9 +191,13 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
         depth = frame.eye_mm - points[:, 2]
         before = depth > NEAR_SHARE * frame.eye_mm
         if not before.all():
-            warnings.append(f"points left out as behind the camera: {int((~before).sum())}")
+            warnings.append(
+                f"points left out because they are behind the camera: {int((~before).sum())}"
+            )
         if not before.any():
-            raise EstimateError("every point lies behind the camera: none can be drawn")
+            raise EstimateError(
+                "all points are behind the camera: check the working distance and the unit"
+            )
         points, normals, bends = points[before], normals[before], bends[before]
         radii = radii[before]
         toward = np.array([0.0, 0.0, frame.eye_mm]) - points
@@ -197,7 +207,7 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
     radii = np.maximum(radii, 0.75 / scale_px)
     pixels, _ = frame.pixels(points)
     rows, columns = frame.size
-    # Toward the corners of a wide image a disc grows beyond its scale in the middle.
+    # Toward the corners of a wide-angle image a disc appears larger than in the middle.
     reach_px = radii * scale_px * (1.0 if frame.camera is None else 1.5) + 1
     inside = (np.abs(pixels[:, 0] - (columns - 1) / 2) < columns / 2 + reach_px) & (
         np.abs(pixels[:, 1] - (rows - 1) / 2) < rows / 2 + reach_px
@@ -227,6 +237,6 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
     nearest = np.nan_to_num(height[row, column], nan=np.inf)
     front = inside & (cosine > _SURELY_FACING) & (points[:, 2] >= nearest - radii)
     if front.any():
-        # What lies round the edge of the object would show its inside there.
+        # Points on the far side of the outline would show the inside of the surface.
         out, height = blend(inside & ((orient(points, normals, front) * toward).sum(axis=1) >= 0))
     return Drawn(out, height, tuple(warnings))

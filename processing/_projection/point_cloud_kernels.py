@@ -1,4 +1,4 @@
-"""Discs to pixels, compiled: every point is a small disc across its normal."""
+"""Compiled rendering of discs: every point is a small disc at right angles to its normal."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
 
-# Cosine of the line of sight to the normal under which a disc is no longer tilted: its edge would
-# run away along the line.
+# Smallest cosine between line of sight and normal that is used to intersect a disc: the
+# intersection of a grazing ray would be far away.
 _GRAZING = 0.1
-# Tangent of the angle by which a normal may turn within its disc.
+# Tangent of the largest change of a normal within its disc.
 _MOST_BENT = 0.5
 
 
@@ -25,9 +25,9 @@ def _meet(
 ) -> tuple[float, float]:
     """Return how far below the disc's centre a line meets its plane, and the squared distance.
 
-    ``dx`` and ``dy`` lead from the line to the centre at the centre's height.
+    ``dx`` and ``dy`` are the offset from the line to the centre at the centre's height.
     """
-    # Normals face the viewer, the line runs away from him.
+    # Normals point toward the viewer, the line points away.
     t = -(nx * dx + ny * dy) / max(nz - nx * ray_x - ny * ray_y, _GRAZING)
     x, y = t * ray_x - dx, t * ray_y - dy
     return t, x * x + y * y + t * t
@@ -65,11 +65,12 @@ def splat(
     normals: Float,
     height: Float,
 ) -> None:
-    """Blend the discs seen at each pixel into normals and heights, the nearest layer alone.
+    """Blend the discs of the nearest layer at each pixel into normals and heights.
 
-    A layer is what lies within a disc's radius behind the nearest disc. Weights fall from the
-    disc's centre to 0 at its rim. ``bends`` ``(N, 3, 3)`` times the offset from the centre is what
-    the normal changes by. Lines of sight as in `processing._projection.rasterize_kernels.shade`.
+    A layer consists of the discs within one disc radius behind the nearest disc. Weights decrease
+    from the disc's centre to 0 at its rim. ``bends`` ``(N, 3, 3)`` times the offset from the centre
+    is the change of the normal. Lines of sight are those of
+    `processing._projection.rasterize_kernels.shade`.
     """
     rows, columns = height.shape
     bent = rays.shape[0] > 1

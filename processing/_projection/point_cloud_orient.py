@@ -1,4 +1,4 @@
-"""Which side of a point cloud's surface is out, told from the points that are surely in front."""
+"""Orientation of the normals of a point cloud, propagated from the points in front."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from scipy.spatial import cKDTree
 Double = npt.NDArray[np.float64]
 
 _NEIGHBOURS = 8
-# Keeps paths short where all normals are parallel.
+# Keeps paths short if all normals are parallel.
 _STEP = 1e-3
 
 
 def orient(points: Double, normals: Double, front: npt.NDArray[np.bool_]) -> Double:
-    """Carry the sides of the points in front over to all others.
+    """Propagate the orientation of the points in front to all other points.
 
-    A point takes its side from the neighbour that the least bent path from the front comes through
-    (after Hoppe et al., 1992, who grow one tree from one point).
+    A point takes its orientation from the previous point on the path from the front along which the
+    normals change least (after Hoppe et al., 1992, who grow one tree from one point).
 
     Parameters
     ----------
     points
         ``(N, 3)``.
     normals
-        ``(N, 3)`` unit vectors: of either sign where not in front.
+        ``(N, 3)`` unit vectors; of either sign for points that are not in front.
     front
-        ``(N,)``, True where the sign is right.
+        ``(N,)``, True for points whose sign is correct.
 
     Returns
     -------
     Double
-        ``(N, 3)`` normals; as they were where no path leads from the front.
+        ``(N, 3)`` normals; points without a path from the front keep their normals.
     """
     count = min(_NEIGHBOURS, len(points))
     _, near = cKDTree(points).query(points, count)

@@ -1,4 +1,4 @@
-"""Normal map, mask and height of a mesh or a point cloud, seen from one side."""
+"""Normal map, mask and height of a mesh or a point cloud in one view."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ Double = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """What is seen of an object.
+    """A view of an object.
 
     Parameters
     ----------
     normal_map
-        Normals in the house frame; its mask is where the object is seen.
+        Normals in the house frame; its mask contains the pixels of the object.
     height
         ``(H, W)`` float32 mm along +Z toward the viewer, NaN outside the mask.
     depth
         ``(H, W)`` float32 mm from the camera along the optical axis, NaN outside the mask; None
         for an orthographic view.
     mm_per_px
-        Distance of neighbouring pixels on the object; with a camera, at the working distance.
+        Distance between neighbouring pixels on the object; with a camera, at the working distance.
     warnings
-        What the reader should know, a line each.
+        Warnings, one line each.
     """
 
     normal_map: NormalMap
@@ -64,38 +64,40 @@ def project(
     Parameters
     ----------
     geometry
-        What is drawn.
+        The mesh or point cloud.
     rotation
-        ``(3, 3)`` from its axes to the house frame (X right, Y up, Z toward the viewer); see
-        `view_rotation`. Default: they are the same.
+        ``(3, 3)`` rotation from the axes of the geometry to the house frame (X right, Y up, Z
+        toward the viewer); see `view_rotation`. Default: no rotation.
     unit_mm
-        Millimetres per unit of its coordinates.
+        Millimetres per unit of the coordinates.
     size
-        (height, width) in pixels. Default: the camera's, or what fits the object.
+        (height, width) in pixels. Default: the size of the camera's images, or the smallest size
+        that contains the object.
     mm_per_px
-        Pixel size of an orthographic view. Default: the object fills the image, 1024 pixels on its
-        longer side where no size is given either.
+        Pixel size of an orthographic view. Default: the object fills the image, which has 1024
+        pixels on its longer side if the size is not given either.
     camera
         A perspective camera with a working distance. Default: orthographic.
     centred
-        Put the middle of the object's extent onto the origin; else its coordinates stay.
+        Move the centre of the object's extent to the origin; otherwise keep its coordinates.
     smooth
-        Blend normals over the faces of a mesh; else each is flat.
+        Blend normals over the faces of a mesh; otherwise the faces are flat.
     neighbours
-        Points that a normal of a point cloud is fitted to, where it brings none.
+        Number of points to which a normal of a point cloud is fitted if the cloud has no normals.
 
     Returns
     -------
     Projection
-        Of the nearest surface at each pixel's centre.
+        The view of the nearest surface at each pixel's centre.
 
     Raises
     ------
     DataError
-        If a scale is not positive, the image would be too large, or the camera has no working
-        distance, or comes with another image size or a pixel size.
+        If a scale is not positive, the image would be too large, the camera has no working
+        distance, or a camera is given together with another image size or a pixel size.
     EstimateError
-        If nothing of the object falls into the image, or a cloud's points make no surface.
+        If no part of the object is inside the image, or the points of a cloud do not determine a
+        surface.
     """
     if not (math.isfinite(unit_mm) and unit_mm > 0):
         raise DataError(f"a unit of {unit_mm} mm is not a positive length")
@@ -112,16 +114,16 @@ def project(
     if geometry.faces is not None:
         drawn = draw_mesh(points, geometry.faces, frame, smooth=smooth)
     else:
-        known = None if geometry.normals is None else geometry.normals @ turn.T
-        drawn = draw_points(fit_surfels(points, known, neighbours), frame)
+        normals = None if geometry.normals is None else geometry.normals @ turn.T
+        drawn = draw_points(fit_surfels(points, normals, neighbours), frame)
     mask = np.isfinite(drawn.height)
     if not mask.any():
         raise EstimateError(
-            f"nothing of the object falls on the centre of a pixel: the image of {frame.size[1]} x "
+            f"no pixel centre shows the object: the image of {frame.size[1]} x "
             f"{frame.size[0]} pixels covers {frame.size[1] * frame.mm_per_px:.3g} x "
-            f"{frame.size[0] * frame.mm_per_px:.3g} mm, the object spans "
+            f"{frame.size[0] * frame.mm_per_px:.3g} mm, the object is "
             + " x ".join(f"{span:.3g}" for span in (high - low)[:2])
-            + " mm"
+            + " mm in size"
         )
     return Projection(
         normal_map=NormalMap(drawn.normals, mask),
@@ -144,15 +146,17 @@ def _frame(
     if camera is None:
         return fit_frame(low_mm, high_mm, size, mm_per_px)
     if camera.working_distance_mm is None:
-        raise DataError("this camera has no working distance: add working_distance_mm to it")
+        raise DataError(
+            "the camera has no working distance: add working_distance_mm to the camera file"
+        )
     if mm_per_px is not None:
         raise DataError(
-            f"a pixel size of {mm_per_px} mm was given beside a camera at "
-            f"{camera.working_distance_mm} mm: leave one of them out"
+            f"a pixel size of {mm_per_px} mm and a camera at {camera.working_distance_mm} mm "
+            "exclude each other: give only one of them"
         )
     if size is not None and size != camera.size:
         raise DataError(
-            f"an image of {size[1]} x {size[0]} pixels was asked of a camera of {camera.width} x "
-            f"{camera.height}: leave the size out"
+            f"an image of {size[1]} x {size[0]} pixels was requested for a camera of "
+            f"{camera.width} x {camera.height}: leave out the size"
         )
     return Frame(camera.size, camera.working_distance_mm / camera.focal_px, camera)

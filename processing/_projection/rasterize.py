@@ -1,4 +1,4 @@
-"""A triangle mesh drawn into a frame of pixels."""
+"""Rendering of a triangle mesh to a frame of pixels."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
 
-# Share of the working distance under which a point is too close to the camera to be drawn.
+# Points closer to the camera than this fraction of the working distance are not drawn.
 NEAR_SHARE = 1e-3
-# Pixels that see the back of a face: a few lie on silhouettes of any mesh.
+# Fraction of pixels that may show the back of a face: a few do on the silhouette of any mesh.
 _BACK_SHARE = 0.01
 
 
 class Drawn(NamedTuple):
-    """Normals ``(H, W, 3)``, 0 where nothing is seen; heights (mm), NaN there; warnings."""
+    """Normals ``(H, W, 3)``, 0 outside the object; heights in mm, NaN outside; warnings."""
 
     normals: Float
     height: Float
@@ -33,26 +33,27 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     """Draw the nearest face at each pixel's centre.
 
     Coverage follows the top-left rule on corners rounded to 1 / 2^14 pixel: two faces that share
-    an edge leave no hole and hit no pixel twice. Normal and height are those where the pixel's own
-    line of sight meets the face, as a ray caster finds them. With a distorted camera the edges of
-    faces stay straight in the image, which matters for faces of many pixels only.
+    an edge leave no hole and cover no pixel twice. Normal and height are evaluated at the
+    intersection of the face with the pixel's line of sight, as in ray casting. With a distorted
+    camera the edges of faces remain straight in the image, which matters only for faces of many
+    pixels.
 
     Parameters
     ----------
     vertices_mm
         ``(V, 3)`` in the house frame.
     faces
-        ``(F, 3)``. Both sides of a face are seen; a back shows its normal turned to the viewer.
+        ``(F, 3)``. Both sides of a face are visible; the normal of a back side is inverted.
     frame
         The pixels.
     smooth
-        Blend the area-weighted normals of the corners over a face; else faces are flat.
+        Blend the area-weighted normals of the corners over a face; otherwise faces are flat.
 
     Returns
     -------
     Drawn
-        With a warning for faces without area (left out), faces that reach behind the camera (left
-        out), and backs that are seen.
+        The image, with warnings about faces without area and faces that extend behind the camera,
+        which are left out, and about visible back sides.
 
     Raises
     ------
@@ -62,13 +63,15 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     warnings = []
     vertex_normal, thin = kernels.vertex_normals(vertices_mm, faces)
     if thin:
-        warnings.append(f"faces left out as without area: {thin} of {len(faces)}")
+        warnings.append(f"faces left out because they have no area: {thin} of {len(faces)}")
         faces = faces[kernels.sound_faces(vertices_mm, faces)]
     if frame.camera is not None:
         behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * frame.eye_mm
         if behind.any():
             before = ~behind[faces].any(axis=1)
-            warnings.append(f"faces left out as behind the camera: {int((~before).sum())}")
+            warnings.append(
+                f"faces left out because they are behind the camera: {int((~before).sum())}"
+            )
             faces = faces[before]
             vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
     if not len(faces):
@@ -89,7 +92,8 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)
     if share > _BACK_SHARE:
         warnings.append(
-            f"{share:.0%} of the pixels see the back of a face: their normals are turned toward "
-            "the viewer; if the mesh should be closed, make its faces wind one way"
+            f"{share:.0%} of the pixels show the back of a face: their normals are inverted to "
+            "point toward the viewer; if the mesh should be closed, correct the winding of its "
+            "faces"
         )
     return Drawn(normals, height, tuple(warnings))

@@ -1,8 +1,8 @@
-"""Triangles to pixels, compiled: vertex normals, bands of rows, a z-buffer, shading.
+"""Compiled rendering of triangles: vertex normals, bands of rows, z-buffer and shading.
 
-First every pixel learns which face it sees (`draw`, on corners snapped to a grid), then that face
-is met by the pixel's exact line of sight (`shade`). The results do not depend on the number of
-threads.
+`draw` finds the visible face of every pixel, with corners that are snapped to a grid. `shade` then
+intersects that face with the exact line of sight of the pixel. The results do not depend on the
+number of threads.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
 Bands = npt.NDArray[np.int16]
 
-# Rows that one thread draws alone.
+# Number of rows in a band, which one thread draws alone.
 BAND_ROWS = 32
-# Corners are rounded to 1 / 2^14 pixel: up to 4096 pixels from a pixel, products of two distances
-# then fit into 53 bits, and the side of an edge on which the pixel lies is exact.
+# Corners are rounded to 1 / 2^14 pixel. Up to 4096 pixels from a pixel, products of two distances
+# then fit into 53 bits, so the test on which side of an edge the pixel is is exact.
 _SNAP = 16384.0
-# Parts in which the faces are counted; fixed, so that their order is.
+# Number of parts in which the faces are counted; it is fixed, so the order of the faces is, too.
 _PARTS = 64
-# Twice the area, relative to the square of the longest edge, under which a face has no direction.
+# A face has no direction if twice its area, relative to the square of its longest edge, is below
+# this.
 _THIN = 1e-12
-# Less than any cross product of snapped corners that is not 0.
+# A value below any nonzero cross product of snapped corners.
 _NEXT_TO_ZERO = 1e-300
 
 
 @numba.njit(parallel=True, cache=True)
 def turned(points: Double, matrix: Double) -> Double:
-    """Return ``(N, 3)`` points times a 3 x 3 matrix: BLAS takes ten times as long."""
+    """Return ``(N, 3)`` points times a 3 x 3 matrix, ten times as fast as BLAS."""
     out = np.zeros(points.shape, np.float64)
     for v in numba.prange(len(points)):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
@@ -55,9 +56,9 @@ def bounds(points: Double) -> tuple[Double, Double]:
 
 @numba.njit(cache=True)
 def vertex_normals(vertices: Double, faces: Whole) -> tuple[Float, int]:
-    """Return unit normals ``(V, 3)``, faces weighted by area, and how many faces have no area.
+    """Return area-weighted unit normals ``(V, 3)`` and the number of faces without area.
 
-    A vertex whose faces cancel out, or that has none, gets 0.
+    The normal is 0 for a vertex without faces, and if the normals of its faces cancel out.
     """
     total = np.zeros(vertices.shape, np.float64)
     thin = 0
@@ -82,7 +83,7 @@ def vertex_normals(vertices: Double, faces: Whole) -> tuple[Float, int]:
 
 @numba.njit(cache=True)
 def sound_faces(vertices: Double, faces: Whole) -> npt.NDArray[np.bool_]:
-    """Return which faces have an area."""
+    """Return the mask of the faces that have an area."""
     sound = np.zeros(len(faces), np.bool_)
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -131,7 +132,7 @@ def snap(pixels: Double, nearness: Double) -> Float:
 
 @numba.njit(parallel=True, cache=True)
 def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Bands, Bands]:
-    """Return the first and last band of rows each face may touch; (1, 0) where it touches none."""
+    """Return the first and last band of rows that each face may touch; (1, 0) for no band."""
     first, last = np.ones(len(faces), np.int16), np.zeros(len(faces), np.int16)
     for f in numba.prange(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -146,7 +147,7 @@ def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Ba
 
 @numba.njit(parallel=True, cache=True)
 def sort_into_bands(first: Bands, last: Bands, bands: int) -> tuple[Whole, npt.NDArray[np.int64]]:
-    """Return the numbers of what touches each band, in rising order, and where each band begins."""
+    """Return the indices of the items in each band, ascending, and the start of each band."""
     counts = np.zeros((bands, _PARTS), np.int64)
     size = -(-len(first) // _PARTS)
     for part in numba.prange(_PARTS):
@@ -176,7 +177,7 @@ def sort_into_bands(first: Bands, last: Bands, bands: int) -> tuple[Whole, npt.N
 
 @numba.njit(cache=True)
 def _least(dx: float, dy: float) -> float:
-    """Return the least edge function that is inside: a pixel on a top or left edge is."""
+    """Return the smallest edge function of a covered pixel; top and left edges are covered."""
     return 0.0 if dy < 0 or (dy == 0 and dx > 0) else _NEXT_TO_ZERO
 
 
@@ -189,9 +190,9 @@ def draw(
     nearest: Float,
     seen: Whole,
 ) -> None:
-    """Find the nearest face at each pixel's centre, the first of equals.
+    """Find the nearest face at each pixel's centre; of equally near faces, the first.
 
-    ``nearest`` starts at -inf and ``seen`` at -1; `members` and `begin` are of `sort_into_bands`.
+    ``nearest`` starts at -inf and ``seen`` at -1; `members` and `begin` are from `sort_into_bands`.
     """
     rows, columns = nearest.shape
     for band in numba.prange(len(begin) - 1):
@@ -219,7 +220,7 @@ def draw(
                 a_y, b_y, c_y = ay - r, by - r, cy - r
                 for column in range(left, right + 1):
                     a_x, b_x, c_x = ax - column, bx - column, cx - column
-                    # Swapping the ends of an edge gives exactly the opposite number.
+                    # Swapping the ends of an edge changes only the sign, exactly.
                     edge_a = b_x * c_y - b_y * c_x
                     edge_b = c_x * a_y - c_y * a_x
                     edge_c = a_x * b_y - a_y * b_x
@@ -245,10 +246,10 @@ def shade(
     normals: Float,
     height: Float,
 ) -> Whole:
-    """Fill in normals and heights where a face is seen; returns per row how many show their back.
+    """Fill in normals and heights of visible faces; return the number of back sides in each row.
 
     The line of sight of a pixel is ``(x[c] + s rays[r, c, 0], y[r] + s rays[r, c, 1], eye_z - s)``;
-    `rays` of shape ``(1, 1, 2)`` is that of all pixels.
+    `rays` of shape ``(1, 1, 2)`` applies to all pixels.
     """
     rows, columns = seen.shape
     back = np.zeros(rows, np.int32)
@@ -261,7 +262,7 @@ def shade(
             ray_x = rays[r, column, 0] if bent else rays[0, 0, 0]
             ray_y = rays[r, column, 1] if bent else rays[0, 0, 1]
             a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-            # Sheared so that the line of sight is the z axis.
+            # Shear the coordinates so that the line of sight is the z axis.
             sa, sb, sc = eye_z - vertices[a, 2], eye_z - vertices[b, 2], eye_z - vertices[c, 2]
             ax, ay = vertices[a, 0] - x[column] - sa * ray_x, vertices[a, 1] - y[r] - sa * ray_y
             bx, by = vertices[b, 0] - x[column] - sb * ray_x, vertices[b, 1] - y[r] - sb * ray_y
@@ -269,7 +270,7 @@ def shade(
             wa, wb, wc = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
             side = 1.0 if wa + wb + wc > 0 else -1.0
             back[r] += side < 0
-            # The snapped face may reach past the true one by a hair.
+            # The snapped face may extend slightly beyond the true face.
             wa, wb, wc = max(side * wa, 0.0), max(side * wb, 0.0), max(side * wc, 0.0)
             total = wa + wb + wc
             if total == 0:
@@ -282,7 +283,7 @@ def shade(
                 nx = wa * vertex_normal[a, 0] + wb * vertex_normal[b, 0] + wc * vertex_normal[c, 0]
                 ny = wa * vertex_normal[a, 1] + wb * vertex_normal[b, 1] + wc * vertex_normal[c, 1]
                 nz = wa * vertex_normal[a, 2] + wb * vertex_normal[b, 2] + wc * vertex_normal[c, 2]
-            # Flat, or smooth normals that cancel out.
+            # Flat shading, or smooth normals that cancel out.
             if nx * nx + ny * ny + nz * nz < 1e-12:
                 nx, ny, nz = _cross(vertices, a, b, c)
             scale = side / math.sqrt(nx * nx + ny * ny + nz * nz)

@@ -1,4 +1,4 @@
-"""From where an object is seen: rotations, and the frame of pixels it is drawn into."""
+"""Views of an object: rotations, and the frame of pixels that it is drawn to."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from acquisition import CameraModel, DataError
 Double = npt.NDArray[np.float64]
 View = Literal["front", "back", "left", "right", "top", "bottom"]
 
-# Where the viewer looks, with Y up: from the left means from -X.
+# Viewing directions with Y up: "left" is the view from -X.
 _LOOKS: dict[View, tuple[float, float, float]] = {
     "front": (0, 0, -1),
     "back": (0, 0, 1),
@@ -24,9 +24,9 @@ _LOOKS: dict[View, tuple[float, float, float]] = {
     "top": (0, -1, 0),
     "bottom": (0, 1, 0),
 }
-# Files with Z up have their front toward -Y.
+# In files with Z up the front is toward -Y.
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-# Air around an object that is fitted into the frame.
+# Margin around an object that is fitted into the frame.
 _MARGIN_PX = 2
 _DEFAULT_SIDE_PX = 1024
 _MAX_SIDE_PX = 65_536
@@ -45,21 +45,22 @@ def view_rotation(
     Parameters
     ----------
     view
-        The side that is seen.
+        The visible side.
     look
-        Instead of `view`: the direction of sight ``(x, y, z)`` in the file's axes, any length.
-        The up axis points up in the image; for a look straight down or up it is as in the views
-        ``top`` and ``bottom``.
+        Viewing direction ``(x, y, z)`` in the file's axes, of any length; replaces `view`. The up
+        axis points up in the image; if the direction is straight down or up, the orientation is
+        that of the views ``top`` and ``bottom``.
     up
-        Which axis of the file points up; ``z`` as engineers have it, with the front toward -Y.
+        The axis of the file that points up; ``z`` is usual in engineering, with the front toward
+        -Y.
     rotate_deg
-        Rotations of the object after that, about X (right), then Y (up), then Z (toward the
+        Additional rotations of the object about X (right), then Y (up), then Z (toward the
         viewer).
 
     Returns
     -------
     Double
-        ``(3, 3)``; ``points @ R.T`` turns points.
+        ``(3, 3)`` rotation; ``points @ R.T`` rotates points.
 
     Raises
     ------
@@ -72,7 +73,10 @@ def view_rotation(
         sight = to_y_up @ np.asarray(look, np.float64)
     length = float(np.linalg.norm(sight))
     if not (math.isfinite(length) and length > 0 and np.isfinite(rotate_deg).all()):
-        raise DataError(f"no view along {look}, turned by {rotate_deg} degrees: give directions")
+        raise DataError(
+            f"no view along {look}, rotated by {rotate_deg} degrees: give finite numbers and a "
+            "direction that is not 0"
+        )
     toward = -sight / length
     level = math.hypot(toward[0], toward[2])
     right = np.array([toward[2], 0.0, -toward[0]]) / level if level > 1e-9 else np.eye(3)[0]
@@ -88,21 +92,22 @@ def view_rotation(
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The pixels an object is drawn into.
+    """The pixels that an object is drawn to.
 
     Parameters
     ----------
     size
         (height, width) in pixels.
     mm_per_px
-        Distance of neighbouring pixels on the object; with a camera, at the working distance.
+        Distance between neighbouring pixels on the object; with a camera, at the working distance.
     camera
-        A perspective camera with a working distance; None: orthographic, the origin in the middle.
+        A perspective camera with a working distance; None for an orthographic view with the origin
+        in the middle.
 
     Raises
     ------
     DataError
-        If the image gets more than 100 million pixels, or 65 536 on a side.
+        If the image has more than 100 million pixels, or more than 65 536 on a side.
     """
 
     size: tuple[int, int]
@@ -113,21 +118,21 @@ class Frame:
         height, width = self.size
         if max(height, width) > _MAX_SIDE_PX or height * width > MAX_PROJECTED_PIXELS:
             raise DataError(
-                f"an image of {width} x {height} pixels is too large, "
-                f"{MAX_PROJECTED_PIXELS // 10**6} million pixels are the most: choose a larger "
-                "pixel or a smaller image"
+                f"an image of {width} x {height} pixels is too large, the maximum is "
+                f"{MAX_PROJECTED_PIXELS // 10**6} million pixels: choose a larger pixel size or a "
+                "smaller image"
             )
 
     @property
     def eye_mm(self) -> float:
-        """Height of the centre of projection; 0 where there is none."""
+        """Height of the centre of projection; 0 for an orthographic view."""
         return 0.0 if self.camera is None else float(self.camera.centre_mm[2])
 
     def pixels(self, points_mm: Double) -> tuple[Double, Double]:
-        """Return where points ``(N, 3)`` appear, ``(N, 2)``, and a nearness ``(N,)``.
+        """Return the pixels ``(N, 2)`` of points ``(N, 3)``, and their nearness ``(N,)``.
 
-        The nearness grows toward the viewer and is linear over the image of a plane. With a camera
-        the points must lie before it.
+        The nearness increases toward the viewer and is linear over the image of a plane. If there
+        is a camera, the points must be in front of it.
         """
         if self.camera is None:
             middle = np.array([(self.size[1] - 1) / 2, (self.size[0] - 1) / 2])
@@ -142,7 +147,10 @@ class Frame:
         return np.stack([row[0] * x + row[1] * y for row in to_pixels], axis=1), nearness
 
     def sights(self) -> tuple[Double, Double, Double]:
-        """Return the lines of sight: x of columns, y of rows, and slopes; see the kernels."""
+        """Return the lines of sight: x of the columns, y of the rows, and slopes.
+
+        They are explained in `processing._projection.rasterize_kernels.shade`.
+        """
         height, width = self.size
         if self.camera is None:
             x = (np.arange(width, dtype=np.float64) - (width - 1) / 2) * self.mm_per_px
@@ -160,7 +168,8 @@ class Frame:
     def _pinhole(camera: CameraModel) -> tuple[Double, Double, Double]:
         """Return the slope of the first pixel's ray, and its steps to the right and down.
 
-        A pinhole is linear, and the general way takes ten times as long for millions of points.
+        A pinhole camera is linear; the general method takes ten times as long for millions of
+        points.
         """
         origin, right, down = camera.rays([[0, 0], [1, 0], [0, 1]])[:, :2]
         return origin, right - origin, down - origin
@@ -169,19 +178,19 @@ class Frame:
 def fit_frame(
     low_mm: Double, high_mm: Double, size: tuple[int, int] | None, mm_per_px: float | None
 ) -> Frame:
-    """Return the orthographic frame of an image size and a pixel size; what is not given is fitted.
+    """Return the orthographic frame for an image size and a pixel size; None is fitted.
 
-    ``low_mm`` and ``high_mm`` are the least and greatest x, y, z of the object.
+    ``low_mm`` and ``high_mm`` are the smallest and largest x, y, z of the object.
 
     Raises
     ------
     DataError
-        If the object has no extent across, or the image is too large.
+        If the object has no extent in the image plane, or the image is too large.
     """
     half_x, half_y = (max(-low, high) for low, high in zip(low_mm[:2], high_mm[:2], strict=True))
     if mm_per_px is None:
         if not max(half_x, half_y) > 0:
-            raise DataError("seen from here the object is a point: give a pixel size")
+            raise DataError("the object is a point in this view: give a pixel size")
         height, width = size if size is not None else (_DEFAULT_SIDE_PX, _DEFAULT_SIDE_PX)
         mm_per_px = max(
             2 * half_x / max(width - 2 * _MARGIN_PX, 1),

@@ -1,1 +1,1 @@
-"""A source to normals and height in one call."""
+"""Reconstruction of normals and height from a source in one call."""

@@ -1,18 +1,18 @@
-"""Which images of a stack show light on the object."""
+"""Selection of the images of a stack that show light on the object."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-# An image whose brightest parts stay below this share of the others' shows no light at all.
+# An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
 
 
 def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> list[int]:
     """Return the indices of the images with light on the object.
 
-    The others are black: a dead LED, or a trigger that was lost.
+    The other images are black, because of a dead LED or a lost trigger.
 
     Parameters
     ----------

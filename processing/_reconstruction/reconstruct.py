@@ -1,4 +1,4 @@
-"""From a recording to normals and height, as one library call."""
+"""Reconstruction of normals and height from a recording."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rig import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
-    """The normals and the height of a recorded object, with what they were computed from.
+    """The normals and the height of a recorded object, with the data they were computed from.
 
     Parameters
     ----------
@@ -29,17 +29,17 @@ class Reconstruction:
     lights
         The lights of the images that were used, in their order.
     mask
-        ``(H, W)`` bool, the object: the source's mask, or one that was made from the images.
+        ``(H, W)`` bool, the object: the mask of the source, or one computed from the images.
     stereo
         Normals, albedo and residual.
     surface
-        The height; None where it was not asked for.
+        The height; None if it was not requested.
     error
-        Error of the normals over `mask`, where the source has ground truth.
+        Error of the normals over `mask`; None if the source has no ground truth.
     previews
         The first and the last linear image, each ``(H, W)`` float32.
     warnings
-        One line each, those of the source, the stack, the normals and the height.
+        Warnings about the source, the stack, the normals and the height, one line each.
     """
 
     source: Source
@@ -63,36 +63,37 @@ def reconstruct(
 ) -> Reconstruction:
     """Compute normals and height of a recorded object.
 
-    The images become linear radiance; images without light on the object are left out; photometric
-    stereo gives the normals, and their integration the height. Near lights are evaluated at the
-    points of the working plane.
+    The images are converted to linear radiance. Images without light on the object are left out.
+    Photometric stereo computes the normals, and their integration the height. Near lights are
+    evaluated at the points of the working plane.
 
     Parameters
     ----------
     source
-        What `acquisition.read_source` returns, with lights. A source without a mask gets one made
-        from its images, see `object_mask`.
+        Source with lights, as returned by `acquisition.read_source`. If it has no mask, one is
+        computed from its images, see `object_mask`.
     method
-        Of `photometric_stereo`.
+        Method of `photometric_stereo`.
     distant
-        Take lights with positions as directions.
+        Treat lights with positions as distant lights.
     gamma
         Exponent that makes the images linear, see `calibration.linear_stack`.
     surface
         Also integrate the normals.
     on_progress
-        Receives the stages ``reading`` and ``normals``.
+        Callback that receives the progress of the stages ``reading`` and ``normals``.
 
     Returns
     -------
     Reconstruction
+        Normals, height and the data they were computed from.
 
     Raises
     ------
     DataError
         If the source has no lights, or lights with positions and no camera with a working distance.
     EstimateError
-        If the images or the lights do not determine normals, or the normals face away from the
+        If the images or the lights do not determine the normals, or the normals face away from the
         camera.
 
     Examples
@@ -107,16 +108,16 @@ def reconstruct(
     warnings = [*source.warnings, *stack.warnings]
     mask = stack.mask
     if mask is None:
-        found = object_mask(stack.values)
-        mask = found.mask
+        computed = object_mask(stack.values)
+        mask = computed.mask
         warnings.append(
-            "no mask came with the images: one was made; the object is "
-            f"{found.contrast:.0f} times as bright as its background"
+            "the images have no mask: one was computed; the object is "
+            f"{computed.contrast:.0f} times as bright as the background"
         )
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]
-        warnings.append(f"images left out because no light is seen in them: {', '.join(dark)}")
+        warnings.append(f"images left out because they show no light: {', '.join(dark)}")
         stack, lights = stack.take(lit), lights.take(lit)
     stereo = photometric_stereo(
         stack.values,
@@ -127,12 +128,12 @@ def reconstruct(
         on_progress=on_progress,
     )
     previews = stack.values[0].copy(), stack.values[-1].copy()
-    del stack  # the largest value by far, and the height does not need it
+    del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
     if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
         raise EstimateError(
-            f"{source.path}: the normals face away from the camera: do the light directions point "
-            "from the object toward the lights, with z toward the camera?"
+            f"{source.path}: the normals face away from the camera: check that the light "
+            "directions point from the object toward the lights, with z toward the camera"
         )
     warnings += stereo.warnings
     height = None
@@ -155,15 +156,15 @@ def reconstruct(
 def _light_geometry(
     source: Source, *, distant: bool
 ) -> tuple[Lights, npt.NDArray[np.float64] | None]:
-    """Return the lights as they are to be used, and the surface points that near lights need."""
+    """Return the lights to use, and the surface points that near lights require."""
     if source.lights is None:
-        raise DataError(f"{source.path}: no lights are known for these images: add a lights file")
+        raise DataError(f"{source.path}: these images have no lights: add a lights file")
     lights = source.lights.distant() if distant else source.lights
     if not lights.near:
         return lights, None
     if source.camera is None or source.camera.working_distance_mm is None:
         raise DataError(
-            f"{source.path}: lights with positions need a camera with a working distance: add a "
-            "camera file, or take the lights as distant"
+            f"{source.path}: lights with positions require a camera with a working distance: add a "
+            "camera file, or treat the lights as distant"
         )
     return lights, source.camera.points_on_plane()

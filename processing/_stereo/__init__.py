@@ -1,1 +1,1 @@
-"""Photometric stereo: frames under known lights to normals and albedo."""
+"""Photometric stereo: normals and albedo from images under known lights."""

@@ -1,4 +1,4 @@
-"""Least squares reweighted with the Cauchy weight: shadows and highlights lose their influence."""
+"""Reweighted least squares with the Cauchy weight, robust to shadows and highlights."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from processing._stereo.pixel_algebra import (
 )
 
 _ITERATIONS = 10
-# 1 / (0.75 quantile of the normal distribution): turns the median of |r| into a deviation.
+# 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard
+# deviation.
 _MAD_TO_SIGMA = 1.4826
-# Halvings that find the median; it is then known to 1 part in 250, a tenth of its own noise.
+# Number of halvings that locate the median to 1 part in 250, a tenth of its own noise.
 _HALVINGS = 8
-# Steps of 1e-5 of the vector's length (0.0006 degree) end the iteration.
+# The iteration ends at a step of 1e-5 of the vector's length (0.0006 degree).
 _STEP2 = 1e-10
-# The smallest scale of the weights, relative to the vector's length: exact data has no spread.
+# Smallest scale of the weights, relative to the vector's length: exact data has no spread.
 _SCALE_FLOOR = 1e-6
 
 
 def cauchy(values: Float, vectors: Float) -> tuple[Double, Double]:
     """Solve ``value = max(vector . m, 0)`` by reweighted least squares.
 
-    Up to 10 iterations with the weight ``1 / (1 + (r / s)^2)``, s the scaled median of ``|r|``
-    (Holland, Welsch, 1977), from the solution of least squares.
+    The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
+    ``1 / (1 + (r / s)^2)``, where s is the scaled median of ``|r|`` (Holland and Welsch, 1977).
 
-    An `Estimator`; see there for the parameters and the result.
+    This is an `Estimator`; see there for the parameters and the result.
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
@@ -50,9 +51,10 @@ def _count_up_to(values: Float, count: int, limit: np.float32) -> int:
 
 @numba.njit(cache=True)
 def _median(values: Float, count: int, guess: np.float32) -> np.float32:
-    """Return the upper median of positive values, by halving from a guess above 0.
+    """Return the upper median of positive values by bisection, starting at a guess above 0.
 
-    A branch per halving and none per sample: four times the speed of a selection.
+    The code branches once per halving and not per sample, so it is four times as fast as a
+    selection algorithm.
     """
     low, high = np.float32(0), guess
     while high < np.inf and _count_up_to(values, count, high) <= count // 2:
@@ -72,8 +74,9 @@ def _reweighted(
 ) -> tuple[float, float, float]:
     """Refine the least-squares solution (m0, m1, m2) of ``v = max(l . m, 0)``.
 
-    Lights that the surface faces away from predict black and carry no slope: they count for the
-    scale and have no weight. ``shading`` and ``deviation`` are scratch of at least ``count``.
+    For a light that the surface faces away from, the model predicts black and has no slope: the
+    sample counts for the scale and has no weight. ``shading`` and ``deviation`` are scratch arrays
+    of at least ``count`` elements.
     """
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
     zero, one = np.float32(0), np.float32(1)

@@ -1,4 +1,4 @@
-"""The estimators of photometric stereo, and what one has to be."""
+"""The estimators of photometric stereo and their protocol."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from processing._stereo.pixel_algebra import Double, Float
 
 
 class Estimator(Protocol):
-    """Estimates the scaled normal of each pixel of a block, each pixel on its own.
+    """Function that estimates the scaled normal of each pixel of a block independently.
 
-    A new one is a function of this form in a file of its own, listed in `ESTIMATORS` and in
-    `Method`. It never sees images, masks, or whether lights are near.
+    To add an estimator, write a function of this form in a separate file and list it in
+    `ESTIMATORS` and in `Method`. An estimator does not depend on images, on masks, or on whether
+    the lights are near.
     """
 
     def __call__(self, values: Float, vectors: Float, /) -> tuple[Double, Double]:
@@ -24,17 +25,17 @@ class Estimator(Protocol):
         ----------
         values
             ``(P, N)`` float32 linear radiance, divided by the lights' intensities; not finite
-            where a sample was not measured.
+            if a sample was not measured.
         vectors
             ``(1, 3, N)`` float32 light vectors (x, y, z) that all pixels share, or ``(P, 3, N)``.
 
         Returns
         -------
         scaled
-            ``(P, 3)`` float64, normal times albedo; 0 where the samples do not determine it.
+            ``(P, 3)`` float64, normal times albedo; 0 if the samples do not determine it.
         rms
             ``(P,)`` float64, root mean square of ``value - vector . scaled`` over the finite
-            samples; 0 where there is no solution.
+            samples; 0 if there is no solution.
         """
         ...
 

@@ -20,10 +20,10 @@ from processing._stereo.pixel_algebra import (
 def least_squares(values: Float, vectors: Float) -> tuple[Double, Double]:
     """Solve ``value = vector . m`` by least squares, attached shadows included.
 
-    An `Estimator`; see there for the parameters and the result.
+    This is an `Estimator`; see there for the parameters and the result.
     """
-    # A pixel without a missing sample, under lights that all pixels share, needs no system of its
-    # own: the inverse is the same for all of them.
+    # If all pixels share the lights, the inverse is the same for all pixels without a missing
+    # sample.
     shared = vectors[0].astype(np.float64)
     inverse = np.linalg.pinv(shared @ shared.T).astype(np.float64)
     scaled = np.zeros((len(values), 3))
@@ -34,7 +34,7 @@ def least_squares(values: Float, vectors: Float) -> tuple[Double, Double]:
 
 @numba.njit(cache=True, fastmath=ANY_ORDER)
 def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
-    """Return the sums of ``x v``, ``y v``, ``z v`` and ``v v``; NaN where a sample is missing."""
+    """Return the sums of ``x v``, ``y v``, ``z v`` and ``v v``; NaN if a sample is missing."""
     bx = by = bz = vv = 0.0
     for i in range(len(values)):
         sample = np.float64(values[i])

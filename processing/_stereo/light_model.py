@@ -1,4 +1,4 @@
-"""Light vectors at surface points, and the samples of a block of pixels beside them."""
+"""Light vectors at surface points, and the samples of a block of pixels."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ Mask = npt.NDArray[np.bool_]
 
 
 class LightModel:
-    """What N lights do at the pixels of a mask.
+    """The light vectors of N lights at the pixels of a mask.
 
     Parameters
     ----------
     lights
-        Distant or near.
+        Distant or near lights.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions; None for
         distant lights.
     mask
-        ``(H, W)`` bool, the pixels that are asked for.
+        ``(H, W)`` bool, the pixels of the object.
 
     Raises
     ------
     DataError
-        If near lights come without points, or points do not fit the mask or are not finite in it.
+        If near lights have no points, or the points do not fit the mask or are not finite in it.
     """
 
     def __init__(self, lights: Lights, points_mm: npt.ArrayLike | None, mask: Mask) -> None:
@@ -62,22 +62,23 @@ class LightModel:
         return self._lights.vectors_at(np.median(finite, axis=0))
 
     def samples(self, stack: Float, pixels: npt.NDArray[np.intp]) -> tuple[Float, Float]:
-        """Return what an `Estimator` takes: the values of some pixels and their light vectors.
+        """Return the input of an `Estimator`: the values of some pixels and their light vectors.
 
         Parameters
         ----------
         stack
             ``(N, H, W)`` linear radiance.
         pixels
-            ``(P,)`` places in a flat image.
+            ``(P,)`` indices into the flat image.
 
         Returns
         -------
         values
-            ``(P, N)`` float32, not finite where a sample was not measured, or a light does not
-            reach the point.
+            ``(P, N)`` float32, not finite if a sample was not measured or a light does not reach
+            the point.
         vectors
-            ``(1, 3, N)`` float32 for distant lights, which all pixels share, else ``(P, 3, N)``.
+            ``(1, 3, N)`` float32 for distant lights, which all pixels share; ``(P, 3, N)`` for near
+            lights.
         """
         lights = len(stack)
         values = np.ascontiguousarray(stack.reshape(lights, -1)[:, pixels].T)
@@ -90,7 +91,10 @@ class LightModel:
 
 
 def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
-    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``, the last for unit irradiance at 0."""
+    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``.
+
+    The last factor normalises the irradiance at the origin to 1.
+    """
     positions, axes, mu = (
         np.array(x, np.float64) for x in (lights.positions_mm, lights.axes, lights.mu)
     )
@@ -102,11 +106,14 @@ def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
 
 @numba.njit(cache=True)
 def _irradiance(x: float, y: float, z: float, reference: float, axis: Double, mu: float) -> float:
-    """Return what turns (x, y, z), from a point to an LED, into its light vector; see Lights."""
+    """Return the factor that scales (x, y, z), from a point to an LED, to its light vector.
+
+    See `Lights`.
+    """
     distance2 = x * x + y * y + z * z
     distance = math.sqrt(distance2)
     cosine = -(x * axis[0] + y * axis[1] + z * axis[2])
-    # Also false for a point that is not finite.
+    # The comparison is also false if the point is not finite.
     if not cosine > 0.0:
         return 0.0
     gain = reference / (distance2 * distance)

@@ -20,19 +20,19 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Pixels that are estimated together. Their samples stay in the second-level cache or near it, and
-# starting the threads costs little beside them.
+# Number of pixels that are estimated together. Their samples approximately fit into the
+# second-level cache, and the cost of starting the threads is small in comparison.
 _BLOCK = 16384
 
 
 @dataclass(frozen=True, eq=False)
 class PhotometricStereoResult:
-    """What photometric stereo found.
+    """The result of photometric stereo.
 
     Parameters
     ----------
     normal_map
-        Normals; its mask is the part of the given mask where they could be determined.
+        Normals; the mask is the part of the input mask where they could be determined.
     albedo
         ``(H, W)`` float32, radiance under a light of intensity 1 that the surface faces, in the
         unit of the values; 0 outside the normal map's mask.
@@ -40,10 +40,10 @@ class PhotometricStereoResult:
         ``(H, W)`` float32, root mean square of ``value - albedo * (l . n)`` over the samples used,
         in the same unit; 0 outside. Shadows and highlights are part of it.
     used
-        ``(H, W)`` uint16, number of samples a pixel had, also where they were too few; 0 outside
-        the given mask.
+        ``(H, W)`` uint16, number of samples of each pixel, also if they were too few; 0 outside
+        the input mask.
     warnings
-        One line each.
+        Warnings, one line each.
     """
 
     normal_map: NormalMap
@@ -87,15 +87,16 @@ def photometric_stereo(
     Returns
     -------
     PhotometricStereoResult
-        Normals that point away from the viewer (n_z < 0) are kept: perspective sees a few of them
-        near outlines, and elsewhere they tell of wrong lights.
+        Normals that point away from the viewer (n_z < 0) are kept: in a perspective view a few of
+        them are visible near outlines, and elsewhere they indicate wrong lights.
 
     Raises
     ------
     DataError
-        If shapes and counts disagree, the mask is empty, or near lights come without points.
+        If shapes or counts differ, the mask is empty, or near lights have no points.
     EstimateError
-        With fewer than 3 lights, lights in one plane, or no pixel that can be determined.
+        If there are fewer than 3 lights, the lights are in one plane, or no pixel can be
+        determined.
     """
     if method not in METHODS:
         raise DataError(
@@ -119,22 +120,22 @@ def photometric_stereo(
         with np.errstate(over="ignore"):
             strength = length.astype(np.float32)
         solved = strength > 0
-        found = block[solved]
-        normals[found] = scaled[solved] / length[solved, None]
-        albedo.flat[found] = strength[solved]
-        residual.flat[found] = rms[solved]
+        determined = block[solved]
+        normals[determined] = scaled[solved] / length[solved, None]
+        albedo.flat[determined] = strength[solved]
+        residual.flat[determined] = rms[solved]
         used.flat[block] = np.isfinite(samples).sum(axis=1)
         on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
-    known = albedo > 0
-    if not known.any():
+    has_normal = albedo > 0
+    if not has_normal.any():
         raise EstimateError(_why_nothing(stack, mask))
-    asked = int(np.count_nonzero(mask))
-    lost = asked - int(np.count_nonzero(known))
+    total = int(np.count_nonzero(mask))
+    lost = total - int(np.count_nonzero(has_normal))
     warnings = (
-        f"{lost} of {asked} pixels of the mask have no normal: black, or too few usable samples",
+        f"{lost} of {total} pixels of the mask have no normal: black, or too few usable samples",
     )
     return PhotometricStereoResult(
-        normal_map=NormalMap(normals.reshape(*mask.shape, 3), known),
+        normal_map=NormalMap(normals.reshape(*mask.shape, 3), has_normal),
         albedo=albedo,
         residual=residual,
         used=used,
@@ -145,11 +146,11 @@ def photometric_stereo(
 def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
     if stack.ndim != 3:
         raise DataError(
-            f"photometric stereo needs a stack (N, H, W) of one channel, not {stack.shape}"
+            f"photometric stereo requires a stack (N, H, W) of one channel, not {stack.shape}"
         )
     if len(stack) != len(lights):
         raise DataError(
-            f"{len(stack)} images for {len(lights)} lights: every image needs its light"
+            f"{len(stack)} images for {len(lights)} lights: give one light for each image"
         )
     if mask.dtype != np.bool_ or mask.shape != stack.shape[1:]:
         raise DataError(
@@ -157,22 +158,22 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
             f"{stack.shape[1:]}"
         )
     if not mask.any():
-        raise DataError("the mask is empty: no pixel to compute")
+        raise DataError("the mask is empty: there is no pixel to compute")
 
 
 def _check_lights(vectors: Double) -> None:
-    """Refuse lights that leave a direction of the normal undetermined."""
+    """Reject lights that leave a direction of the normal undetermined."""
     if len(vectors) < 3:
         raise EstimateError(
-            f"{len(vectors)} lights do not determine a normal: at least 3 are needed"
+            f"{len(vectors)} lights do not determine a normal: at least 3 are required"
         )
     strength = np.linalg.svd(vectors, compute_uv=False)
     condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
     if not condition <= MAX_CONDITION:
         raise EstimateError(
-            f"the {len(vectors)} lights lie too nearly in one plane to determine normals "
-            f"(condition number {condition:.3g}, at most {MAX_CONDITION:g} is usable): "
-            "add lights beside it"
+            f"the {len(vectors)} lights are too close to one plane to determine normals "
+            f"(condition number {condition:.3g}, the maximum is {MAX_CONDITION:g}): "
+            "add lights outside the plane"
         )
 
 

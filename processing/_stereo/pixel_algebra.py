@@ -1,7 +1,7 @@
-"""Least squares over the samples of one pixel, compiled: shared by the estimators.
+"""Compiled least squares over the samples of one pixel, shared by the estimators.
 
-numba's cache of a kernel checks the kernel's own file, not the files of the functions that it
-calls. After a change of this file, delete the caches of its callers: ``make clean-kernels``.
+numba's cache of a kernel checks the file of the kernel, not the files of the functions that it
+calls. After a change in this file, delete the caches of its callers with ``make clean-kernels``.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ import numpy.typing as npt
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# A row of lights whose directions are wrong by a degree has about 50, a cone of 3 degrees 30, a
-# dome 2 to 5: what lies above multiplies every error of the images by as much.
+# Largest condition number of the lights: the errors of the images are multiplied by up to this
+# factor. A dome has 2 to 5, a cone of 3 degrees about 30, a row of lights whose directions are
+# wrong by one degree about 50.
 MAX_CONDITION = 30.0
-# trace(A) * trace(A^-1) is between the squared condition number and 9 times that: this refuses no
-# pixel that sees all the lights of an accepted set.
+# trace(A) * trace(A^-1) is between the squared condition number and 9 times that, so this limit
+# rejects no pixel that is reached by all the lights of an accepted set.
 _CONDITION2 = 9.0 * MAX_CONDITION**2
-# Sums may be taken in any order, so that they vectorise; the order is the same in every run.
+# Sums may be evaluated in any order, so that they vectorise; the order is the same in every run.
 ANY_ORDER = {"reassoc", "contract", "nsz"}
 
 
@@ -48,7 +49,7 @@ def _solve(
     a00: float, a01: float, a02: float, a11: float, a12: float, a22: float,
     b0: float, b1: float, b2: float,
 ) -> tuple[bool, float, float, float]:  # fmt: skip
-    """Solve a symmetric 3 x 3 system by cofactors; False where it is ill-conditioned."""
+    """Solve a symmetric 3 x 3 system by cofactors; return False if it is ill-conditioned."""
     c00 = a11 * a22 - a12 * a12
     c01 = a02 * a12 - a01 * a22
     c02 = a01 * a12 - a02 * a11

@@ -1,1 +1,1 @@
-"""Surfaces from normals."""
+"""Integration of normals to surfaces."""

@@ -1,10 +1,10 @@
-"""Normals to wanted steps along pixel edges, by the chord rule.
+"""Height steps along pixel edges from normals, by the chord rule.
 
-Between two neighbouring surface points the chord is taken to be at right angles to the sum of
-their normals: (n_i + n_j) . (P_j - P_i) = 0. This is exact on planes and on spheres. Where the mean
-normal makes an angle of cosine c with the line of sight, an error e of the normal moves the step by
-up to e / c^2: the weight of an edge is the inverse of that variance, c^4. Steep edges, which also
-hide most occlusions, count little.
+The chord between two neighbouring surface points is assumed to be at right angles to the sum of
+their normals: (n_i + n_j) . (P_j - P_i) = 0. This is exact on planes and on spheres. If c is the
+cosine of the angle between the mean normal and the line of sight, an error e of the normal changes
+the step by up to e / c^2. The weight of an edge is the inverse of that variance, c^4, so steep
+edges, which include most occlusions, have little weight.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Edges less than this cosine (0.6 degree) from grazing, or seen from behind, are dropped.
+# Edges below this cosine (within 0.6 degree of grazing), or seen from behind, are dropped.
 _GRAZING = 1e-2
-# Squared length of the sum of two normals 120 degrees apart: no chord joins what differs more.
+# Squared length of the sum of two normals that are 120 degrees apart; no edge connects pixels whose
+# normals differ more.
 _OPPOSED = 1.0
 
 
@@ -78,7 +79,7 @@ def perspective_edges(
 ) -> tuple[Float, Float, Double, Double]:
     """Return the edges between pixels of a mask and their steps in logarithmic depth.
 
-    With P = C + d r the chord rule reads d_j / d_i = (m . r_i) / (m . r_j), m = n_i + n_j.
+    With P = C + d r the chord rule is d_j / d_i = (m . r_i) / (m . r_j) with m = n_i + n_j.
 
     Parameters
     ----------
@@ -87,14 +88,15 @@ def perspective_edges(
     mask
         ``(H, W)`` bool.
     rays
-        ``(H, W, 3)`` float64 directions from the camera that the pixels see, with z = -1.
+        ``(H, W, 3)`` float64 directions of the pixels from the camera, with z = -1.
 
     Returns
     -------
     right, down
         ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing._surface.grid_graph`).
     step_right, step_down
-        ``(H+2, W+2)`` float64 logarithm of the right (lower) pixel's depth over this one's.
+        ``(H+2, W+2)`` float64 logarithm of the ratio of the right (lower) pixel's depth to this
+        pixel's depth.
     """
     rows, columns = mask.shape
     right = np.zeros((rows + 2, columns + 2), np.float32)

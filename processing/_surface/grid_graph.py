@@ -1,8 +1,8 @@
 """Weighted graphs on the pixel grid: connected parts and the graph Laplacian.
 
 A graph is two arrays of edge weights, ``right[r, c]`` between (r, c) and (r, c+1) and
-``down[r, c]`` between (r, c) and (r+1, c); 0 is no edge. All arrays carry a border of one pixel
-without edges on every side, so that no kernel asks where the image ends.
+``down[r, c]`` between (r, c) and (r+1, c); 0 means no edge. All arrays have a border of one pixel
+without edges on every side, so the kernels require no bounds checks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def label_parts(right: Float, down: Float) -> tuple[Labels, int]:
     Returns
     -------
     labels
-        ``(H+2, W+2)`` part of each pixel, from 0 in reading order; -1 for a pixel without edges.
+        ``(H+2, W+2)`` part of each pixel, numbered from 0 in reading order; -1 for a pixel without
+        edges.
     count
         Number of parts.
     """
@@ -58,7 +59,7 @@ def label_parts(right: Float, down: Float) -> tuple[Labels, int]:
             if right[r, c] + right[r, c - 1] + down[r, c] + down[r - 1, c] > 0:
                 node = r * columns + c
                 root = _find(parent, node)
-                # The root is the part's first pixel: it was labelled before or is this one.
+                # The root is the first pixel of the part: it is this pixel or already labelled.
                 if root == node:
                     labels[r, c] = count
                     count += 1
@@ -68,23 +69,23 @@ def label_parts(right: Float, down: Float) -> tuple[Labels, int]:
 
 
 def divergence(right: Float, down: Float, step_right: Double, step_down: Double) -> Double:
-    """Return the right-hand side of the least-squares problem of given steps along edges.
+    """Return the right-hand side of the least-squares problem for steps g along the edges.
 
-    The minimum of sum w (u_j - u_i - g)^2 over the edges solves L u = b with the graph Laplacian L
-    and b_i the sum of w g over the edges that end in i, less those that start there. The sum of b
-    over a connected part is 0.
+    The minimum of sum w (u_j - u_i - g)^2 over the edges solves L u = b with the graph Laplacian L.
+    b_i is the sum of w g over the edges that end at i minus the sum over those that start there.
+    The sum of b over a connected part is 0.
 
     Parameters
     ----------
     right, down
         ``(H+2, W+2)`` edge weights.
     step_right, step_down
-        ``(H+2, W+2)`` wanted differences u_j - u_i along the edges.
+        ``(H+2, W+2)`` target differences u_j - u_i along the edges.
 
     Returns
     -------
     Double
-        ``(H+2, W+2)``.
+        ``(H+2, W+2)`` right-hand side b.
     """
     flow = right * step_right
     out = -flow
@@ -97,7 +98,7 @@ def divergence(right: Float, down: Float, step_right: Double, step_down: Double)
 
 @numba.njit(parallel=True, cache=True)
 def apply_laplacian(right: Float, down: Float, u: Double, out: Double) -> Double:
-    """Write the graph Laplacian of `u` into `out` and return the products u . out row by row."""
+    """Write the graph Laplacian of `u` to `out` and return the products u . out of each row."""
     rows, columns = right.shape
     sums = np.zeros(rows, np.float64)
     for r in numba.prange(1, rows - 1):

@@ -1,4 +1,4 @@
-"""The heights of a result read along the sorted heights of its target, as the paper plots them."""
+"""Heights of a result in the order of the heights of its target, as plotted in the paper."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _WINDOW_PX = 5
 
 @dataclass(frozen=True, eq=False)
 class HeightProfile:
-    """Heights of the pixels that two surfaces share, in ascending order of the target's.
+    """Heights of the common pixels of two surfaces, in ascending order of the target's height.
 
     Parameters
     ----------
     target
-        ``(N,)`` float32 in `unit`, ascending.
+        ``(N,)`` float32, heights of the target in `unit`, ascending.
     result
-        ``(N,)`` float32, the result's height at the same pixels.
+        ``(N,)`` float32, heights of the result at the same pixels.
     smoothed
-        ``(N,)`` float32, the result averaged over 5 x 5 pixels.
+        ``(N,)`` float32, heights of the result averaged over 5 x 5 pixels.
     unit
         ``mm`` or ``px``.
     """
@@ -40,47 +40,47 @@ class HeightProfile:
 
     @property
     def rms(self) -> float:
-        """Root mean square of result less target."""
+        """Root mean square of the result minus the target."""
         return _rms(self.result, self.target)
 
     @property
     def smoothed_rms(self) -> float:
-        """Root mean square of the smoothed result less the target."""
+        """Root mean square of the smoothed result minus the target."""
         return _rms(self.smoothed, self.target)
 
     @property
     def target_range(self) -> float:
-        """Difference of the target's highest and lowest pixel."""
+        """Difference between the highest and the lowest pixel of the target."""
         return float(np.ptp(self.target))
 
     def ranks(self, most: int = 4000) -> npt.NDArray[np.intp]:
-        """Return evenly spaced positions in the order, its ends among them, to draw or list."""
+        """Return evenly spaced indices into the profile, including both ends, to plot or list."""
         count = len(self.target)
         return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
 
 
 def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
-    """Read a result's heights along its target's.
+    """Compare the heights of a result with those of its target.
 
-    Each connected part of a surface is free in height: the result's parts are set to the mean
-    height of the target there.
+    The height offset of each connected part of a surface is arbitrary: the parts of the result are
+    shifted to the mean height of the target at the same pixels.
 
     Parameters
     ----------
     target, result
-        Surfaces of one size and unit.
+        Surfaces of the same size and unit.
 
     Raises
     ------
     DataError
-        If sizes or units disagree or the masks do not overlap.
+        If the sizes or units differ or the masks do not overlap.
     """
     if target.mask.shape != result.mask.shape or target.unit != result.unit:
-        raise DataError("two surfaces of different size or unit do not compare")
+        raise DataError("cannot compare two surfaces of different size or unit")
     both = target.mask & result.mask
     if not both.any():
         raise DataError("the surfaces of target and result do not overlap")
-    # Pairs of parts, in case one surface hangs together where the other does not.
+    # Align each pair of parts separately: one surface may be connected where the other is not.
     pair = target.parts[both].astype(np.int64) * (result.parts.max() + 1) + result.parts[both]
     _, part = np.unique(pair, return_inverse=True)
     off = result.height[both].astype(np.float64) - target.height[both]

@@ -1,4 +1,4 @@
-"""The surface that a normal map describes."""
+"""Integration of a normal map to a height map."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from processing._surface.multigrid import Solution, solve
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# A depth that varies by more than this factor is no surface in front of a camera.
+# A depth that varies by more than this factor cannot be a surface in front of a camera.
 _DEPTH_RANGE = 1e6
 
 
@@ -31,25 +31,26 @@ class HeightMap:
     ----------
     height
         ``(H, W)`` float32 along +Z toward the camera, in `unit`, NaN outside the mask. Without a
-        camera the mean over each part is 0; with one it is the working distance less the depth.
+        camera the mean over each part is 0; with a camera the height is the working distance minus
+        the depth.
     depth
         ``(H, W)`` float32 distance from the camera along the optical axis, in `unit`, NaN outside
         the mask; None for an orthographic surface.
     mask
-        ``(H, W)`` bool, where the height is known.
+        ``(H, W)`` bool, the pixels with a known height.
     parts
-        ``(H, W)`` int32 number of the connected part a pixel belongs to, from 0; -1 outside the
-        mask. How parts lie relative to each other is not known.
+        ``(H, W)`` int32 number of the connected part of each pixel, from 0; -1 outside the mask.
+        The heights of parts relative to each other are not known.
     unit
-        ``mm``, or ``px`` where no scale is known.
+        ``mm``, or ``px`` if the scale is not known.
     pixel_size
-        Distance of neighbouring pixels in `unit`; with a camera, at the working distance.
+        Distance between neighbouring pixels in `unit`; with a camera, at the working distance.
     camera
         The camera of a perspective surface.
     iterations, relative_residual
-        Of the linear solver.
+        Number of iterations and final residual of the linear solver.
     warnings
-        What the reader should know, a line each.
+        Warnings, one line each.
     """
 
     height: Float
@@ -87,35 +88,35 @@ def integrate(
 ) -> HeightMap:
     """Integrate a normal map into a height map by weighted least squares on its mask.
 
-    Each pair of neighbouring pixels inside the mask asks for a height step by the chord rule (see
-    `processing._surface.chord_rule`); the surface that meets all of them best solves a Poisson
-    problem on the mask, by multigrid-preconditioned conjugate gradients.
+    The chord rule gives a height step for each pair of neighbouring pixels inside the mask (see
+    `processing._surface.chord_rule`). The surface that fits all steps best is the solution of a
+    Poisson problem on the mask, computed by multigrid-preconditioned conjugate gradients.
 
     Parameters
     ----------
     normal_map
         The normals. Nothing is assumed outside its mask.
     camera
-        A perspective camera of the same image size; without one the view is orthographic.
+        A perspective camera of the same image size; without a camera the view is orthographic.
     pixel_mm
-        Distance of neighbouring pixels on the object. With a camera it gives the working distance,
-        if the camera does not know it. Without any scale the result is in pixels: a perspective
-        surface then has a mean depth of one focal length.
+        Distance between neighbouring pixels on the object. If the camera has no working distance,
+        it is computed from this. Without any scale the result is in pixels: a perspective surface
+        then has a mean depth of one focal length.
 
     Returns
     -------
     HeightMap
-        With the mean of each connected part fixed: height 0 (orthographic), or depth equal to the
-        working distance (perspective). Pixels that no edge reaches, isolated or grazing, are left
-        out of its mask and told in its warnings.
+        The surface. The mean of each connected part is fixed: height 0 (orthographic), or depth
+        equal to the working distance (perspective). Pixels without edges, which are isolated or
+        grazing, are not in its mask, and a warning reports them.
 
     Raises
     ------
     DataError
-        If the camera is of another image size, the pixel size is no positive length, or both
+        If the camera has another image size, the pixel size is not a positive length, or both
         a pixel size and a working distance are given.
     EstimateError
-        If no two neighbouring normals face the camera, or the depths come out absurd.
+        If no two neighbouring normals face the camera, or the range of depths is implausible.
     """
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
         raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
@@ -135,8 +136,8 @@ def integrate(
     labels, count = label_parts(right, down)
     if count == 0:
         raise EstimateError(
-            "no two neighbouring pixels of the normal map face the camera: nothing to integrate; "
-            "check the map's axes (Z toward the camera) and its mask"
+            "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
+            "integrate: check the axes of the map (Z toward the camera) and its mask"
         )
     b = divergence(right, down, step_right, step_down)
     del step_right, step_down, edges
@@ -187,8 +188,8 @@ def _scale(
         return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
     if pixel_mm is not None:
         raise DataError(
-            f"a pixel size of {pixel_mm} mm was given beside a camera at {distance} mm: leave one "
-            "of them out"
+            f"a pixel size of {pixel_mm} mm and a camera at {distance} mm exclude each other: give "
+            "only one of them"
         )
     return "mm", distance / focal_px, distance
 
@@ -199,12 +200,12 @@ def _part_means(values: Double, members: npt.NDArray[np.int32], count: int) -> D
 
 
 def _relative_depth(u: Double, members: npt.NDArray[np.int32], count: int) -> Double:
-    """Return depths of mean 1 over each part from logarithmic ones."""
+    """Return the depths, with mean 1 over each part, from their logarithms."""
     u = u - _part_means(u, members, count)[members]
     if np.abs(u).max() > math.log(_DEPTH_RANGE):
         raise EstimateError(
             f"the depth would vary by more than a factor of {_DEPTH_RANGE:g}: the camera matrix "
-            "does not belong to this normal map, or its axes are turned"
+            "does not belong to this normal map, or the axes of the map are wrong"
         )
     relative = np.exp(u)
     return np.asarray(relative / _part_means(relative, members, count)[members], np.float64)
@@ -214,17 +215,17 @@ def _warnings(count: int, isolated: int, solution: Solution) -> tuple[str, ...]:
     warnings = []
     if count > 1:
         warnings.append(
-            f"the surface falls into {count} parts that no pair of pixels connects: each has its "
-            "own mean height, and how they lie relative to each other is not known"
+            f"the surface consists of {count} parts that are not connected: the mean height of "
+            "each part is arbitrary, so their heights relative to each other are not known"
         )
     if isolated:
         warnings.append(
-            f"{isolated} pixels of the mask stand alone or face away from the camera and have no "
+            f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
             "height"
         )
     if not solution.converged:
         warnings.append(
             f"the solver stopped at a relative residual of {solution.relative_residual:.1e} after "
-            f"{solution.iterations} iterations: heights may be off over long distances"
+            f"{solution.iterations} iterations: heights may be inaccurate over long distances"
         )
     return tuple(warnings)

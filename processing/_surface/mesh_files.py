@@ -1,6 +1,6 @@
-"""Surfaces as triangle meshes, and the files other programs read them from.
+"""Triangle meshes of surfaces, and mesh files for other programs.
 
-Every format is written straight from arrays, with the same bytes for the same surface.
+Every format is written directly from arrays. The same surface always gives the same bytes.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from processing._surface.integration import HeightMap
 
 Float = npt.NDArray[np.float32]
 
-# glTF wants metres.
+# The unit of glTF is the metre.
 _METRES = 1e-3
-# Lines of text formatted at once: bounds the memory of an .obj.
+# Number of lines that are formatted at once; it limits the memory for an .obj file.
 _TEXT_LINES = 1 << 16
 
 
@@ -34,7 +34,7 @@ class Mesh:
     vertices
         ``(V, 3)`` float32.
     faces
-        ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the camera.
+        ``(F, 3)`` int32 vertex indices, counter-clockwise as seen from the camera.
     normals
         ``(V, 3)`` float32 unit vectors, or None.
     """
@@ -45,10 +45,10 @@ class Mesh:
 
 
 def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> Mesh:
-    """Make a mesh of a height map: one vertex per pixel of its mask, in reading order.
+    """Make a mesh from a height map: one vertex per pixel of its mask, in reading order.
 
-    Four neighbouring pixels make two triangles along the shorter diagonal in space, three of four
-    make one. No triangle joins two parts of the surface.
+    Four neighbouring pixels form two triangles, split along the shorter diagonal in space; three of
+    the four form one triangle. No triangle connects two parts of the surface.
 
     Parameters
     ----------
@@ -60,12 +60,12 @@ def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> M
     Returns
     -------
     Mesh
-        In the height map's unit, normals toward the camera.
+        The mesh, in the unit of the height map, with normals toward the camera.
 
     Raises
     ------
     DataError
-        If the normals do not cover the height map, or it makes no triangle.
+        If the normals do not cover the height map, or it contains no triangle.
     """
     mask = height_map.mask
     if normals is not None and (normals.size != mask.shape or np.any(mask & ~normals.mask)):
@@ -75,7 +75,9 @@ def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> M
     vertices = height_map.points()[mask]
     faces = _faces(height_map.parts, vertices)
     if not len(faces):
-        raise DataError("the surface is nowhere two pixels wide: it makes no triangle")
+        raise DataError(
+            "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
+        )
     return Mesh(vertices, faces, None if normals is None else normals.normals[mask])
 
 
@@ -83,13 +85,13 @@ def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int3
     inside = parts >= 0
     number = np.full(parts.shape, -1, np.int32)
     number[inside] = np.arange(len(vertices), dtype=np.int32)
-    # Corners of each square of pixels: a b over d e.
+    # Corners of each square of pixels: a and b above d and e.
     a, b, d, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
 
     part_of = parts[inside]
 
     def joined(*corners: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-        # Missing corners (-1) look up the last vertex and are ruled out all the same.
+        # A missing corner (-1) indexes the last vertex; corner >= 0 excludes it.
         first = part_of[corners[0]]
         whole = np.ones(first.shape, np.bool_)
         for corner in corners:
@@ -103,7 +105,7 @@ def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int3
         vertices, a[quads], e[quads]
     )
     split_ae = quads & ~shorter_bd
-    # Squares of three corners have one triangle that fits; squares of four choose a diagonal.
+    # Squares with three corners contain one triangle; squares with four are split at a diagonal.
     triangles = [
         (adb & ~split_ae, (a, d, b)),
         (bde & ~split_ae, (b, d, e)),
@@ -126,30 +128,32 @@ def write_mesh(
     *,
     normals: NormalMap | None = None,
 ) -> None:
-    """Write a surface as a triangle mesh; the suffix chooses the format.
+    """Write a surface as a triangle mesh; the suffix selects the format.
 
     Parameters
     ----------
     path
         ``.ply`` (binary), ``.obj`` (text), ``.stl`` (binary, without vertex normals) or
-        ``.glb`` (glTF 2.0, thousandths of the unit: metres where it is mm). An existing file is
-        replaced.
+        ``.glb`` (glTF 2.0, coordinates divided by 1000: metres if the unit is mm). An existing file
+        is replaced.
     height_map
-        The surface; all but .glb are in its unit.
+        The surface; all formats except .glb use its unit.
     normals
-        Of the vertices; see `height_mesh`.
+        Normals of the vertices; see `height_mesh`.
 
     Raises
     ------
     DataError
-        If the suffix is unknown, or `height_mesh` refuses the surface.
+        If the suffix is unknown, or for the reasons given in `height_mesh`.
     StorageError
         If the file cannot be written.
     """
     path = Path(path)
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl, ".glb": _glb}.get(path.suffix.lower())
     if encode is None:
-        raise DataError(f"{path}: no mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb")
+        raise DataError(
+            f"{path}: unknown mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb"
+        )
     write_durably(path, *encode(height_mesh(height_map, normals=normals)))
 
 
@@ -178,7 +182,7 @@ def _stl(mesh: Mesh) -> list[bytes]:
     )
     facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
     facets["corners"] = corners
-    # The first five letters must not be "solid": that would announce a text file.
+    # The header must not begin with "solid": readers would take it for a text file.
     header = b"binary triangle mesh".ljust(80) + np.uint32(len(facets)).astype("<u4").tobytes()
     return [header, facets.tobytes()]
 
@@ -194,7 +198,7 @@ def _obj(mesh: Mesh) -> list[bytes]:
 
 
 def _text(line: str, table: npt.NDArray[np.generic]) -> list[bytes]:
-    """Format the rows of a table, a line each."""
+    """Format the rows of a table, one line each."""
     return [
         ((line + "\n") * len(part) % tuple(part.ravel().tolist())).encode("ascii")
         for part in np.split(table, range(_TEXT_LINES, len(table), _TEXT_LINES))

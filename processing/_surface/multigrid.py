@@ -1,9 +1,9 @@
-"""Graph Laplacians on the pixel grid solved by multigrid-preconditioned conjugate gradients.
+"""Multigrid-preconditioned conjugate gradients for graph Laplacians on the pixel grid.
 
-Matrix-free: a level is two arrays of edge weights. Coarse levels gather 2 x 2 pixels into one
-(plain aggregation; edge weights add up and are halved, which makes up for the stiffness of
-piecewise constant corrections, Braess 1995). The cycle runs in float32 with red-black Gauss-Seidel,
-the conjugate gradients around it in float64.
+The solver is matrix-free: a level consists of two arrays of edge weights. A pixel of a coarse level
+aggregates 2 x 2 pixels (plain aggregation). The edge weights are summed and halved, which
+compensates for the stiffness of piecewise constant corrections (Braess, 1995). The cycle uses
+float32 and red-black Gauss-Seidel smoothing, the conjugate gradients use float64.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from processing._surface.grid_graph import apply_laplacian
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# Smoothing sweeps before and after the coarse correction.
+# Number of smoothing sweeps before and after the coarse correction.
 _SWEEPS = 2
-# Below this many pixels threads cost more than they bring.
+# Below this number of pixels, starting threads costs more time than it saves.
 _SERIAL_PIXELS = 1 << 14
-# The coarsest grid, solved exactly by its pseudo-inverse.
+# Maximum size of the coarsest grid, which is solved exactly by its pseudo-inverse.
 _COARSEST_PIXELS = 100
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A solved graph Laplacian.
+    """The solution of a linear system with a graph Laplacian.
 
     Parameters
     ----------
     u
-        ``(H+2, W+2)`` float64, free up to a constant on each connected part.
+        ``(H+2, W+2)`` float64, determined up to a constant on each connected part.
     iterations
-        Of the conjugate gradients.
+        Number of iterations of the conjugate gradients.
     relative_residual
-        2-norm of b - L u over that of b.
+        2-norm of b - L u divided by the 2-norm of b.
     converged
-        Whether that met the tolerance.
+        Whether the residual is within the tolerance.
     """
 
     u: Double
@@ -56,9 +56,9 @@ def solve(
 ) -> Solution:
     """Solve L u = b for the graph Laplacian L of a weighted pixel grid.
 
-    L is singular, constants on each connected part are its null space. Nothing is added to its
-    diagonal: b must sum to 0 over each part, then so does every residual, and the free constants
-    are left to the caller.
+    L is singular: its null space consists of the constants on each connected part. L is not
+    regularised. b must sum to 0 over each part; then every residual does, too. The caller chooses
+    the constants.
 
     Parameters
     ----------
@@ -68,20 +68,20 @@ def solve(
     b
         ``(H+2, W+2)`` right-hand side, 0 on pixels without edges.
     tolerance
-        Relative residual to stop at.
+        Relative residual at which the iteration stops.
     max_iterations
-        Where to give up.
+        Maximum number of iterations.
 
     Returns
     -------
     Solution
-        With the residual reached.
+        The solution, with its residual.
     """
     u = np.zeros_like(b)
     norm_b = math.sqrt(np.vdot(b, b))
     if norm_b == 0:
         return Solution(u, 0, 0.0, converged=True)
-    # The cycle computes in float32: a right-hand side of any scale must fit it.
+    # The cycle uses float32: scale the right-hand side to its range.
     scale = float(np.abs(b).max())
     levels = _coarsen(right, down)
     residual = b / scale
@@ -93,7 +93,7 @@ def solve(
         gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
         kernels.add_scaled(direction, correction, gamma / previous if iteration else 0.0)
         curvature = float(apply_laplacian(right, down, direction, product).sum())
-        if not curvature > 0:  # only rounding is left of the residual
+        if not curvature > 0:  # the residual consists of rounding errors
             break
         norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
         iteration += 1
@@ -103,7 +103,7 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """One grid: edge weights, inverse diagonal, and room for the cycle's unknown and right side."""
+    """One grid: edge weights, inverse diagonal, and buffers for unknowns and right-hand side."""
 
     right: Float
     down: Float
@@ -111,7 +111,7 @@ class _Level:
     x: Float
     b: Float
     serial: bool
-    # Pseudo-inverse of the coarsest level's Laplacian, in its inner pixels.
+    # Pseudo-inverse of the Laplacian on the inner pixels; only on the coarsest level.
     dense: Float | None
 
 
@@ -137,7 +137,7 @@ def _coarsen(right: Float, down: Float) -> list[_Level]:
 
 
 def _cycle(levels: list[_Level], residual: Double) -> Float:
-    """Return one V-cycle's correction for a residual: a symmetric positive operator."""
+    """Return the correction of one V-cycle for a residual; the operator is symmetric positive."""
     levels[0].b[...] = residual
     for fine, coarse in pairwise(levels):
         smooth, restrict = (
@@ -160,7 +160,7 @@ def _cycle(levels: list[_Level], residual: Double) -> Float:
             else (kernels.smooth, kernels.prolong)
         )
         prolong(coarse.x, fine.inverse, fine.x)
-        # The colours in reverse order make the cycle symmetric, as conjugate gradients need it.
+        # The reverse order of colours makes the cycle symmetric, which conjugate gradients require.
         for colour in (1, 0) * _SWEEPS:
             smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
     return levels[0].x
@@ -179,7 +179,7 @@ def _pseudo_inverse(right: Float, down: Float) -> Float:
     diagonal = -matrix.sum(axis=1)
     np.fill_diagonal(matrix, diagonal)
     inverse = np.linalg.pinv(matrix, rcond=1e-10, hermitian=True)
-    # Pixels without edges stay exactly 0.
+    # Pixels without edges remain exactly 0.
     inverse[diagonal == 0] = 0
     return np.asarray(inverse, np.float32)
 

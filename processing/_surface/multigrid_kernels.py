@@ -1,6 +1,6 @@
-"""The loops of the multigrid solver over pixels.
+"""Compiled loops over pixels for the multigrid solver.
 
-Arrays are those of `processing._surface.grid_graph`, with an empty border of one pixel: float32
+The arrays are those of `processing._surface.grid_graph`, with an empty border of one pixel: float32
 inside the cycle, float64 in the conjugate gradients.
 """
 
@@ -21,7 +21,8 @@ def aggregate(right: Float, down: Float) -> tuple[Float, Float]:
     coarse_right = np.zeros((rows + 2, columns + 2), np.float32)
     coarse_down = np.zeros((rows + 2, columns + 2), np.float32)
     half = np.float32(0.5)
-    # Coarse pixel R holds the fine rows 2R-1 and 2R; an odd last row has the empty border as mate.
+    # Coarse row R contains the fine rows 2R-1 and 2R; an odd last row is paired with the empty
+    # border.
     for R in range(1, rows + 1):
         r = 2 * R - 1
         for C in range(1, columns + 1):
@@ -33,8 +34,8 @@ def aggregate(right: Float, down: Float) -> tuple[Float, Float]:
     return coarse_right, coarse_down
 
 
-# The kernels below come in two drivers, parallel for fine levels and serial for coarse ones, over
-# one body for a row.
+# Each kernel below has two drivers that share the code for one row: a parallel driver for fine
+# levels and a serial driver for coarse levels.
 
 
 @numba.njit(cache=True)
@@ -62,7 +63,7 @@ def smooth(right: Float, down: Float, inverse: Float, b: Float, x: Float, colour
 def smooth_serial(
     right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int
 ) -> None:
-    """Do as `smooth` on one thread."""
+    """Relax like `smooth`, on one thread."""
     for r in range(1, right.shape[0] - 1):
         _smooth_row(right, down, inverse, b, x, r, 1 + (r + colour) % 2)
 
@@ -100,7 +101,7 @@ def restrict(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> No
 
 @numba.njit(cache=True)
 def restrict_serial(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
-    """Do as `restrict` on one thread."""
+    """Sum like `restrict`, on one thread."""
     for R in range(1, coarse.shape[0] - 1):
         _restrict_row(right, down, b, x, coarse, R)
 
@@ -108,32 +109,32 @@ def restrict_serial(right: Float, down: Float, b: Float, x: Float, coarse: Float
 @numba.njit(cache=True)
 def _prolong_row(coarse: Float, inverse: Float, x: Float, r: int) -> None:
     for c in range(1, x.shape[1] - 1):
-        # Pixels without edges stay 0.
+        # Pixels without edges remain 0.
         if inverse[r, c] > 0:
             x[r, c] += coarse[(r + 1) // 2, (c + 1) // 2]
 
 
 @numba.njit(parallel=True, cache=True)
 def prolong(coarse: Float, inverse: Float, x: Float) -> None:
-    """Add the coarse correction to the 2 x 2 pixels under each coarse one."""
+    """Add the correction of each coarse pixel to its 2 x 2 fine pixels."""
     for r in numba.prange(1, x.shape[0] - 1):
         _prolong_row(coarse, inverse, x, r)
 
 
 @numba.njit(cache=True)
 def prolong_serial(coarse: Float, inverse: Float, x: Float) -> None:
-    """Do as `prolong` on one thread."""
+    """Add like `prolong`, on one thread."""
     for r in range(1, x.shape[0] - 1):
         _prolong_row(coarse, inverse, x, r)
 
 
-# Vector work of the conjugate gradients. Sums are returned row by row, so that a total does not
+# Vector operations of the conjugate gradients. Sums are returned for each row, so totals do not
 # depend on the number of threads.
 
 
 @numba.njit(parallel=True, cache=True)
 def dot(a: Double, b: Float) -> Double:
-    """Return the products of a and b, summed row by row."""
+    """Return the dot product of each row of a and b."""
     sums = np.zeros(len(a), np.float64)
     for r in numba.prange(len(a)):
         total = 0.0
@@ -145,7 +146,7 @@ def dot(a: Double, b: Float) -> Double:
 
 @numba.njit(parallel=True, cache=True)
 def add_scaled(direction: Double, correction: Float, factor: float) -> None:
-    """Set the direction to the correction plus `factor` times itself."""
+    """Replace the direction by the correction plus `factor` times the direction."""
     for r in numba.prange(len(direction)):
         for c in range(direction.shape[1]):
             direction[r, c] = correction[r, c] + factor * direction[r, c]
@@ -153,7 +154,7 @@ def add_scaled(direction: Double, correction: Float, factor: float) -> None:
 
 @numba.njit(parallel=True, cache=True)
 def step(u: Double, residual: Double, direction: Double, product: Double, length: float) -> Double:
-    """Take a step and return the square of the new residual, row by row."""
+    """Take a step and return the squared norm of the new residual for each row."""
     sums = np.zeros(len(u), np.float64)
     for r in numba.prange(len(u)):
         total = 0.0

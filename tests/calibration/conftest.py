@@ -1,4 +1,4 @@
-"""Mirror spheres drawn from first principles: nothing here comes from the package under test."""
+"""Mirror spheres computed from first principles, without code from the package under test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from acquisition import CameraModel
 
 @dataclass(frozen=True)
 class Bench:
-    """A pinhole at (0, 0, distance) that looks down, written out by hand."""
+    """Pinhole camera at (0, 0, distance) that looks down, implemented independently."""
 
     focal_px: float = 5000.0
     distance_mm: float = 600.0
@@ -41,14 +41,14 @@ class Bench:
         )
 
     def outline(self, centre, radius, count=400):
-        """Pixels of the points in which rays of the eye touch the sphere."""
+        """Return the pixels of the points at which rays from the eye touch the sphere."""
         axis = np.asarray(centre, float) - self.eye
         distance = np.linalg.norm(axis)
         axis = axis / distance
         first = np.cross(axis, [0.0, 1.0, 0.0])
         first /= np.linalg.norm(first)
         second = np.cross(axis, first)
-        # The circle of contact: pole plane at distance - radius^2 / distance from the eye.
+        # Circle of contact: the polar plane is at distance - radius^2 / distance from the eye.
         along = distance - radius**2 / distance
         ring = radius * np.sqrt(1 - (radius / distance) ** 2)
         angles = np.arange(count) * 2 * np.pi / count
@@ -62,7 +62,7 @@ class Bench:
         )
 
     def highlight(self, centre, radius, light):
-        """Pixel in which the sphere mirrors the light: the root of Alhazen's problem."""
+        """Return the pixel of a light's highlight on a sphere, the root of Alhazen's problem."""
         centre, light = np.asarray(centre, float), np.asarray(light, float)
         e = (self.eye - centre) / np.linalg.norm(self.eye - centre)
         w = light - centre
@@ -88,7 +88,7 @@ def bench() -> Bench:
 
 
 def dome(count: int = 36, radius: float = 450.0):
-    """Lights on rings at 15, 35, 55 and 75 degrees of elevation."""
+    """Return lights on rings at elevations of 15, 35, 55 and 75 degrees."""
     rings = np.array([15, 35, 55, 75])
     share = np.cos(np.radians(rings))
     counts = np.diff(np.round(count * np.cumsum(share) / share.sum()).astype(int), prepend=0)

@@ -8,7 +8,7 @@ OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
 
 
 def spot(x, y, peak, sigma=0.8, shape=(100, 120)):
-    """A Gaussian spot integrated over pixels by supersampling."""
+    """Return a Gaussian spot integrated over pixels by supersampling."""
     sub = (np.arange(9) + 0.5) / 9 - 0.5
     rows = (np.arange(shape[0])[:, None] + sub).ravel()
     columns = (np.arange(shape[1])[:, None] + sub).ravel()
@@ -26,9 +26,9 @@ PLACES = np.array([[50.3, 44.1], [66.77, 38.42], [71.5, 57.25], [58.0, 66.9], [4
 
 
 def test_centroid_of_unsaturated_spots():
-    found = find_highlights(stack(PLACES), OUTLINE)
-    assert np.abs(found.pixels - PLACES).max() < 0.01
-    assert not found.saturated.any()
+    result = find_highlights(stack(PLACES), OUTLINE)
+    assert np.abs(result.pixels - PLACES).max() < 0.01
+    assert not result.saturated.any()
 
 
 def test_static_reflection_is_ignored():
@@ -36,54 +36,54 @@ def test_static_reflection_is_ignored():
     assert np.abs(find_highlights(values, OUTLINE).pixels - PLACES).max() < 0.02
 
 
-def test_saturated_blob_has_its_middle():
+def test_a_saturated_blob_is_located_at_its_centre():
     values = np.stack([spot(x, y, 50.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
     values[values >= 1] = np.nan
-    found = find_highlights(values, OUTLINE)
-    assert found.saturated.all()
-    assert np.abs(found.pixels - PLACES).max() < 0.15
+    result = find_highlights(values, OUTLINE)
+    assert result.saturated.all()
+    assert np.abs(result.pixels - PLACES).max() < 0.15
 
 
-def test_saturated_blob_on_a_reflection_is_outshone_beside_the_sphere():
-    """What is brighter than the blob lies outside of the outline: it does not weigh the blob."""
+def test_a_saturated_blob_on_a_reflection_next_to_a_brighter_area():
+    """A brighter area outside the outline does not affect the position of the blob."""
     values = np.stack([spot(x, y, 10.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
     y, x = np.mgrid[:100, :120]
     values[:, np.hypot(x - 60, y - 50) < 40] += 0.6
     values[0, 8:12, 18:22] = 2.0
     values[values >= 1] = np.nan
-    found = find_highlights(values, OUTLINE)
-    assert found.saturated.all()
-    assert np.abs(found.pixels - PLACES).max() < 0.2
+    result = find_highlights(values, OUTLINE)
+    assert result.saturated.all()
+    assert np.abs(result.pixels - PLACES).max() < 0.2
 
 
 def test_secondary_reflection_near_the_rim_is_rejected():
     values = stack(PLACES)
-    values[2] = stack([(60 + 40 * 0.93, 50.0)])[0]  # the light itself is hidden
-    found = find_highlights(values, OUTLINE).found
-    assert found.tolist() == [True, True, False, True, True]
+    values[2] = stack([(60 + 40 * 0.93, 50.0)])[0]  # the light is hidden
+    result = find_highlights(values, OUTLINE).found
+    assert result.tolist() == [True, True, False, True, True]
 
 
 def test_faint_secondary_inside_is_rejected_by_its_flux():
     values = stack(PLACES)
     values[1] = stack([(52.0, 60.0)], peak=2.0, seed=5)[0]
-    found = find_highlights(values, OUTLINE).found
-    assert found.tolist() == [True, False, True, True, True]
+    result = find_highlights(values, OUTLINE).found
+    assert result.tolist() == [True, False, True, True, True]
 
 
 def test_two_equal_spots_are_ambiguous():
     values = stack(PLACES)
     values[3] += spot(70.0, 45.0, 180.0).astype(np.float32)
-    found = find_highlights(values, OUTLINE).found
-    assert found.tolist() == [True, True, True, False, True]
+    result = find_highlights(values, OUTLINE).found
+    assert result.tolist() == [True, True, True, False, True]
 
 
-def test_a_spot_that_the_frame_cuts_is_none():
-    """The middle of what is left of it lies up to 1.4 px off, 4 degrees of the light here."""
+def test_a_spot_cut_off_by_the_frame_is_ignored():
+    """The centre of the remaining part is wrong by up to 1.4 px, here 4 degrees of the light."""
     places = np.array([[50.3, 20.1], [66.8, 8.4], [71.5, 0.2], [58.0, -0.4], [45.2, -0.9]])
     values = np.stack([spot(x, y, 200.0, sigma=1.5) + 0.2 for x, y in places]).astype(np.float32)
-    found = find_highlights(values, Ellipse((60.0, 10.0), (40.0, 40.0)))
-    assert found.found.tolist() == [True, True, False, False, False]
-    assert np.abs(found.pixels[:2] - places[:2]).max() < 0.01
+    result = find_highlights(values, Ellipse((60.0, 10.0), (40.0, 40.0)))
+    assert result.found.tolist() == [True, True, False, False, False]
+    assert np.abs(result.pixels[:2] - places[:2]).max() < 0.01
 
 
 @pytest.mark.parametrize("kind", ["dark", "noise", "wide"])

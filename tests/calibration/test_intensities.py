@@ -1,4 +1,4 @@
-"""Intensities from a matte plane: the closed form inverted, with what a real card brings along."""
+"""Intensities from a matte plane: inversion of the closed form, and defects of a real card."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ SIZE = (60, 80)
 
 
 def card(seed: int, mu: float):
-    """Lights, points of the card, its noiseless images by the inverse-square law, truth."""
+    """Return lights, points of the card, noiseless inverse-square images, and the truth."""
     random = np.random.default_rng(seed)
     around = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     polar = np.radians(np.tile([20, 45, 60], 4))
@@ -30,54 +30,56 @@ def card(seed: int, mu: float):
 
 
 @pytest.mark.parametrize("mu", [0.0, 1.0, 2.5])
-def test_the_closed_form_is_inverted(mu):
+def test_noiseless_images_give_the_true_intensities(mu):
     lights, points, values, strength = card(1, mu)
-    found = calibrate_intensities(
+    result = calibrate_intensities(
         values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
     )
-    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=1e-4)
-    np.testing.assert_allclose(found.lights.intensities.mean(), 1.0)
-    assert abs(found.mu - mu) < 1e-3
-    assert found.residual < 1e-4
-    assert found.warnings == ()
+    np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=1e-4)
+    np.testing.assert_allclose(result.lights.intensities.mean(), 1.0)
+    assert abs(result.mu - mu) < 1e-3
+    assert result.residual < 1e-4
+    assert result.warnings == ()
 
 
-def test_noise_shadows_glints_and_saturation_do_little():
+def test_noise_shadows_highlights_and_saturation_have_little_effect():
     lights, points, values, strength = card(2, 1.0)
     random = np.random.default_rng(3)
     values = values * random.normal(1, 0.01, values.shape)
-    values[:, 10:25, 10:25] = random.uniform(0.01, 3, (12, 15, 15))  # a mirror ball lies there
+    values[:, 10:25, 10:25] = random.uniform(0.01, 3, (12, 15, 15))  # a mirror ball on the card
     values[4, :, 60:] *= 0.2  # a shadow
     values[7, :20] = np.nan
-    found = calibrate_intensities(
+    result = calibrate_intensities(
         values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
     )
-    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=5e-3)
-    assert abs(found.mu - 1.0) < 0.05
+    np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=5e-3)
+    assert abs(result.mu - 1.0) < 0.05
 
 
-def test_a_plane_that_is_none_is_told():
+def test_a_surface_that_is_not_a_plane_is_reported():
     lights, points, values, _ = card(4, 1.0)
     bumpy = values * np.random.default_rng(5).uniform(0.7, 1.3, values.shape)
-    found = calibrate_intensities(bumpy.astype(np.float32), lights, points, np.ones(SIZE, np.bool_))
-    assert "matte" in found.warnings[0]
+    result = calibrate_intensities(
+        bumpy.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
+    )
+    assert "matte" in result.warnings[0]
 
 
 def test_pixels_without_a_point_do_not_count():
     lights, points, values, strength = card(7, 1.0)
     points[3:9, 4:20] = np.nan
-    found = calibrate_intensities(
+    result = calibrate_intensities(
         values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
     )
-    np.testing.assert_allclose(found.lights.intensities[:, 0], strength, rtol=1e-4)
-    assert found.pixels == np.prod(SIZE) - 6 * 16
+    np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=1e-4)
+    assert result.pixels == np.prod(SIZE) - 6 * 16
 
 
 def test_a_light_that_cannot_reach_the_plane_is_named():
     lights, points, values, _ = card(8, 1.0)
     below = lights.positions_mm.copy()
     below[5, 2] = -5.0
-    with pytest.raises(EstimateError, match="light L05 does not reach the plane"):
+    with pytest.raises(EstimateError, match="light L05 cannot reach the lit pixels"):
         calibrate_intensities(
             values.astype(np.float32), Lights(positions_mm=below), points, np.ones(SIZE, np.bool_)
         )
@@ -88,9 +90,9 @@ def test_refusals():
     values = values.astype(np.float32)
     with pytest.raises(DataError, match="positions"):
         calibrate_intensities(values, lights.distant(), points, np.ones(SIZE, np.bool_))
-    with pytest.raises(DataError, match="belong together"):
+    with pytest.raises(DataError, match="match each other"):
         calibrate_intensities(values[:5], lights, points, np.ones(SIZE, np.bool_))
-    with pytest.raises(DataError, match="2 lights or more"):
+    with pytest.raises(DataError, match="at least 2 lights"):
         calibrate_intensities(values[:1], lights.take([0]), points, np.ones(SIZE, np.bool_))
     with pytest.raises(EstimateError, match="0 pixels"):
         calibrate_intensities(values * np.nan, lights, points, np.ones(SIZE, np.bool_))

@@ -11,7 +11,7 @@ from calibration._spheres.outline import mask_outlines, refine_outline
 
 
 def on_ellipse(cx, cy, a, b, degrees, t):
-    """Parametric ellipse, from its definition."""
+    """Return points of an ellipse, from its parametric definition."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     x, y = a * np.cos(t), b * np.sin(t)
     return np.column_stack([cx + c * x - s * y, cy + s * x + c * y])
@@ -58,8 +58,8 @@ def test_cone_from_exact_outline(bench, centre):
     radius = 18.0
     rays = bench.camera.rays(bench.outline(centre, radius))
     cone, _ = fit_cone(rays, 1 / bench.focal_px)
-    found = bench.eye + radius / cone.sine * cone.axis
-    assert np.linalg.norm(found - centre) < 1e-6
+    computed = bench.eye + radius / cone.sine * cone.axis
+    assert np.linalg.norm(computed - centre) < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -70,8 +70,11 @@ def test_cone_from_exact_outline(bench, centre):
         pytest.param((110, -80, 18), 1.5, id="three times the noise"),
     ],
 )
-def test_cone_says_how_sure_it_is(bench, centre, noise_px):
-    """Against the scatter of 300 noisy outlines: sideways and in depth, which differ 30-fold."""
+def test_the_covariance_of_a_cone(bench, centre, noise_px):
+    """The covariance agrees with the scatter of 300 noisy outlines, sideways and in depth.
+
+    The two differ by a factor of 30.
+    """
     radius, rng = 18.0, np.random.default_rng(4)
     outline = bench.outline(centre, radius, count=120)
     fits = [
@@ -88,21 +91,21 @@ def test_cone_says_how_sure_it_is(bench, centre, noise_px):
         assert direction @ stated @ direction == pytest.approx(
             direction @ scatter @ direction, rel=0.3
         )
-    # Mahalanobis distances of three coordinates: 3 on average.
+    # The mean squared Mahalanobis distance of three coordinates is 3.
     off = places - (np.asarray(centre, float) - bench.eye) / radius
     assert np.einsum("na,ab,nb->n", off, np.linalg.inv(stated), off).mean() == pytest.approx(
         3, rel=0.25
     )
 
 
-def test_points_on_a_line_are_no_ellipse():
+def test_points_on_a_line_are_not_an_ellipse():
     points = np.column_stack([np.arange(40.0), np.arange(40.0)])
     with pytest.raises(EstimateError):
         fit_ellipse(points)
 
 
 def disc(height, width, cx, cy, radius, fine=16):
-    """Coverage of every pixel by a disc, by supersampling."""
+    """Return the coverage of every pixel by a disc, by supersampling."""
     sub = (np.arange(fine) + 0.5) / fine - 0.5
     y = (np.arange(height)[:, None] + sub).ravel()[:, None]
     x = (np.arange(width)[:, None] + sub).ravel()[None]
@@ -130,7 +133,7 @@ def test_mask_regions_are_separate_and_specks_dropped():
     assert radii == pytest.approx([20, 25], abs=0.02)
 
 
-def test_sphere_cut_by_the_frame_keeps_its_circle():
+def test_a_sphere_cut_off_by_the_frame_keeps_its_circle():
     mask = disc(80, 100, 10.0, 40.0, 25.0)
     (points,) = mask_outlines(mask)
     circle, _ = fit_circle(points)
@@ -141,10 +144,10 @@ def test_sphere_cut_by_the_frame_keeps_its_circle():
 @pytest.mark.parametrize("true_offset", [-0.35, -0.1, 0.0, 0.15, 0.35])
 @pytest.mark.parametrize("limb", [-0.3, 0.0, 0.25])
 def test_limb_position(true_offset, limb):
-    """Limb profiles, integrated over pixels and interpolated, give back where the edge is."""
+    """The edge is located correctly in limb profiles that are integrated and interpolated."""
     offsets = profile_offsets()
     rng = np.random.default_rng(7)
-    # A pixel integrates over a box; reading between pixels linearly is a triangle.
+    # A pixel integrates over a box; linear interpolation is a convolution with a triangle.
     sub = rng.uniform(-0.5, 0.5, (3, 20000)).sum(axis=0)
     depth = true_offset - (offsets[:, None] + sub[None])
     inside = 0.3 + limb * np.sqrt(np.clip(depth, 0, None))
@@ -152,7 +155,7 @@ def test_limb_position(true_offset, limb):
     assert edge_offsets(values[None])[0] == pytest.approx(true_offset, abs=0.06)
 
 
-def test_profiles_reach_as_far_as_the_edge_is_looked_for():
+def test_profiles_cover_the_search_range():
     np.testing.assert_allclose(profile_offsets(), np.arange(-2.5, 2.51, 0.25), atol=1e-12)
 
 
@@ -172,5 +175,5 @@ def test_refined_outline_of_a_disc(inside, outside):
 def test_no_outline_is_an_estimate_error():
     image = np.random.default_rng(2).normal(1, 1e-6, (80, 80)).astype(np.float32)
     image[:] = 1.0
-    with pytest.raises(EstimateError, match=r"no outline at \(40, 40\) px"):
+    with pytest.raises(EstimateError, match=r"no sphere outline at \(40, 40\) px"):
         refine_outline(image, Ellipse((40.0, 40.0), (20.0, 20.0)), 4.0)

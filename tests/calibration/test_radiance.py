@@ -23,7 +23,7 @@ def frame(name, pixels, role="light", exposure_us=None, bracket=0, light_id=None
 
 
 class _Held:
-    """Pixels that need no file: Frame.read wants an existing path, so stand in for read."""
+    """Pixels without a file; they replace `Frame.read`, which requires an existing path."""
 
     def __init__(self, pixels, name):
         self.pixels, self.name = pixels, name
@@ -50,7 +50,7 @@ def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None):
 
 
 def dn(radiance, exposure_us, offset=BLACK, rate=0.1):
-    """A noiseless 12-bit sensor: grey values of a radiance, clipped."""
+    """Return the clipped grey values of a radiance for a noiseless 12-bit sensor."""
     grey = offset + rate * np.asarray(radiance, float) * exposure_us
     return np.minimum(np.round(grey), WHITE).astype(np.uint16)
 
@@ -101,7 +101,7 @@ def test_offset(roles, expected_offset):
     assert values == pytest.approx((1000 - expected_offset) / (WHITE - BLACK), rel=1e-6)
 
 
-def test_dark_of_another_exposure_is_not_used_and_said():
+def test_a_dark_frame_of_another_exposure_is_not_used_and_is_reported():
     frames = [
         frame("L00", np.full((2, 2), 1000, np.uint16), exposure_us=100.0),
         frame("D", np.full((2, 2), 500, np.uint16), "dark", 200.0),
@@ -111,7 +111,7 @@ def test_dark_of_another_exposure_is_not_used_and_said():
     assert "100 us" in stack.warnings[0]
 
 
-def test_dark_that_no_exposure_ties_to_the_images_is_not_used_and_said():
+def test_dark_frames_are_not_used_without_exposure_times_of_the_images():
     frames = [
         frame("L00", np.full((2, 2), 1000, np.uint16)),
         frame("D", np.full((2, 2), 500, np.uint16), "dark", 200.0),
@@ -119,7 +119,7 @@ def test_dark_that_no_exposure_ties_to_the_images_is_not_used_and_said():
     stack = linear_stack(source(frames))
     assert stack.values == pytest.approx((1000 - BLACK) / (WHITE - BLACK), rel=1e-6)
     assert stack.warnings == (
-        "dark and ambient frames were not used: no image tells its exposure time",
+        "dark and ambient frames were not used: the images have no exposure times",
     )
 
 
@@ -147,7 +147,7 @@ def test_any_saturated_channel_makes_gray_nan():
     assert np.isfinite(values[0, 0, 1])
 
 
-def test_gamma_only_where_given():
+def test_gamma_is_applied_only_if_given():
     image = np.full((1, 2), 0.5, np.float32)
     one = source([frame("a", image)], None, 0.0, 1.0)
     assert linear_stack(one).values == pytest.approx(0.5)
@@ -155,7 +155,7 @@ def test_gamma_only_where_given():
 
 
 def test_gamma_undoes_the_curve_of_light_and_dark_before_the_difference():
-    """A display curve over an exact sensor: what comes back is the light without the room."""
+    """Images with a display curve give the radiance of the light without the room light."""
     light, room, gamma = np.array([[0.02, 0.3]]), 0.1, 2.2
 
     def encoded(radiance):
@@ -175,15 +175,15 @@ def test_float_images_never_saturate_and_keep_their_scale():
     np.testing.assert_array_equal(values[0], image)
 
 
-def test_an_image_without_one_unsaturated_sample_may_come_first():
+def test_the_first_image_may_be_completely_saturated():
     white = np.full((2, 2), 4095, np.uint16)
     values = linear_stack(source([frame("a", white), frame("b", white // 2)])).values
     assert np.isnan(values[0]).all()
     assert values[1] == pytest.approx((4095 // 2 - BLACK) / (WHITE - BLACK), rel=1e-6)
 
 
-def test_repeats_are_averaged_though_their_exposures_differ_by_a_hair():
-    """One radiance, each frame exposed a little longer than the last and rounded on its own."""
+def test_repeats_with_slightly_different_exposures_are_averaged():
+    """The radiance is constant; each frame has a slightly longer exposure and its own rounding."""
     exposures = (10_000.0, 10_000.5, 10_001.0, 10_002.0)
     noise = (-30, 10, 40, -20)
     frames = [
@@ -197,13 +197,13 @@ def test_repeats_are_averaged_though_their_exposures_differ_by_a_hair():
     ]
     dark = frame("D", np.full((2, 2), BLACK, np.float32), "dark", 10_001.0)
     stack = linear_stack(source([*frames, dark]))
-    # The errors cancel in the mean; alone, each would shift it by 1 % or more.
+    # The errors cancel in the mean; a single frame would have an error of 1 % or more.
     expected = 0.1 * exposures[-1] / (WHITE - BLACK)
     assert stack.values == pytest.approx(expected, rel=1e-5)
     assert stack.warnings == ()
 
 
-def test_each_repeat_is_divided_by_its_own_exposure():
+def test_each_repeat_is_divided_by_its_exposure():
     frames = [
         frame("r0", np.full((1, 1), BLACK + 100, np.float32), exposure_us=1000.0, light_id="L00"),
         frame("r1", np.full((1, 1), BLACK + 200, np.float32), exposure_us=2000.0, light_id="L00"),
@@ -261,14 +261,14 @@ def test_order_and_progress():
             [("a", np.array([[0.1, np.nan]], np.float32), 1.0)],
             {"black": 0.0, "white": 1.0},
             DataError,
-            "a.tif: holds values that are not finite",
+            "a.tif: contains values that are not finite",
             id="nan-in-float-image",
         ),
         pytest.param(
             [("a", np.full((2, 2), 9, np.uint16), 1.0), ("b", np.full((2, 2), 9, np.uint16), None)],
             {},
             DataError,
-            "b.tif: its exposure time",
+            "b.tif: no valid exposure time",
             id="exposure-missing",
         ),
         pytest.param(

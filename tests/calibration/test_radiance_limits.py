@@ -1,4 +1,4 @@
-"""What decides about a sample, an exposure or a whole stack, at its limit."""
+"""Limits of the decisions about a sample, an exposure time and a stack."""
 
 import numpy as np
 import pytest
@@ -25,13 +25,13 @@ def test_a_sample_at_the_white_level_is_saturated(value, known):
 @pytest.mark.parametrize(
     ("dark_us", "used"),
     [
-        pytest.param(1000.9, True, id="a hair longer"),
-        pytest.param(999.1, True, id="a hair shorter"),
+        pytest.param(1000.9, True, id="slightly longer"),
+        pytest.param(999.1, True, id="slightly shorter"),
         pytest.param(1001.1, False, id="longer"),
         pytest.param(998.9, False, id="shorter"),
     ],
 )
-def test_a_dark_frame_counts_within_a_thousandth_of_the_exposure(dark_us, used):
+def test_a_dark_frame_is_used_within_a_thousandth_of_the_exposure(dark_us, used):
     frames = [
         frame("L00", even(1000), exposure_us=1000.0),
         frame("D", even(500), "dark", dark_us),
@@ -41,20 +41,20 @@ def test_a_dark_frame_counts_within_a_thousandth_of_the_exposure(dark_us, used):
     assert stack.values == pytest.approx(expected, rel=1e-6)
     assert (stack.warnings == ()) == used
     if not used:
-        assert "no dark frame of 1000 us" in stack.warnings[0]
+        assert "no dark or ambient frame with an exposure of 1000 us" in stack.warnings[0]
 
 
-def test_every_exposure_without_a_dark_frame_is_told_once():
+def test_every_exposure_without_a_dark_frame_is_reported_once():
     frames = [
         *(frame(f"a{k}", even(900), exposure_us=100.0, light_id="L00") for k in range(3)),
         *(frame(f"b{k}", even(900), exposure_us=400.0, light_id="L01") for k in range(2)),
         frame("c", even(900), exposure_us=200.0, light_id="L02"),
         frame("D", even(70), "dark", 200.0),
     ]
-    told = linear_stack(source(frames)).warnings
-    assert [line.partition(":")[0] for line in told] == [
-        "no dark frame of 100 us",
-        "no dark frame of 400 us",
+    warnings = linear_stack(source(frames)).warnings
+    assert [line.partition(":")[0] for line in warnings] == [
+        "no dark or ambient frame with an exposure of 100 us",
+        "no dark or ambient frame with an exposure of 400 us",
     ]
 
 
@@ -73,7 +73,7 @@ def test_each_exposure_has_its_own_dark_frame():
 
 
 def test_the_longest_exposure_of_all_frames_is_the_unit():
-    """A dark frame's exposure is none of light; of three lights the middle one is the longest."""
+    """Dark frames do not count; of the three lights the second has the longest exposure."""
     exposures = (100.0, 800.0, 400.0)
     frames = [frame(f"L{i:02d}", even(1000), exposure_us=t) for i, t in enumerate(exposures)]
     values = linear_stack(source(frames)).values[:, 0, 0]
@@ -83,7 +83,7 @@ def test_the_longest_exposure_of_all_frames_is_the_unit():
 
 
 def test_of_three_brackets_the_longest_that_is_not_saturated_counts():
-    """Samples differ on purpose, so that the value tells the bracket."""
+    """The samples of the brackets differ, so the value identifies the bracket."""
     pixels = {
         4000.0: [[4095, 4095, 4095, 2000]],
         400.0: [[4095, 4095, 1800, 1800]],
@@ -101,7 +101,7 @@ def test_of_three_brackets_the_longest_that_is_not_saturated_counts():
         )
 
 
-def test_rgb_frames_are_divided_channel_by_channel_and_mosaics_too():
+def test_rgb_frames_and_mosaics_are_divided_channel_by_channel():
     lights = Lights(directions=[[0, 0, 1]], intensities=[[1.0, 2.0, 4.0]], ids=("a",))
     one = source([frame("a", even(0.4, np.float32, (4, 4)))], lights, 0.0, 1.0, cfa="RGGB")
     values = linear_stack(one, channel="rgb").values[0]
@@ -111,15 +111,15 @@ def test_rgb_frames_are_divided_channel_by_channel_and_mosaics_too():
 @pytest.mark.parametrize(
     ("values", "levels", "black"),
     [
-        # Two grey values over the black level are left by rounding.
+        # Rounding can leave two grey values above the black level.
         pytest.param([66, 64], (64.0, 4095.0), True, id="two grey values"),
         pytest.param([67, 64], (64.0, 4095.0), False, id="three grey values"),
         pytest.param([2, 0], (0.0, 100.0), True, id="two of a hundred"),
-        pytest.param([1, 0], (0.0, 99.0), False, id="a scale too short for that"),
-        pytest.param([0, 0], (0.0, 99.0), True, id="nothing at all"),
+        pytest.param([1, 0], (0.0, 99.0), False, id="too few grey values for the limit"),
+        pytest.param([0, 0], (0.0, 99.0), True, id="zero"),
     ],
 )
-def test_what_counts_as_black(values, levels, black):
+def test_the_limit_of_black_images(values, levels, black):
     one = source([frame("a", np.array([values], np.uint16))], None, *levels)
     if not black:
         linear_stack(one)
@@ -138,7 +138,7 @@ def test_a_gamma_must_be_a_positive_number(gamma):
     ("black", "white", "right"),
     [(0.0, 4095.0, True), (-1.0, 4095.0, False), (4095.0, 4095.0, False), (4094.0, 4095.0, True)],
 )
-def test_the_white_level_lies_above_the_black_level(black, white, right):
+def test_the_white_level_must_be_above_the_black_level(black, white, right):
     one = source([frame("a", np.array([[4094, 200]], np.uint16))], None, black, white)
     if right and black < 4000:
         linear_stack(one)
@@ -147,8 +147,8 @@ def test_the_white_level_lies_above_the_black_level(black, white, right):
         linear_stack(one)
 
 
-def test_a_negative_sample_has_no_power():
-    """Noise below the black level is dark under a curve, not NaN."""
+def test_gamma_maps_negative_samples_to_zero():
+    """Noise below the black level gives 0 and not NaN if a gamma is applied."""
     image = np.array([[60.0, 1000.0]], np.float32)
     one = source([frame("a", image)])
     assert linear_stack(one, gamma=2.2).values[0, 0, 0] == 0
@@ -156,17 +156,17 @@ def test_a_negative_sample_has_no_power():
 
 
 @pytest.mark.parametrize("wrong", [None, 0.0, -5.0])
-def test_an_exposure_that_is_missing_among_others_is_named(wrong):
+def test_an_image_without_exposure_time_among_others_is_named(wrong):
     frames = [frame("a", even(99), exposure_us=10.0), frame("b", even(99), exposure_us=wrong)]
-    with pytest.raises(DataError, match=r"b\.tif: its exposure time is missing"):
+    with pytest.raises(DataError, match=r"b\.tif: no valid exposure time"):
         linear_stack(source(frames))
 
 
 def test_without_a_light_there_is_no_stack():
-    with pytest.raises(DataError, match="no images under a light"):
+    with pytest.raises(DataError, match="no image with a light"):
         linear_stack(source([frame("D", even(70), "dark", 10.0)]))
 
 
-def test_where_no_dark_frame_was_taken_none_is_missed():
+def test_without_any_dark_frames_there_is_no_warning():
     frames = [frame("a", even(1000), exposure_us=100.0), frame("b", even(900), exposure_us=200.0)]
     assert linear_stack(source(frames)).warnings == ()

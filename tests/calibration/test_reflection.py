@@ -12,7 +12,7 @@ unit = st.floats(-0.6, 0.6)
 @settings(max_examples=40, deadline=None)
 @given(unit, unit, st.floats(0.7, 1.4), st.floats(20, 300))
 def test_orthographic_mirror_law_on_square_and_oblong_pixels(x, y, ratio, radius):
-    """The normal halves the angle between view and light, both measured from it."""
+    """The normal bisects the angle between the viewing direction and the light."""
     normal = np.array([x, y, np.sqrt(1 - x * x - y * y)])
     outline = Ellipse((50.0, 60.0), (radius, radius * ratio))
     pixel = np.array([50 + radius * x, 60 - radius * ratio * y])
@@ -22,10 +22,10 @@ def test_orthographic_mirror_law_on_square_and_oblong_pixels(x, y, ratio, radius
     assert light + np.array([0, 0, 1]) == pytest.approx(2 * normal[2] * normal, abs=1e-9)
 
 
-def test_highlight_in_the_middle_is_a_light_at_the_camera_and_not_the_normal():
+def test_a_highlight_gives_the_light_direction_and_not_the_normal():
     outline = Ellipse((10.0, 10.0), (8.0, 8.0))
     assert orthographic_directions(outline, (10.0, 10.0)) == pytest.approx([0, 0, 1])
-    # At 45 degrees of the normal the light comes from the side: the normal would be half-way.
+    # If the normal is at 45 degrees, the light is at 90 degrees.
     edge = 10 + 8 * np.sqrt(0.5)
     assert orthographic_directions(outline, (edge, 10.0)) == pytest.approx([1, 0, 0], abs=1e-9)
 

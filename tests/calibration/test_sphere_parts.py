@@ -1,4 +1,4 @@
-"""The parts of a calibration by themselves, and the whole of it on drawn spheres."""
+"""The parts of a calibration separately, and the complete calibration on rendered spheres."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
     return SphereImage(outline, points, 0.75, Highlights(pixels, clipped))
 
 
-def test_what_an_image_tells_of_a_sphere():
+def test_a_sphere_from_its_image():
     image = image_of(scatter=0.2)
     assert image.rms_px == pytest.approx(1.4826 * 0.2, rel=0.02)
     (sphere,) = seen_spheres([image])
@@ -51,7 +51,7 @@ def test_what_an_image_tells_of_a_sphere():
     assert replace(placed, centre_mm=None, radius_mm=None) == sphere
 
 
-def test_spheres_are_named_by_their_places():
+def test_spheres_are_named_by_their_positions():
     assert places([image_of(9.6, 20.4)]) == "the sphere at (10, 20) px"
     assert places([image_of(), image_of(300, 4)]) == "the spheres at (10, 20), (300, 4) px"
 
@@ -59,20 +59,24 @@ def test_spheres_are_named_by_their_places():
 @pytest.mark.parametrize(
     ("found", "named"), [((5, 5), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")]
 )
-def test_spheres_without_highlights_are_told(found, named):
-    told = missing_highlights_warning([image_of(found=count) for count in found])
-    assert (told == []) if named is None else (f"under any light on {named} at (10, 20)" in told[0])
+def test_spheres_without_highlights_are_reported(found, named):
+    warnings = missing_highlights_warning([image_of(found=count) for count in found])
+    assert (
+        (warnings == [])
+        if named is None
+        else (f"under any light on {named} at (10, 20)" in warnings[0])
+    )
 
 
 @pytest.mark.parametrize(
     ("saturated", "said"), [((0, 0), None), ((1, 0), "10 %"), ((5, 5), "100 %")]
 )
-def test_saturated_highlights_are_told_with_their_share(saturated, said):
-    told = saturation_warning([image_of(saturated=count) for count in saturated])
-    assert (told == []) if said is None else told[0].startswith(f"{said} of the highlights")
+def test_saturated_highlights_are_reported_with_their_share(saturated, said):
+    warnings = saturation_warning([image_of(saturated=count) for count in saturated])
+    assert (warnings == []) if said is None else warnings[0].startswith(f"{said} of the highlights")
 
 
-def test_what_was_not_found_is_not_saturated():
+def test_missing_highlights_do_not_count_as_saturated():
     assert saturation_warning([image_of(found=2, saturated=5)])[0].startswith("100 %")
 
 
@@ -97,15 +101,15 @@ def test_another_number_of_radii_is_refused(found, error):
 
 
 def test_spheres_are_placed_by_their_radius(bench):
-    """An outline that is off as a whole by 0.05 px: sideways, and in depth by the half angle."""
+    """The covariance includes a systematic outline error of 0.05 px, sideways and in depth."""
     spheres = [((30.0, -20.0, 12.0), 12.0), ((-100.0, 60.0, 30.0), 30.0)]
     cones = [fit_cone(bench.camera.rays(bench.outline(*s)), 1 / bench.focal_px)[0] for s in spheres]
-    known = place(cones, np.array([12.0, 30.0]), bench.camera)
-    np.testing.assert_allclose(known.centres_mm, [c for c, _ in spheres], atol=1e-5)
-    assert known.radii_mm.tolist() == [12.0, 30.0]
-    assert not known.covariance_mm2[:3, 3:].any()
+    placed = place(cones, np.array([12.0, 30.0]), bench.camera)
+    np.testing.assert_allclose(placed.centres_mm, [c for c, _ in spheres], atol=1e-5)
+    assert placed.radii_mm.tolist() == [12.0, 30.0]
+    assert not placed.covariance_mm2[:3, 3:].any()
     for k, (cone, (centre, radius)) in enumerate(zip(cones, spheres, strict=True)):
-        own = known.covariance_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        own = placed.covariance_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
         systematic = own - radius**2 * cone.covariance
         distance = np.linalg.norm(np.asarray(centre) - bench.eye)
         angle, half = 0.05 / bench.focal_px, np.arcsin(radius / distance)
@@ -116,7 +120,7 @@ def test_spheres_are_placed_by_their_radius(bench):
 
 
 @pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
-def test_circles_overlap_where_one_holds_the_centre_of_the_other(apart, over):
+def test_circles_overlap_if_one_contains_the_centre_of_the_other(apart, over):
     large = Ellipse((100.0, 50.0), (30.0, 30.0))
     for dx, dy in ((apart, 0), (0, apart), (-0.6 * apart, 0.8 * apart)):
         small = Ellipse((100.0 + dx, 50.0 + dy), (5.0, 5.0))
@@ -143,7 +147,7 @@ def test_radii_are_those_of_edges_that_face_the_centre():
     side = np.column_stack([np.cos(angles), np.sin(angles)])
     half = side[angles < np.pi]
     edges = np.concatenate([50 + 20.3 * side, 50 + 35.3 * half, 50 + 27.3 * side])
-    # Those of the last circle run along it.
+    # The gradients of the last circle are tangential.
     facing = np.concatenate([side, -half, side[:, ::-1] * [1, -1]])
     circles = sorted(_radii(edges, facing, (50.0, 50.0), 45.0))
     assert [radius for radius, _ in circles] == pytest.approx([20.3, 35.3], abs=1.3)
@@ -151,8 +155,8 @@ def test_radii_are_those_of_edges_that_face_the_centre():
 
 
 @pytest.mark.parametrize("scale", [1, 3])
-def test_circles_of_a_drawn_disc(scale):
-    """On a large image the search looks at a smaller one: places are those of the large one."""
+def test_circles_of_a_disc(scale):
+    """A large image is reduced for the search; the positions are those in the large image."""
     height, width = 330 * scale, 420 * scale
     x, y, radius = 150.25 * scale, 170.75 * scale, 61.0 * scale
     rows, columns = np.mgrid[:height, :width]
@@ -164,7 +168,7 @@ def test_circles_of_a_drawn_disc(scale):
 
 
 def share(centre, radius):
-    """The share of each pixel whose lines of sight meet a sphere, from 8 x 8 of them."""
+    """Return the share of each pixel that a sphere covers, from 8 x 8 lines of sight."""
     axis = np.asarray(centre) - SMALL.eye
     cosine = np.sqrt(1 - (radius / np.linalg.norm(axis)) ** 2)
     fine = (np.arange(8) + 0.5) / 8 - 0.5
@@ -179,7 +183,7 @@ def share(centre, radius):
 
 @pytest.fixture(scope="module")
 def drawn():
-    """Fourteen images of three mirror spheres on a grey card, and the masks of the spheres."""
+    """Return 14 images of three mirror spheres on a grey card, and the masks of the spheres."""
     size = (SMALL.height, SMALL.width)
     masks = [share(*sphere) for sphere in SPHERES]
     rows, columns = np.mgrid[: size[0], : size[1]]
@@ -195,12 +199,12 @@ def drawn():
 RADII = [radius for _, radius in SPHERES]
 
 
-def error_mm(found):
-    return np.linalg.norm(found.lights.positions_mm - LIGHTS, axis=1).max()
+def error_mm(calibration):
+    return np.linalg.norm(calibration.lights.positions_mm - LIGHTS, axis=1).max()
 
 
 @pytest.mark.parametrize("marked", ["masks", "one mask", "circles", "found"])
-def test_drawn_spheres_give_the_positions(drawn, marked):
+def test_rendered_spheres_give_the_positions(drawn, marked):
     values, masks = drawn
     circles = [(*SMALL.project(np.array(c)), 1200 * r / 590 + 1.5) for c, r in SPHERES]
     options = {
@@ -210,17 +214,17 @@ def test_drawn_spheres_give_the_positions(drawn, marked):
         "found": {},
     }[marked]
     radii = RADII
-    if marked == "one mask":  # regions are counted from the top
+    if marked == "one mask":  # regions are numbered from the top
         radii = [16.0, 20.0, 20.0]
-    found = calibrate_spheres(values, camera=SMALL.camera, radius_mm=radii, **options)
-    assert found.warnings == ()
-    assert found.lights.ids[:3] == ("L00", "L01", "L02")
-    assert error_mm(found) < (2.0 if "mask" in marked else 6.0)
-    assert found.used.all()
-    assert found.residuals_deg.max() < 0.2
-    assert found.highlights_px.shape == (14, 3, 2)
+    calibration = calibrate_spheres(values, camera=SMALL.camera, radius_mm=radii, **options)
+    assert calibration.warnings == ()
+    assert calibration.lights.ids[:3] == ("L00", "L01", "L02")
+    assert error_mm(calibration) < (2.0 if "mask" in marked else 6.0)
+    assert calibration.used.all()
+    assert calibration.residuals_deg.max() < 0.2
+    assert calibration.highlights_px.shape == (14, 3, 2)
     if marked == "masks":
-        for sphere, (centre, radius) in zip(found.spheres, SPHERES, strict=True):
+        for sphere, (centre, radius) in zip(calibration.spheres, SPHERES, strict=True):
             assert np.linalg.norm(np.subtract(sphere.centre_mm, centre)) < 0.5
             assert sphere.radius_mm == radius
             assert sphere.coverage > 0.95
@@ -246,11 +250,11 @@ def test_a_rough_circle_is_refined(drawn):
     ("size", "says"),
     [
         ((60, 44), None),
-        ((60, 36), "no disc of a sphere: its ellipse has semi-axes"),
-        ((36, 60), "no disc of a sphere: its ellipse has semi-axes"),
+        ((60, 36), "not the disc of a sphere: its ellipse has semi-axes"),
+        ((36, 60), "not the disc of a sphere: its ellipse has semi-axes"),
     ],
 )
-def test_a_long_mask_is_no_sphere(size, says):
+def test_a_long_mask_is_not_a_sphere(size, says):
     rows, columns = np.mgrid[:200, :200]
     mask = ((columns - 100) / size[0]) ** 2 + ((rows - 100) / size[1]) ** 2 < 1
     values = np.zeros((2, 200, 200), np.float32)
@@ -266,15 +270,15 @@ def test_directions_of_one_sphere_without_and_with_a_camera(drawn):
     centre, _ = SPHERES[0]
     toward = LIGHTS - centre
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    # Seen without perspective, a sphere 55 mm off the axis is turned by 5 degrees.
+    # Without a camera, the directions of a sphere 55 mm off the axis are rotated by 5 degrees.
     for options, most_deg in (({"camera": SMALL.camera, "radius_mm": 20.0}, 3.0), ({}, 9.0)):
-        found = calibrate_spheres(values, masks=masks[:1], **options)
-        assert found.lights.positions_mm is None
-        assert np.isnan(found.residuals_deg).all()
-        off = np.linalg.norm(np.cross(found.lights.unit_directions, toward), axis=1)
+        calibration = calibrate_spheres(values, masks=masks[:1], **options)
+        assert calibration.lights.positions_mm is None
+        assert np.isnan(calibration.residuals_deg).all()
+        off = np.linalg.norm(np.cross(calibration.lights.unit_directions, toward), axis=1)
         assert np.degrees(np.arcsin(off)).max() < most_deg
-        told = [line for line in found.warnings if "positions need two" in line]
-        assert len(told) == bool(options)
+        warnings = [line for line in calibration.warnings if "positions require two" in line]
+        assert len(warnings) == bool(options)
 
 
 def test_colour_counts_as_grey_and_the_stack_names_the_lights(drawn):
@@ -282,28 +286,28 @@ def test_colour_counts_as_grey_and_the_stack_names_the_lights(drawn):
     names = tuple(f"led{k}" for k in range(len(values)))
     stack = Stack(np.repeat(values[..., None], 3, axis=3), names, None)
     options = {"masks": masks, "camera": SMALL.camera, "radius_mm": RADII}
-    found = calibrate_spheres(stack, **options)
-    assert found.lights.ids == names
-    assert error_mm(found) < 2.0
+    calibration = calibrate_spheres(stack, **options)
+    assert calibration.lights.ids == names
+    assert error_mm(calibration) < 2.0
 
 
-def test_search_sorts_from_the_left_and_leaves_out_what_is_known(drawn):
+def test_search_sorts_from_the_left_and_skips_known_spheres(drawn):
     values, _ = drawn
-    found = find_spheres(values)
-    centres = [sphere.outline.centre_px for sphere in found]
-    assert len(found) == 3
+    spheres = find_spheres(values)
+    centres = [sphere.outline.centre_px for sphere in spheres]
+    assert len(spheres) == 3
     assert centres == sorted(centres)
-    beside = find_spheres(values, beside=found[:1])
-    np.testing.assert_allclose([sphere.outline.centre_px for sphere in beside], centres[1:])
-    assert len(find_spheres(values, [found[1].outline.radius_px])) == 2
+    others = find_spheres(values, excluded=spheres[:1])
+    np.testing.assert_allclose([sphere.outline.centre_px for sphere in others], centres[1:])
+    assert len(find_spheres(values, [spheres[1].outline.radius_px])) == 2
     assert find_spheres(values, [20.0]) == []
 
 
 def searched(monkeypatch, images, camera=None, radii=None, others=()):
-    """Search in a stack in which these spheres are found, and the others beside them."""
+    """Search a stack in which these spheres are found, and the others next to them."""
 
-    def find(values, radii_px=(), beside=()):
-        return list(others) if beside or (others and not radii_px and radii) else list(images)
+    def find(values, radii_px=(), excluded=()):
+        return list(others) if excluded or (others and not radii_px and radii) else list(images)
 
     monkeypatch.setattr(search, "find_spheres", find)
     values = np.zeros((2, 30, 30), np.float32)
@@ -321,19 +325,19 @@ def searched(monkeypatch, images, camera=None, radii=None, others=()):
 )
 def test_outlines_that_scatter_are_left_out(monkeypatch, scatters, left):
     images = [image_of(100.0 * k, scatter=s) for k, s in enumerate(scatters)]
-    kept, told = searched(monkeypatch, images)
+    kept, warnings = searched(monkeypatch, images)
     assert kept == [image for k, image in enumerate(images) if k not in left]
-    assert len(told) == len(left)
-    for line, k in zip(told, left, strict=True):
-        assert f"({100 * k}, 20) px was left out: its outline scatters by" in line
+    assert len(warnings) == len(left)
+    for line, k in zip(warnings, left, strict=True):
+        assert f"({100 * k}, 20) px was left out: the outline scatters by" in line
 
 
-def test_spheres_of_another_size_are_told_with_their_size(monkeypatch):
+def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
     """30 px at 600 mm and 1200 px focal length: 600 x 30 / 1230 = 14.6 mm on the plane."""
     wanted, other = image_of(100.0, radius=40.0), image_of(300.0)
-    kept, told = searched(monkeypatch, [wanted], SMALL.camera, [20.0], [other])
+    kept, warnings = searched(monkeypatch, [wanted], SMALL.camera, [20.0], [other])
     assert kept == [wanted]
-    (line,) = told
+    (line,) = warnings
     assert "(300, 20) px was left out: the sharp outline there fits about 14.6 mm, not 20" in line
     with pytest.raises(EstimateError, match=r"no sphere of 20 mm found, but .* about 14\.6 mm"):
         searched(monkeypatch, [], SMALL.camera, [20.0], [other])

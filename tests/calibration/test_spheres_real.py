@@ -1,4 +1,4 @@
-"""The University of Washington chrome ball: real, 8-bit, saturated highlights, half of it dark."""
+"""The real chrome ball of the University of Washington: 8-bit, saturated highlights, half dark."""
 
 import os
 from pathlib import Path
@@ -47,23 +47,23 @@ def test_every_light_is_above_and_named_after_its_image(masked, found):
 
 
 def test_mask_and_search_agree(masked, found):
-    # The mask is drawn by hand and up to 1 px off the edge in the images: 114.6 / 119 px = 1 deg.
+    # The mask is drawn by hand, up to 1 px off the edge in the images: 114.6 deg / 119 px = 1 deg.
     assert angle_deg(masked.lights.directions, found.lights.directions).mean() < 1.2
 
 
-def test_rough_circle_leads_to_the_same_outline(stack, found):
+def test_an_approximate_circle_gives_the_same_outline(stack, found):
     circled = calibrate_spheres(stack, circles=[(249.0, 151.0, 114.0)])
     assert angle_deg(circled.lights.directions, found.lights.directions).max() < 0.05
 
 
-def test_distance_to_the_shipped_lights_is_as_others_found(masked):
-    # No truth: the shipped file is known to be about 3.1 degrees off its own images.
+def test_the_distance_to_the_published_lights_is_as_expected(masked):
+    # Not a ground truth: the published file is known to be about 3.1 degrees off its images.
     shipped = np.loadtxt(Path(DATA) / "uw" / "lights_shipped_unreliable.txt", skiprows=1)
     assert angle_deg(masked.lights.directions, shipped).mean() == pytest.approx(3.1, abs=0.2)
 
 
 def shading_correlation(directions):
-    """Pearson correlation of the gray ball's images with a Lambertian ball under the lights."""
+    """Return the correlation of the gray ball's images with a Lambertian ball under the lights."""
     source = read_source(Path(DATA) / "uw" / "gray")
     values = linear_stack(source).values
     y, x = np.nonzero(source.mask)
@@ -87,7 +87,7 @@ def test_lights_explain_the_shading_of_another_ball(masked, found):
         assert right.mean() > 0.98
         for flip in ([-1, 1, 1], [1, -1, 1]):
             flipped = shading_correlation(directions * flip)
-            # Lights near the plane of the flip hardly change, so compare on the whole.
+            # Lights near the plane of the flip hardly change, so compare the mean.
             assert flipped.mean() < 0.8
             assert flipped.min() < 0.3
             assert np.all(flipped < right)

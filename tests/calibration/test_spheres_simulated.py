@@ -21,7 +21,7 @@ def angle_deg(a, b):
 
 
 def capture(seed, name="spheres"):
-    """A noisy bracketed stack, merged here by the plain rule: the longest unsaturated sample."""
+    """Return a noisy stack, merged from brackets by taking the longest unsaturated sample."""
     rendering = render(scene_named(name, seed=seed))
     noise = rendering.truth.noise
     images = []
@@ -67,10 +67,10 @@ def test_positions_without_masks(scene):
 
 
 @pytest.mark.parametrize("seed", [11, 13])
-def test_faint_outlines_on_velvet_beside_an_object(seed):
-    """On velvet the mirrored horizon is far stronger than the outline: the known size decides.
+def test_faint_outlines_on_velvet_next_to_an_object(seed):
+    """On velvet the mirrored horizon is much stronger than the outline: the known size decides.
 
-    Noise may cost one of the four spheres; that is told, and the lights are none the worse.
+    Noise may hide one of the four spheres; this is reported and does not affect the lights.
     """
     values, truth = capture(seed, "coin-with-spheres")
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=12.0)
@@ -83,8 +83,8 @@ def test_faint_outlines_on_velvet_beside_an_object(seed):
 
 
 @pytest.mark.parametrize("seed", [21, 22])
-def test_one_radius_for_spheres_of_three_leaves_those_that_have_it(seed):
-    """About the smaller spheres something looks round and large enough: their size is told."""
+def test_one_radius_for_three_sizes_selects_spheres_of_that_size(seed):
+    """Round outlines of the right size around the smaller spheres are rejected and reported."""
     values, truth = capture(seed)
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
     error_mm = np.linalg.norm(result.lights.positions_mm - truth.lights.positions_mm, axis=1)
@@ -93,33 +93,36 @@ def test_one_radius_for_spheres_of_three_leaves_those_that_have_it(seed):
     for sphere in result.spheres:
         assert np.linalg.norm(large - sphere.centre_mm, axis=1).min() < 0.8
     assert len(result.spheres) == 2
-    (told,) = result.warnings
-    assert "outlines there fit about 14.1, 16.1 mm, not 20 mm: give each sphere's radius" in told
+    (warning,) = result.warnings
+    assert (
+        "outlines there fit about 14.1, 16.1 mm, not 20 mm: give the radius of each sphere"
+        in warning
+    )
 
 
 @pytest.mark.parametrize("radius_mm", [14.0, 16.0])
-def test_lights_of_spheres_that_contradict_each_other_are_not_to_be_trusted(one, radius_mm):
+def test_a_warning_if_spheres_contradict_each_other(one, radius_mm):
     values, truth = one
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=radius_mm)
-    assert any("these lights are not to be trusted" in w for w in result.warnings)
+    assert any("do not trust these lights" in w for w in result.warnings)
 
 
-def test_a_radius_that_lifts_the_spheres_off_the_plane_is_told(one):
-    """Two spheres of one wrong radius agree with each other: only their height contradicts it."""
+def test_a_radius_that_places_the_spheres_off_the_plane_is_reported(one):
+    """Two spheres with the same wrong radius agree; only their height shows the error."""
     values, truth = one
     two = [truth.sphere_masks[k] for k in np.flatnonzero(truth.sphere_radii_mm == 20)]
     result = calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=18.0)
     assert np.median(result.residuals_deg) < 0.1
-    assert "the radius puts the spheres 60 mm above the working plane" in result.warnings[0]
+    assert "the radius places the spheres 60 mm above the working plane" in result.warnings[0]
     assert calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=20.0).warnings == ()
 
 
 def found_images(values, truth):
-    """What the search would return, made from masks so that a test can spoil it."""
+    """Return the result of a search, made from masks so that a test can modify it."""
     return masked_spheres(values, list(truth.sphere_masks))
 
 
-def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch):
+def test_a_sphere_that_contradicts_the_others_is_left_out(one, monkeypatch):
     values, truth = one
     images = found_images(values, truth)
     wrong = images[0].highlights
@@ -127,7 +130,7 @@ def test_what_was_found_and_contradicts_the_others_is_left_out(one, monkeypatch)
     images[0] = replace(
         images[0], highlights=replace(wrong, pixels=wrong.pixels[order], saturated=wrong.saturated)
     )
-    monkeypatch.setattr(search, "find_spheres", lambda *_, beside=(): [] if beside else images)
+    monkeypatch.setattr(search, "find_spheres", lambda *_, excluded=(): [] if excluded else images)
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 16, 14, 20))
     assert len(result.spheres) == 3
     assert "(112, 125) px was left out" in result.warnings[0]
@@ -143,19 +146,19 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
         replace(image, points_px=image.points_px + draw.normal(0, 1, image.points_px.shape))
         for image in images[1:]
     ]
-    monkeypatch.setattr(search, "find_spheres", lambda *_, beside=(): [] if beside else images)
-    with pytest.raises(EstimateError, match="positions need two spheres"):
+    monkeypatch.setattr(search, "find_spheres", lambda *_, excluded=(): [] if excluded else images)
+    with pytest.raises(EstimateError, match="positions require two spheres"):
         calibrate_spheres(values, camera=truth.camera, radius_mm=20.0)
     directions = calibrate_spheres(values, camera=truth.camera)
     assert len(directions.spheres) == 1
 
 
-def test_no_sphere_of_the_size_says_what_was_looked_for(one):
+def test_the_message_names_the_sizes_if_no_sphere_fits(one):
     values, truth = one
     with pytest.raises(EstimateError, match=r"no sphere of 2.6 mm .* px of about 20.\d, 14.\d, "):
         calibrate_spheres(values, camera=truth.camera, radius_mm=2.6)
     nothing = np.where(truth.sphere_masks.any(axis=0), np.float32(0.5), values)
-    with pytest.raises(EstimateError, match=r"\d+ round .*, 0 of them of a radius near 6 px"):
+    with pytest.raises(EstimateError, match=r"\d+ round .*, 0 of them with a radius near 6 px"):
         calibrate_spheres(nothing, camera=truth.camera, radius_mm=2.6)
 
 
@@ -198,24 +201,24 @@ def test_highlights_are_found_to_a_fiftieth_of_a_pixel(one):
         assert np.median(gap) < 0.02
 
 
-def test_one_mask_may_hold_all_spheres(one):
+def test_one_mask_may_contain_all_spheres(one):
     values, truth = one
     assert len(calibrate_spheres(values, masks=[truth.sphere_masks.any(axis=0)]).spheres) == 4
 
 
-def test_one_sphere_gives_the_direction_at_its_own_place(one):
+def test_one_sphere_gives_the_directions_at_its_position(one):
     values, truth = one
     result = calibrate_spheres(
         values, masks=[truth.sphere_masks[0]], camera=truth.camera, radius_mm=20.0
     )
     assert result.lights.positions_mm is None
     toward = truth.lights.positions_mm - truth.sphere_centres_mm[0]
-    # The mirror point lies up to a radius from the centre, which the light sees under 2 degrees.
+    # The mirror point is up to one radius from the centre, 2 degrees as seen from the light.
     assert angle_deg(result.lights.directions, toward).max() < 3.0
     assert any("one sphere" in warning for warning in result.warnings)
 
 
-def test_spheres_of_a_near_light_disagree_and_it_is_said(one):
+def test_spheres_of_a_near_light_disagree_and_this_is_reported(one):
     values, truth = one
     result = calibrate_spheres(values, camera=truth.camera)
     assert result.lights.positions_mm is None
@@ -227,11 +230,11 @@ def test_names_come_from_the_stack(one):
     names = tuple(f"led{i}" for i in range(len(values)))
     assert calibrate_spheres(Stack(values, names, None)).lights.ids == names
     assert calibrate_spheres(values).lights.ids[7] == "L07"
-    with pytest.raises(DataError, match="2 names for 36"):
+    with pytest.raises(DataError, match="2 lights for 36"):
         calibrate_spheres(Stack(values, ("a", "b"), None))
 
 
-def test_light_that_was_off_is_named(one):
+def test_a_light_that_was_off_is_named(one):
     values, truth = one
     values = values.copy()
     values[12] = 0.01
@@ -239,12 +242,12 @@ def test_light_that_was_off_is_named(one):
         calibrate_spheres(values, masks=list(truth.sphere_masks))
 
 
-def test_hidden_on_three_spheres_is_named(one):
+def test_a_light_hidden_on_three_spheres_is_named(one):
     values, truth = one
     values = values.copy()
     for mask in truth.sphere_masks[1:]:
         values[5][mask] = 0.02
-    with pytest.raises(EstimateError, match="light L05 seen on fewer than 2 of 4 spheres"):
+    with pytest.raises(EstimateError, match="light L05: highlights on fewer than 2 of 4 spheres"):
         calibrate_spheres(
             values,
             masks=list(truth.sphere_masks),
@@ -253,7 +256,7 @@ def test_hidden_on_three_spheres_is_named(one):
         )
 
 
-def test_no_sphere_in_a_picture_of_the_coin():
+def test_no_sphere_in_images_of_the_coin():
     values = render(scene_named("coin", width=320, height=256, leds=8)).planes
     values = (values / values.max()).astype(np.float32)
     with pytest.raises(EstimateError, match="no mirror sphere found"):
@@ -267,10 +270,10 @@ def test_no_sphere_in_a_picture_of_the_coin():
         pytest.param(
             {"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty", id="mask-empty"
         ),
-        pytest.param({"circles": [(9, 9, -4)]}, DataError, "is none", id="negative-circle"),
-        pytest.param({"radius_mm": 10.0}, DataError, "needs a camera", id="radius-no-camera"),
-        pytest.param({"circles": [(9, 9, np.inf)]}, DataError, "is none", id="endless-circle"),
-        pytest.param({"circles": [(np.nan, 9, 9)]}, DataError, "is none", id="circle-nowhere"),
+        pytest.param({"circles": [(9, 9, -4)]}, DataError, "is invalid", id="negative-circle"),
+        pytest.param({"radius_mm": 10.0}, DataError, "requires a camera", id="radius-no-camera"),
+        pytest.param({"circles": [(9, 9, np.inf)]}, DataError, "is invalid", id="endless-circle"),
+        pytest.param({"circles": [(np.nan, 9, 9)]}, DataError, "is invalid", id="circle-nowhere"),
         pytest.param(
             {"circles": [(9, 9, 9)], "masks": [np.ones((512, 640), bool)]},
             DataError,
@@ -306,7 +309,7 @@ def test_radii_must_fit_the_spheres(one):
 
 
 @pytest.mark.parametrize("distortion", [0.0, 1e-9], ids=["pinhole", "distorted"])
-def test_a_marked_sphere_without_highlights_is_told_and_does_no_harm(one, distortion):
+def test_a_marked_sphere_without_highlights_is_reported_and_harmless(one, distortion):
     values, truth = one
     values = values.copy()
     values[:, truth.sphere_masks[1]] = 0.3
@@ -331,8 +334,8 @@ def test_no_sphere_in_an_image_of_one_row():
     assert find_spheres(strip) == []
 
 
-def test_a_masked_sphere_that_the_frame_cuts_keeps_its_place():
-    """A third of a circumference does not determine an ellipse: it lay 2.7 px off."""
+def test_a_masked_sphere_cut_off_by_the_frame_keeps_its_position():
+    """A third of a circumference does not determine an ellipse; its error was 2.7 px."""
     x, y = np.arange(300), np.arange(300)[:, None]
     mask = np.hypot(x + 40.15, y - 150.2) < 80.3
     (image,) = masked_spheres(np.zeros((3, 300, 300), np.float32), [mask])

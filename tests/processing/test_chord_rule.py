@@ -26,7 +26,7 @@ def rays_of(size: tuple[int, int], focal_px: float, centre: tuple[float, float])
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 60.0, 80.0, 89.0])
-def test_an_edge_weighs_the_fourth_power_of_the_cosine(degrees: float) -> None:
+def test_the_weight_of_an_edge_is_the_fourth_power_of_the_cosine(degrees: float) -> None:
     normals, mask = even(tilted(degrees)), np.ones((3, 4), bool)
     right, down, step_right, step_down = orthographic_edges(normals, mask)
     expected = np.cos(np.radians(degrees)) ** 4
@@ -35,7 +35,7 @@ def test_an_edge_weighs_the_fourth_power_of_the_cosine(degrees: float) -> None:
     x, y, z = tilted(degrees)
     np.testing.assert_allclose(step_right[1:4, 1:4], -x / z, rtol=1e-4)
     np.testing.assert_allclose(step_down[1:3, 1:5], y / z, rtol=1e-4)
-    # The frame and the last column or row have no edge to go on.
+    # The border and the last column or row have no outgoing edge.
     for edges in (right, step_right):
         assert not edges[:, 4:].any()
     for edges in (down, step_down):
@@ -43,8 +43,8 @@ def test_an_edge_weighs_the_fourth_power_of_the_cosine(degrees: float) -> None:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 65.0])
-def test_seen_from_a_camera_the_line_of_sight_counts(degrees: float) -> None:
-    """A pixel far off the axis sees the plane at another angle than its tilt."""
+def test_with_a_camera_the_weight_depends_on_the_line_of_sight(degrees: float) -> None:
+    """The viewing angle of a pixel far off the axis differs from the tilt of the plane."""
     size = (3, 4)
     rays = rays_of(size, 1e4, (-3e3, 2e3))
     normals = even(tilted(degrees, around=0.2), size)
@@ -60,7 +60,7 @@ def test_seen_from_a_camera_the_line_of_sight_counts(degrees: float) -> None:
 
 
 def test_the_weight_is_the_inverse_variance_of_the_step() -> None:
-    """Draws of noisy normals: the scatter of a step grows as the weight says, whatever the tilt."""
+    """The scatter of a step for noisy normals agrees with the weight, for every tilt."""
     draw = np.random.default_rng(0)
     product = []
     for degrees in (0.0, 30.0, 60.0):
@@ -97,7 +97,9 @@ def test_a_sphere_is_exact() -> None:
     ],
 )
 @pytest.mark.parametrize("seen_from", ["far", "camera"])
-def test_what_no_chord_joins(first: Double, second: Double, joined: bool, seen_from: str) -> None:
+def test_pixels_without_an_edge(
+    first: Double, second: Double, joined: bool, seen_from: str
+) -> None:
     normals = np.stack([first, second])[None].astype(np.float32)
     mask = np.ones((1, 2), bool)
     if seen_from == "far":

@@ -22,10 +22,10 @@ UP = (0.0, 0.0, 1.0)
 
 
 def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
-    """Balls with relief in front of a slanted relief: a map full of occlusions, and its depth.
+    """Return a map with many occlusions, balls with relief in front of a relief, and its depth.
 
-    Scenes of this sort, with other seeds, are what the filters' parameters were chosen on, so that
-    these and real maps can judge them.
+    The parameters of the filters were chosen on scenes of this kind with other seeds, so these
+    scenes and real maps are an independent test.
     """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:size, :size].astype(float)
@@ -53,7 +53,7 @@ def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
 
 
 def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float = 5.0) -> Mask:
-    """The pixels of a mask near a jump in depth between neighbours."""
+    """Return the pixels of a mask near a depth jump between neighbours."""
     inside = mask & np.isfinite(depth)
     depth = np.where(inside, depth, 0)
     jumps = np.zeros(mask.shape, bool)
@@ -68,7 +68,7 @@ def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float
 
 
 def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, float, float]:
-    """Mean angle left in the band, by the filter itself and the paper's, and the detail's away."""
+    """Return mean residual angles in the band, by both filters, and the detail angle elsewhere."""
     parts = separate_by(by, normal_map)
     own = parts.separability_map_deg[band].mean()
     paper = angle_deg(PAPER.shape(parts.detail).normals[band], UP).mean()
@@ -81,8 +81,11 @@ def mean_figures(maps: list[tuple[NormalMap, Mask]], by: ShapeFilter) -> Double:
 
 
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
-def test_less_is_left_at_occlusions_and_relief_stays(kind: FilterKind) -> None:
-    maps = [(made, occlusion_band(depth, made.mask)) for made, depth in map(caps, (0, 1))]
+def test_the_residue_at_occlusions_is_smaller_and_relief_remains(kind: FilterKind) -> None:
+    maps = [
+        (normal_map, occlusion_band(depth, normal_map.mask))
+        for normal_map, depth in map(caps, (0, 1))
+    ]
     own, leak, kept = mean_figures(maps, ShapeFilter(kind)) / mean_figures(maps, PAPER)
     assert own <= 0.3
     assert leak <= 0.5
@@ -108,7 +111,7 @@ def test_occlusions_of_real_objects(kind: FilterKind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
-def test_two_slopes_meet_without_a_seam(kind: FilterKind) -> None:
+def test_there_is_no_seam_between_two_slopes(kind: FilterKind) -> None:
     vectors = np.zeros((40, 60, 3))
     vectors[:, :30], vectors[:, 30:] = (0.6, 0, 0.8), (-0.6, 0, 0.8)
     roof = NormalMap.from_vectors(vectors)
@@ -118,7 +121,7 @@ def test_two_slopes_meet_without_a_seam(kind: FilterKind) -> None:
 
 
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
-def test_the_background_does_not_pull_at_the_rim(kind: FilterKind) -> None:
+def test_the_background_does_not_affect_the_rim(kind: FilterKind) -> None:
     mask = np.hypot(*np.mgrid[-20:21, -20:21]) < 15
     plane = NormalMap.from_vectors(np.broadcast_to((0.48, -0.6, 0.64), (41, 41, 3)), mask)
     parts = separate(plane, filter=kind)

@@ -18,7 +18,7 @@ needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA i
 
 
 def grid(rows: int, columns: int) -> tuple[Double, Double]:
-    """X right and Y up of every pixel, in pixels from the image centre."""
+    """Return X (right) and Y (up) of every pixel, in pixels from the image centre."""
     r, c = np.mgrid[:rows, :columns].astype(np.float64)
     return c - (columns - 1) / 2, (rows - 1) / 2 - r
 
@@ -29,20 +29,20 @@ def camera(rows: int = 90, columns: int = 120, distance: float | None = 400.0) -
 
 
 def off(surface: HeightMap, truth: Double) -> float:
-    """Largest deviation from the truth, up to a constant, over its range."""
+    """Return the largest deviation from the truth, up to a constant, relative to its range."""
     error = (surface.height.astype(np.float64) - truth)[surface.mask]
     return float(np.ptp(error) / 2 / np.ptp(truth[surface.mask]))
 
 
 def bump(rows: int = 160, columns: int = 200) -> tuple[NormalMap, Double]:
-    """A Gaussian hill right of and above the centre."""
+    """Return a Gaussian hill to the right of and above the centre."""
     x, y = grid(rows, columns)
     z = 25 * np.exp(-((x - 30) ** 2 + (y - 20) ** 2) / 1000)
     slopes = [(x - 30) / 500 * z, (y - 20) / 500 * z, np.ones_like(z)]
     return NormalMap.from_vectors(np.stack(slopes, axis=2)), z
 
 
-def test_a_hill_is_raised_where_it_is() -> None:
+def test_a_hill_is_raised_at_its_position() -> None:
     normal_map, truth = bump()
     surface = integrate(normal_map)
     assert off(surface, truth) < 1e-3
@@ -78,7 +78,7 @@ def test_perspective_planes_are_exact(normal: tuple[float, float, float]) -> Non
     cam = camera()
     n = np.array(normal) / np.linalg.norm(normal)
     rays = cam.pixel_rays()
-    depth = -n[2] / (rays @ n)  # n . (P - centre) = -n_z: some plane across the axis
+    depth = -n[2] / (rays @ n)  # n . (P - centre) = -n_z: a plane that intersects the axis
     surface = integrate(NormalMap.from_vectors(np.broadcast_to(n, rays.shape)), camera=cam)
     assert surface.depth is not None
     truth = depth * (400 / depth.mean())
@@ -101,7 +101,7 @@ def test_perspective_spheres_are_exact() -> None:
     cam = camera()
     rays, centre = cam.pixel_rays(), cam.centre_mm
     sphere, radius = np.array([5.0, -8.0, 10.0]), 50.0
-    # |centre + d ray - sphere| = radius, the nearer of the two.
+    # |centre + d ray - sphere| = radius, the nearer of the two solutions.
     a = np.einsum("ijk,ijk->ij", rays, rays)
     h = rays @ (centre - sphere)
     inside = h**2 - a * ((centre - sphere) @ (centre - sphere) - radius**2)
@@ -116,13 +116,13 @@ def test_perspective_spheres_are_exact() -> None:
     assert np.isnan(surface.height[~mask]).all()
 
 
-def test_any_smooth_surface_seen_in_perspective() -> None:
+def test_a_smooth_surface_in_perspective() -> None:
     cam = camera(rows=180, columns=240)
     x, y = grid(180, 240)
     log_depth = 0.05 * np.sin(x / 40) * np.cos(y / 30) + x / 2000
     depth = 400 * np.exp(log_depth)
     points = cam.centre_mm + depth[..., None] * cam.pixel_rays()
-    # Columns run right and rows down: the normal toward the camera is (right) x (up).
+    # Columns increase to the right and rows downwards: the normal toward the camera is right x up.
     right, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
     normals = np.cross(right, -down)
     assert (normals[..., 2] > 0).all()
@@ -149,7 +149,7 @@ def test_perspective_scale(
     assert surface.pixel_size == pytest.approx(pixel_size)
     assert surface.depth is not None
     assert surface.depth.mean(dtype=np.float64) == pytest.approx(mean_depth, rel=1e-6)
-    # Neighbouring points near the axis lie about a pixel size apart (the plane is tilted).
+    # The distance of neighbouring points near the axis is about a pixel size (the plane is tilted).
     points = surface.points()
     assert points[42, 64, 0] - points[42, 63, 0] == pytest.approx(pixel_size, rel=0.1)
 
@@ -163,7 +163,7 @@ def test_orthographic_points_are_centred_on_the_axis() -> None:
     np.testing.assert_array_equal(points[..., 2], surface.height)
 
 
-def test_parts_and_lonely_pixels_are_told() -> None:
+def test_parts_and_isolated_pixels_are_reported() -> None:
     normal_map, truth = bump()
     mask = np.zeros(truth.shape, bool)
     mask[10:150, 10:90] = mask[10:150, 110:190] = True
@@ -171,7 +171,7 @@ def test_parts_and_lonely_pixels_are_told() -> None:
     surface = integrate(NormalMap.from_vectors(normal_map.normals, mask))
     assert len(surface.warnings) == 2
     assert "2 parts" in surface.warnings[0]
-    assert "2 pixels of the mask stand alone" in surface.warnings[1]
+    assert "2 pixels of the mask are isolated" in surface.warnings[1]
     assert not surface.mask[5, 5]
     assert np.isnan(surface.height[5, 5])
     assert set(np.unique(surface.parts)) == {-1, 0, 1}
@@ -192,16 +192,16 @@ def test_pixels_that_face_away_are_left_out() -> None:
 
 
 @pytest.mark.parametrize("with_camera", [False, True])
-def test_noise_and_steep_edges_do_not_carry_far(with_camera: bool) -> None:
+def test_errors_from_noise_and_steep_edges_remain_local(with_camera: bool) -> None:
     rng = np.random.default_rng(5)
     x, y = grid(160, 200)
-    # A dome on a plate, its wall nearly upright: the wall's normals are the least certain.
+    # A dome on a plate with a nearly vertical wall: the normals of the wall are the least certain.
     radius2 = x**2 + y**2
     z = np.sqrt(np.maximum(70.0**2 - radius2, 4.0))
     vectors = np.stack([x, y, z], axis=2) / np.sqrt(x**2 + y**2 + z**2)[..., None]
     mask = radius2 < 69.9**2
     noisy = NormalMap.from_vectors(vectors + 0.02 * rng.normal(size=vectors.shape), mask)
-    # A camera so far away that it sees the same.
+    # A distant camera has practically the same view.
     far = CameraModel(np.array([[1e5, 0, 99.5], [0, 1e5, 79.5], [0, 0, 1]]), 200, 160)
     surface = integrate(noisy, camera=far if with_camera else None)
     error = (surface.height - z)[surface.mask]
@@ -217,7 +217,7 @@ def test_noise_and_steep_edges_do_not_carry_far(with_camera: bool) -> None:
         pytest.param(
             {"camera": camera(), "pixel_mm": 0.1},
             DataError,
-            "leave one of them out",
+            "give only one",
             id="two scales",
         ),
     ],
@@ -229,15 +229,15 @@ def test_integrate_refuses(options: dict[str, object], error: type[Exception], t
 
 
 @pytest.mark.parametrize("with_camera", [False, True])
-def test_a_map_turned_away_has_no_surface(with_camera: bool) -> None:
+def test_a_map_that_faces_away_has_no_surface(with_camera: bool) -> None:
     normal_map = NormalMap.from_vectors(np.broadcast_to((0.0, 0.6, -0.8), (90, 120, 3)))
     with pytest.raises(EstimateError, match="no two neighbouring pixels"):
         integrate(normal_map, camera=camera() if with_camera else None)
 
 
-def test_absurd_depths_are_refused() -> None:
+def test_implausible_depths_are_refused() -> None:
     wide = CameraModel(np.array([[300.0, 0, 2000], [0, 300.0, 1], [0, 0, 1]]), 4000, 3)
-    # A surface that runs nearly along every ray: the depth grows like a logarithmic spiral.
+    # A surface nearly parallel to every ray: the depth grows like a logarithmic spiral.
     rays = wide.pixel_rays()
     along = np.stack([np.ones((3, 4000)), np.zeros((3, 4000)), rays[..., 0]], axis=2)
     with pytest.raises(EstimateError, match="camera matrix does not belong"):
@@ -248,7 +248,7 @@ def test_absurd_depths_are_refused() -> None:
 @pytest.mark.parametrize(
     ("name", "bar_mm"),
     [
-        # Plain least squares: what hides behind occlusions it cannot know.
+        # Large limits: least squares cannot recover depth steps at occlusions.
         pytest.param("bear", 1.2, id="bear"),
         pytest.param("buddha", 3.7, id="buddha"),
         pytest.param("cat", 1.6, id="cat"),
@@ -265,9 +265,9 @@ def test_real_depth(name: str, bar_mm: float) -> None:
     surface = integrate(normal_map, camera=CameraModel(np.loadtxt(folder / "K.txt"), 612, 512))
     np.testing.assert_array_equal(surface.mask, mask)
     assert surface.depth is not None
-    known = mask & np.isfinite(truth)
-    depth, true = surface.depth[known].astype(np.float64), truth[known]
+    valid = mask & np.isfinite(truth)
+    depth, true = surface.depth[valid].astype(np.float64), truth[valid]
     depth *= np.median(true / depth)
     assert np.abs(depth - true).mean() <= bar_mm
-    # The part nearest to the camera is the one nearest in truth: raised, not sunk.
+    # The part nearest to the camera is also nearest in the truth, so the relief is not inverted.
     assert np.corrcoef(depth, true)[0, 1] > 0.75

@@ -41,7 +41,7 @@ def ellipse(size: tuple[int, int], x: float, y: float, a: float, b: float) -> Ma
     return np.asarray(((columns - x) / a) ** 2 + ((rows - y) / b) ** 2 <= 1)
 
 
-def test_a_quarter_turn_turns_pixels_and_normals() -> None:
+def test_a_quarter_turn_rotates_pixels_and_normals() -> None:
     given_map = relief(0, (31, 31))
     place = Similarity((15, 15), (15, 15), rotate_deg=90)
     placed = place.place(given_map, (31, 31))
@@ -63,10 +63,10 @@ def test_a_mirror_exchanges_left_and_right_of_pixels_and_normals() -> None:
 
 @pytest.mark.parametrize("shrink", [1, 2, 3, 5])
 @pytest.mark.parametrize("wavelength_px", [9.0, 14.0, 40.0])
-def test_shrinking_blurs_as_wider_pixels_do(shrink: int, wavelength_px: float) -> None:
-    """A Gaussian pixel of sigma 0.5 stays one: a wave loses exp(-k^2 (s^2 - 1) / 8).
+def test_shrinking_blurs_like_wider_pixels(shrink: int, wavelength_px: float) -> None:
+    """A Gaussian pixel of sigma 0.5 remains one: a wave is reduced by exp(-k^2 (s^2 - 1) / 8).
 
-    Every place on the small map is a whole pixel of the large one, where interpolation is exact.
+    Every pixel of the small map is a whole pixel of the large map, where interpolation is exact.
     """
     size, slope, k = 240, 1e-3, 2 * np.pi / wavelength_px
     columns = np.arange(size, dtype=float)
@@ -76,10 +76,10 @@ def test_shrinking_blurs_as_wider_pixels_do(shrink: int, wavelength_px: float) -
     placed = place.place(NormalMap.from_vectors(vectors), (size, size))
     assert placed is not None
     assert placed.mask[120, 120]
-    found = placed.normals[120, 120, 0] / placed.normals[120, 120, 2]
+    slope_after = placed.normals[120, 120, 0] / placed.normals[120, 120, 2]
     expected = slope * np.exp(-(k**2) * (shrink**2 - 1) / 8)
-    # cv2 cuts its kernel at some four sigma, in steps of a pixel.
-    assert found == pytest.approx(expected, abs=0.01 * slope)
+    # cv2 truncates its kernel at about four sigma, rounded to whole pixels.
+    assert slope_after == pytest.approx(expected, abs=0.01 * slope)
 
 
 @settings(max_examples=40, deadline=None)
@@ -89,13 +89,13 @@ def test_shrinking_blurs_as_wider_pixels_do(shrink: int, wavelength_px: float) -
     st.booleans(),
     st.tuples(st.floats(40, 60), st.floats(40, 60)),
 )
-def test_a_placed_surface_is_the_surface_seen_there(
+def test_placed_normals_are_those_of_the_placed_surface(
     rotate_deg: float, scale: float, mirror: bool, at: tuple[float, float]
 ) -> None:
-    """A smooth height field, placed and looked at again: its normals come from its own slopes."""
+    """The placed normals of a smooth height field equal those computed from its slopes."""
 
     def normals(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> NormalMap:
-        # The gradient of 3 cos(x / 12) + 2 sin(y / 9), rows downwards turned to y upwards.
+        # The gradient of 3 cos(x / 12) + 2 sin(y / 9), with y upwards instead of rows downwards.
         dx, dy = -np.sin(x / 12) / 4, 2 * np.cos(y / 9) / 9
         return NormalMap.from_vectors(np.stack([-dx, dy, np.ones_like(x)], axis=2))
 
@@ -121,13 +121,13 @@ def test_a_placed_surface_is_the_surface_seen_there(
         axis=2,
     )
     off = angle_deg(placed.normals, expected)[placed.mask]
-    # The low pass before shrinking takes off a little, most at the rim where it sees one side.
+    # The low-pass filter before shrinking reduces the slopes slightly, mostly at the rim.
     assert np.mean(off) < (0.05 if scale >= 1 else 0.2)
     assert off.max() < (0.1 if scale >= 1 else 2.5)
 
 
 @pytest.mark.parametrize("reach", [0.5, 3.0, 25.0])
-def test_the_membrane_solves_its_equation_and_holds_the_seam(reach: float) -> None:
+def test_the_membrane_solves_its_equation_and_keeps_the_seam(reach: float) -> None:
     rng = np.random.default_rng(0)
     region = np.zeros((50, 60), bool)
     region[5:45, 8:50] = rng.random((40, 42)) < 0.9
@@ -147,9 +147,7 @@ def test_the_membrane_solves_its_equation_and_holds_the_seam(reach: float) -> No
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 30), st.floats(0, 1))
-def test_blending_keeps_unit_length_whatever_the_details(
-    seed: int, reach: float, full: float
-) -> None:
+def test_blending_keeps_unit_length_for_any_details(seed: int, reach: float, full: float) -> None:
     rng = np.random.default_rng(seed)
     inner, outer = (NormalMap.from_vectors(rng.normal(size=(9, 11, 3))) for _ in range(2))
     inner.normals[4, 5] = (0, 0, -1)
@@ -187,8 +185,8 @@ def test_a_flat_part_has_no_ratio() -> None:
     assert np.isnan(seam_steps(flat, region).ratio)
 
 
-def test_the_seam_step_is_that_of_a_known_fold() -> None:
-    """Two planes 10 degrees apart meet along the seam; inside every pixel turns by 1 degree."""
+def test_the_seam_step_of_a_fold() -> None:
+    """Two planes at 10 degrees meet at the seam; inside, the normal changes by 1 degree a pixel."""
     turn = np.zeros((20, 40))
     turn[:, 20:] = np.radians(10 + np.arange(20))
     folded = NormalMap.from_vectors(np.stack([np.sin(turn), 0 * turn, np.cos(turn)], axis=2))
@@ -196,11 +194,11 @@ def test_the_seam_step_is_that_of_a_known_fold() -> None:
     region[:, 20:] = True
     steps = seam_steps(folded, region)
     assert steps.seam_deg == pytest.approx(10, abs=1e-4)
-    # Sideways by 1 degree, downwards by none: 18 x 20 pairs of the first, 19 x 19 of the second.
+    # 1 degree for each of 18 x 20 horizontal pairs, 0 for each of 19 x 19 vertical pairs.
     assert steps.interior_deg == pytest.approx(360 / (360 + 361), abs=1e-4)
 
 
-def test_a_part_comes_whole_and_the_rest_stays() -> None:
+def test_a_part_is_complete_and_the_rest_does_not_change() -> None:
     source, target = relief(2, (90, 90)), ball()
     mask = ellipse((90, 90), 45, 45, 36, 30)
     result = transfer_local(source, target, source_mask=mask, at=(60, 62), w=5, reach_px=3.0)
@@ -222,17 +220,17 @@ def test_a_part_comes_whole_and_the_rest_stays() -> None:
         assert along == pytest.approx(detail[r - 17, c - 15, 2], abs=2e-3)
 
 
-def test_a_part_set_back_where_it_was_changes_nothing() -> None:
-    given_map = ball()
-    mask = ellipse(given_map.size, 60, 60, 30, 20)
-    result = transfer_local(given_map, given_map, source_mask=mask)
+def test_a_part_inserted_at_its_own_position_changes_nothing() -> None:
+    original = ball()
+    mask = ellipse(original.size, 60, 60, 30, 20)
+    result = transfer_local(original, original, source_mask=mask)
     assert result.region.sum() == mask.sum()
-    off = angle_deg(result.normal_map.normals, given_map.normals)[given_map.mask]
+    off = angle_deg(result.normal_map.normals, original.normals)[original.mask]
     assert off.max() < 1e-4
     assert result.fidelity.detail_mae_deg < 1e-4
 
 
-def test_a_target_mask_bounds_the_part_and_says_where() -> None:
+def test_a_target_mask_limits_and_positions_the_part() -> None:
     source, target = relief(3, (60, 60)), ball()
     room = ellipse(target.size, 50, 70, 15, 12)
     result = transfer_local(source, target, target_mask=room, w=4)
@@ -240,7 +238,7 @@ def test_a_target_mask_bounds_the_part_and_says_where() -> None:
     assert result.placement.at == (50, 70)
 
 
-def test_the_membrane_takes_the_step_away() -> None:
+def test_the_membrane_removes_the_step() -> None:
     source, target = relief(4, (80, 80), slope=6.0), ball(160)
     options = {"at": (80, 80), "source_mask": ellipse((80, 80), 40, 40, 30, 30)}
     pasted = transfer_local(source, target, reach_px=1e-3, **options)  # type: ignore[arg-type]
@@ -252,8 +250,8 @@ def test_the_membrane_takes_the_step_away() -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        pytest.param({}, "has no place on a target", id="sizes without a place"),
-        pytest.param({"at": (500, 5)}, "does not overlap the target mask", id="beside"),
+        pytest.param({}, "has no position on a target", id="sizes without a position"),
+        pytest.param({"at": (500, 5)}, "does not overlap the target mask", id="outside"),
         pytest.param({"at": (0, 0), "scale": 0.1}, "does not overlap", id="on the empty corner"),
         pytest.param({"at": (60, 60), "scale": 0.0}, "scale of 0.0", id="no scale"),
         pytest.param({"at": (60, 60), "rotate_deg": np.nan}, "turn of nan", id="no angle"),

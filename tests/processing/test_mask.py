@@ -33,11 +33,11 @@ def _iou(a, b):
     return np.count_nonzero(a & b) / np.count_nonzero(a | b)
 
 
-def test_a_ball_before_a_dark_background():
+def test_a_ball_in_front_of_a_dark_background():
     normals, truth = _ball()
-    found = object_mask(_recorded(normals, truth))
-    assert _iou(found.mask, truth) > 0.98
-    assert found.contrast > 10
+    result = object_mask(_recorded(normals, truth))
+    assert _iou(result.mask, truth) > 0.98
+    assert result.contrast > 10
 
 
 def test_saturation_counts_as_bright_and_dead_pixels_do_not():
@@ -48,12 +48,12 @@ def test_saturation_counts_as_bright_and_dead_pixels_do_not():
     values[:, 55:85, 110:131] = np.nan
     values[:, 5, 7] = np.nan
     values[4, 150, 20] = 5.0
-    found = object_mask(values)
-    assert _iou(found.mask, truth) > 0.97
-    assert (found.mask | ~truth)[55:85].all()
-    assert not found.mask[5, 7]
-    assert not found.mask[150, 20]
-    assert found.mask[60:75, 75:90].all()
+    result = object_mask(values)
+    assert _iou(result.mask, truth) > 0.97
+    assert (result.mask | ~truth)[55:85].all()
+    assert not result.mask[5, 7]
+    assert not result.mask[150, 20]
+    assert result.mask[60:75, 75:90].all()
 
 
 def test_holes_are_filled_and_dust_is_dropped_but_parts_are_kept():
@@ -62,11 +62,11 @@ def test_holes_are_filled_and_dust_is_dropped_but_parts_are_kept():
     values[:, 60:64, 78:84] = 0.01
     values[:, 2:6, 150:155] = 0.5
     values[:, 140:155, 20:60] = 0.5
-    found = object_mask(values).mask
+    mask = object_mask(values).mask
     expected = truth.copy()
     expected[140:155, 20:60] = True
-    assert _iou(found, expected) > 0.97
-    assert not found[2:6, 150:155].any()
+    assert _iou(mask, expected) > 0.97
+    assert not mask[2:6, 150:155].any()
 
 
 def _relief(texture):
@@ -99,13 +99,13 @@ def _relief(texture):
         ),
     ],
 )
-def test_nothing_that_stands_out_is_refused(values, message):
+def test_images_without_a_visible_object_are_refused(values, message):
     with pytest.raises(EstimateError, match=message):
         object_mask(values)
 
 
 @pytest.mark.parametrize("shape", [(5, 6), (3, 4, 5, 3), (0, 4, 5)], ids=str)
-def test_what_is_no_stack_is_refused(shape):
+def test_an_array_that_is_not_a_stack_is_refused(shape):
     with pytest.raises(DataError, match="stack"):
         object_mask(np.ones(shape))
 
@@ -127,7 +127,7 @@ def test_real_objects_are_found(folder, images, mask):
     strength = np.ones((len(files), 3))
     if (folder / "light_intensities.txt").exists():
         strength = np.loadtxt(folder / "light_intensities.txt")
-    # Twelve lights from everywhere: in order, DiLiGenT's would all come from one side.
+    # Twelve lights from all directions: the first twelve of DiLiGenT are all on one side.
     picked = np.random.default_rng(7).permutation(len(files))[:12]
     values = [(read_image(files[i]) / strength[i]).mean(axis=2).astype(np.float32) for i in picked]
     truth = read_image(folder / mask)

@@ -37,7 +37,7 @@ def flat(mask: npt.NDArray[np.bool_]) -> HeightMap:
 
 
 def read(path: Path) -> trimesh.Trimesh:
-    # Not as force="mesh", which drops the normals of the file.
+    # force="mesh" would drop the normals of the file.
     mesh = trimesh.load(path, process=False)
     if isinstance(mesh, trimesh.Scene):
         (mesh,) = mesh.geometry.values()
@@ -53,8 +53,8 @@ def test_other_programs_read_the_surface(tmp_path: Path, suffix: str, with_norma
     write_mesh(path, surface, normals=normal_map if with_normals else None)
     mesh = read(path)
     scale = 1e-3 if suffix == "glb" else 1.0
-    # 39 x 49 squares less those that touch the hole of 4 x 3 pixels (5 x 4 squares) and the one of
-    # a single pixel (4); the corner squares of a hole keep three pixels and so a triangle.
+    # 39 x 49 squares without those that touch the hole of 4 x 3 pixels (5 x 4 squares) and the hole
+    # of one pixel (4); the corner squares of a hole have three pixels and therefore one triangle.
     squares = 39 * 49 - 5 * 4 - 4
     assert len(mesh.faces) == 2 * squares + 4 + 4
     if suffix != "stl":
@@ -110,7 +110,7 @@ def test_squares_are_split_along_the_shorter_diagonal() -> None:
     lifted = surface.height.copy()
     lifted[0, 0] += 5
     object.__setattr__(surface, "height", lifted)
-    # The corner that stands out is cut off, not bridged: a b d and b d e.
+    # The split is along b d and leaves the raised corner to one triangle: a b d and b d e.
     assert {frozenset(f) for f in height_mesh(surface).faces.tolist()} == {
         frozenset({0, 1, 2}),
         frozenset({1, 2, 3}),
@@ -123,10 +123,10 @@ def test_squares_are_split_along_the_shorter_diagonal() -> None:
     }
 
 
-def test_no_face_joins_two_parts() -> None:
+def test_no_face_connects_two_parts() -> None:
     normals = np.zeros((20, 20, 3))
     normals[..., 2] = 1
-    # An upright wall between two floors: its own edges are grazing and dropped.
+    # A vertical wall between two floors: its edges are grazing and are dropped.
     normals[:, 10] = (1, 0, 0.001)
     normals[:, 11] = (-1, 0, 0.001)
     surface = integrate(NormalMap.from_vectors(normals))
@@ -176,7 +176,7 @@ def test_obj_text(tmp_path: Path) -> None:
     )
 
 
-def test_glb_is_laid_out_as_gltf_asks(tmp_path: Path) -> None:
+def test_the_layout_of_glb_follows_gltf(tmp_path: Path) -> None:
     normal_map, surface = dome(3, 5, hole=False)
     write_mesh(tmp_path / "a.glb", surface, normals=normal_map)
     data = (tmp_path / "a.glb").read_bytes()
@@ -194,7 +194,7 @@ def test_glb_is_laid_out_as_gltf_asks(tmp_path: Path) -> None:
 
 def test_write_mesh_refuses(tmp_path: Path) -> None:
     normal_map, surface = dome()
-    with pytest.raises(DataError, match=r"no mesh format '\.off'"):
+    with pytest.raises(DataError, match=r"unknown mesh format '\.off'"):
         write_mesh(tmp_path / "surface.off", surface)
     with pytest.raises(StorageError, match=r"surface\.ply: cannot write"):
         write_mesh(tmp_path / "missing" / "surface.ply", surface)
@@ -203,7 +203,7 @@ def test_write_mesh_refuses(tmp_path: Path) -> None:
         write_mesh(tmp_path / "surface.ply", surface, normals=small)
     line = np.zeros((5, 5), bool)
     line[2] = True
-    with pytest.raises(DataError, match="makes no triangle"):
+    with pytest.raises(DataError, match="contains no triangle"):
         write_mesh(tmp_path / "surface.ply", flat(line))
     assert list(tmp_path.iterdir()) == []
 
@@ -212,6 +212,6 @@ def test_a_million_vertices_take_about_a_second(tmp_path: Path) -> None:
     surface = flat(np.ones((1000, 1000), bool))
     start = time.process_time()
     write_mesh(tmp_path / "big.ply", surface)
-    # 0.4 s where it was measured; the rest is for a busy or slower computer.
+    # The measured time is 0.4 s; the margin is for a busy or slower computer.
     assert time.process_time() - start < 2.0
     assert (tmp_path / "big.ply").stat().st_size > 12_000_000 + 13 * 1_990_000

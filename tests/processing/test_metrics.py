@@ -46,7 +46,7 @@ def test_every_pixel_of_the_mask_counts():
     assert error.map_deg[1, 0] == 90
 
 
-def test_truth_may_be_an_array_and_holes_in_it_do_not_count():
+def test_the_truth_may_be_an_array_and_its_holes_do_not_count():
     truth = np.zeros((2, 2, 3))
     truth[0] = (0, 0, 1)
     estimate = NormalMap.from_vectors(np.broadcast_to((1.0, 0.0, 0.0), (2, 2, 3)))
@@ -64,7 +64,7 @@ def test_truth_may_be_an_array_and_holes_in_it_do_not_count():
         pytest.param(lambda a, b: ssim(a, b, protocol="paper"), id="ssim-paper"),
     ],
 )
-def test_maps_of_different_sizes_do_not_compare(call):
+def test_maps_of_different_sizes_are_refused(call):
     with pytest.raises(DataError, match="50 x 40 and 50 x 41"):
         call(_bumpy(0), _bumpy(0, height=41))
 
@@ -78,7 +78,7 @@ def test_a_mask_of_another_size_is_refused():
 
 
 def _reference_ssim(a, b, c1, c2):
-    """Wang's formula written a second time, on other filters."""
+    """Independent implementation of Wang's formula with other filters."""
 
     def mean(image):
         return ndimage.gaussian_filter(image, 1.5, radius=5, mode="mirror", axes=(0, 1))
@@ -115,7 +115,7 @@ def test_equal_maps_are_fully_similar_even_when_tiny(protocol):
         assert ssim(normal_map, normal_map, protocol=protocol) == pytest.approx(1, abs=1e-9)
 
 
-def test_masked_ssim_sees_nothing_outside_the_mask():
+def test_masked_ssim_ignores_pixels_outside_the_mask():
     a, b, c = _bumpy(1), _bumpy(2), _bumpy(3)
     mask = np.zeros(a.size, bool)
     mask[8:33, 5:31] = True
@@ -125,7 +125,7 @@ def test_masked_ssim_sees_nothing_outside_the_mask():
     assert ssim(_masked(a, mask), _masked(b, mask)) == pytest.approx(full, abs=1e-12)
 
 
-def test_a_missing_normal_lowers_the_masked_figure():
+def test_a_missing_normal_lowers_masked_ssim():
     a = _bumpy(1)
     holes = np.random.default_rng(0).uniform(size=a.size) > 0.1
     assert ssim(_masked(a, holes), a) < 0.8

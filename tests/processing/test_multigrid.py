@@ -18,7 +18,7 @@ Graph = tuple[Float, Float]
 
 
 def graph(mask: Mask, seed: int | None = None, low: float = 0.0) -> Graph:
-    """Edges between the pixels of a mask, of weight 1 or random in 10^low .. 1."""
+    """Return edges between the pixels of a mask, with weight 1 or random in 10^low .. 1."""
     rows, columns = mask.shape
     right, down = np.zeros((2, rows + 2, columns + 2), np.float32)
     right[1:-1, 1:-2] = mask[:, :-1] & mask[:, 1:]
@@ -77,7 +77,7 @@ def test_solves_any_weighted_graph(
     assert not solution.u[labels < 0].any()
 
 
-def test_inconsistent_steps_are_met_in_the_least_squares_sense() -> None:
+def test_inconsistent_steps_are_solved_by_least_squares() -> None:
     rng = np.random.default_rng(1)
     right, down = graph(rng.random((23, 31)) < 0.8, 1, -2)
     step_right, step_down = rng.normal(size=(2, *right.shape))
@@ -90,7 +90,7 @@ def test_inconsistent_steps_are_met_in_the_least_squares_sense() -> None:
     for part in range(count):
         off = (solution.u - expected)[labels == part]
         assert np.ptp(off) < 1e-6
-    # And the operator is the matrix.
+    # The operator equals the matrix.
     u, out = rng.normal(size=right.shape), np.zeros(right.shape)
     inner = np.zeros(right.shape, bool)
     inner[1:-1, 1:-1] = True
@@ -130,7 +130,7 @@ def serpentine(n: int) -> Mask:
         pytest.param(serpentine(200), None, 200, id="serpentine"),
     ],
 )
-def test_few_iterations_suffice(mask: Mask, seed: int | None, iterations: int) -> None:
+def test_a_few_iterations_suffice(mask: Mask, seed: int | None, iterations: int) -> None:
     right, down = graph(mask, seed, -2)
     truth = waves(mask.shape)
     solution = solve(right, down, divergence(right, down, *steps(truth)))
@@ -170,7 +170,7 @@ def test_nothing_to_solve() -> None:
     assert not solution.u.any()
 
 
-def test_an_exhausted_solver_says_so() -> None:
+def test_a_solver_without_convergence_reports_it() -> None:
     right, down = graph(disc(100), 4, -3)
     b = divergence(right, down, *steps(waves((100, 100))))
     solution = solve(right, down, b, max_iterations=2)

@@ -47,7 +47,7 @@ def _set(array, where, value):
         pytest.param(lambda n, m: (n, m.astype(np.uint8)), "bool mask", id="mask-of-bytes"),
     ],
 )
-def test_what_is_no_normal_map_is_refused(change, message):
+def test_an_invalid_normal_map_is_refused(change, message):
     normals, mask = _broken(change)
     with pytest.raises(DataError, match=message):
         NormalMap(normals, mask)
@@ -60,7 +60,7 @@ def test_half_float_rounding_is_accepted():
     assert NormalMap(stored, np.ones((50, 50), bool)).size == (50, 50)
 
 
-def test_from_vectors_leaves_out_what_has_no_direction():
+def test_from_vectors_leaves_out_vectors_without_direction():
     vectors = np.full((2, 3, 3), 0.0)
     vectors[0, 0] = (3, 0, 4)
     vectors[0, 1] = (np.nan, 0, 1)
@@ -68,11 +68,11 @@ def test_from_vectors_leaves_out_what_has_no_direction():
     vectors[1, 0] = (0, -1e-100, 0)
     vectors[1, 1] = (0, 0, 7)
     mask = np.array([[True, True, True], [True, False, True]])
-    made = NormalMap.from_vectors(vectors, mask)
-    assert made.mask.tolist() == [[True, False, False], [True, False, False]]
-    np.testing.assert_allclose(made.normals[0, 0], (0.6, 0, 0.8), atol=1e-7)
-    np.testing.assert_array_equal(made.normals[1, 0], (0, -1, 0))
-    assert not made.normals[~made.mask].any()
+    normal_map = NormalMap.from_vectors(vectors, mask)
+    assert normal_map.mask.tolist() == [[True, False, False], [True, False, False]]
+    np.testing.assert_allclose(normal_map.normals[0, 0], (0.6, 0, 0.8), atol=1e-7)
+    np.testing.assert_array_equal(normal_map.normals[1, 0], (0, -1, 0))
+    assert not normal_map.normals[~normal_map.mask].any()
 
 
 @given(
@@ -85,13 +85,15 @@ def test_from_vectors_keeps_directions(vectors):
     vectors[np.abs(vectors) < 1e-100] = 0
     if not vectors.any():
         vectors[0, 0, 0] = 1
-    made = NormalMap.from_vectors(vectors)
+    normal_map = NormalMap.from_vectors(vectors)
     length = np.linalg.norm(vectors, axis=2)
-    np.testing.assert_array_equal(made.mask, length > 0)
-    expected = np.divide(vectors, length[..., None], where=made.mask[..., None], out=vectors * 0)
-    np.testing.assert_allclose(made.normals, expected, atol=1e-6)
+    np.testing.assert_array_equal(normal_map.mask, length > 0)
+    expected = np.divide(
+        vectors, length[..., None], where=normal_map.mask[..., None], out=vectors * 0
+    )
+    np.testing.assert_allclose(normal_map.normals, expected, atol=1e-6)
 
 
-def test_from_vectors_of_nothing_is_refused():
+def test_from_vectors_without_any_direction_is_refused():
     with pytest.raises(DataError, match="empty mask"):
         NormalMap.from_vectors(np.zeros((3, 3, 3)))

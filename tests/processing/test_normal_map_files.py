@@ -14,7 +14,7 @@ needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs real
 
 
 def _cap(size=48, radius=0.9):
-    """A ball, 0 outside."""
+    """Return the map of a ball, 0 outside."""
     x, y = np.meshgrid(*[(np.arange(size) - (size - 1) / 2) / (size / 2)] * 2)
     z = np.sqrt(np.clip(radius**2 - x * x - y * y, 0, None))
     return NormalMap.from_vectors(np.where(z[..., None] > 0, np.stack([x, -y, z], axis=2), 0))
@@ -29,7 +29,7 @@ def _worst_deg(a, b):
     return angle_deg(a.normals[a.mask], b.normals[b.mask]).max()
 
 
-def test_what_is_written_is_read_again(tmp_path):
+def test_written_maps_are_read_unchanged(tmp_path):
     cap = _cap()
     outputs = write_normals(tmp_path, cap)
     assert outputs == {
@@ -107,7 +107,7 @@ def _write_rgba(path, cap):
                 path, np.where(cap.mask[..., None], cap.normals, np.nan).astype(np.float64)
             ),
             1e-5,
-            "pixels hold a vector that is NaN or infinite and are left out",
+            "pixels have a NaN or infinite vector and are left out",
             id="npy-nan-outside",
         ),
         pytest.param(
@@ -129,7 +129,7 @@ def test_every_format_decodes(tmp_path, name, write, worst_deg, warning):
 
 
 def _write_alpha(path, sample, colours, alpha, *, associated=False):
-    """Write samples of 0..1 (colours may be vectors) with alpha, as they are."""
+    """Write samples of 0..1 (colours may be vectors) with alpha, unchanged."""
     pixels = np.concatenate([colours, alpha[..., None]], axis=2).astype(np.float32)
     if path.suffix == ".npy":
         np.save(path, pixels)
@@ -159,7 +159,7 @@ ALPHA_FILES = [
 
 @pytest.mark.parametrize(("name", "sample", "encoded", "multiplied", "worst_deg"), ALPHA_FILES)
 def test_alpha_is_the_mask(tmp_path, name, sample, encoded, multiplied, worst_deg):
-    """A soft edge in alpha, and normals under it that must not count."""
+    """The alpha channel has a soft edge, and the normals outside it must not count."""
     full = NormalMap.from_vectors(np.where(_cap().mask[..., None], _cap().normals, (0, 0, 1.0)))
     columns = np.broadcast_to(np.arange(48), (48, 48))
     alpha = np.clip((columns - 10.2) / 8, 0, 1)
@@ -175,8 +175,8 @@ def test_alpha_is_the_mask(tmp_path, name, sample, encoded, multiplied, worst_de
     assert files == (tmp_path / name,)
 
 
-@pytest.mark.parametrize("named", [False, True], ids=["beside", "named"])
-def test_a_mask_file_is_stronger_than_alpha(tmp_path, named):
+@pytest.mark.parametrize("named", [False, True], ids=["in-folder", "named"])
+def test_a_mask_file_overrides_alpha(tmp_path, named):
     cap = _cap()
     alpha = np.zeros(cap.size)
     alpha[:, :9] = 1
@@ -187,12 +187,12 @@ def test_a_mask_file_is_stronger_than_alpha(tmp_path, named):
     assert np.array_equal(normal_map.mask, cap.mask)
     assert _worst_deg(normal_map, cap) < 2e-3
     (note,) = notes
-    assert note == f"{tmp_path / 'n.png'}: its alpha channel is ignored, the mask is {mask}"
+    assert note == f"{tmp_path / 'n.png'}: the alpha channel is ignored, the mask is {mask}"
 
 
 def test_alpha_with_nothing_inside_is_refused(tmp_path):
     _write_alpha(tmp_path / "n.png", oiio.UINT16, _cap().normals / 2 + 0.5, np.full((48, 48), 0.4))
-    with pytest.raises(DataError, match=r"n\.png: its alpha channel leaves nothing inside"):
+    with pytest.raises(DataError, match=r"n\.png: the alpha channel is below half"):
         read_normals(tmp_path / "n.png")
 
 
@@ -215,25 +215,25 @@ def test_painted_backgrounds_are_outside(tmp_path, background):
     assert np.array_equal(read_normals(tmp_path / "n.png").normal_map.mask, cap.mask)
 
 
-def test_green_down_turns_y_round(tmp_path):
+def test_green_down_inverts_y(tmp_path):
     cap = _cap()
     np.save(tmp_path / "n.npy", cap.normals * np.float32([1, -1, 1]))
     assert _worst_deg(read_normals(tmp_path / "n.npy", green="down").normal_map, cap) < 1e-5
 
 
-def test_masks_beside_and_named(tmp_path):
+def test_a_mask_in_the_folder_and_a_named_mask(tmp_path):
     cap = _cap()
-    beside, named = cap.mask.copy(), cap.mask.copy()
-    beside[:, :20], named[:20] = False, False
+    in_folder, named = cap.mask.copy(), cap.mask.copy()
+    in_folder[:, :20], named[:20] = False, False
     np.save(tmp_path / "n.npy", cap.normals)
-    write_png(tmp_path / "mask.png", np.where(beside, 200, 100).astype(np.uint8))
+    write_png(tmp_path / "mask.png", np.where(in_folder, 200, 100).astype(np.uint8))
     write_png(tmp_path / "other.png", np.where(named, 65535, 0).astype(np.uint16))
-    assert np.array_equal(read_normals(tmp_path / "n.npy").normal_map.mask, beside)
+    assert np.array_equal(read_normals(tmp_path / "n.npy").normal_map.mask, in_folder)
     other = read_normals(tmp_path / "n.npy", mask_path=tmp_path / "other.png")
     assert np.array_equal(other.normal_map.mask, named)
 
 
-def test_pixels_of_the_mask_without_a_normal_are_told(tmp_path):
+def test_pixels_of_the_mask_without_a_normal_are_reported(tmp_path):
     cap = _cap()
     vectors = cap.normals.copy()
     vectors[20:22, 20:23] = 0
@@ -245,7 +245,7 @@ def test_pixels_of_the_mask_without_a_normal_are_told(tmp_path):
     assert "6 pixels of the mask" in warnings[0]
 
 
-def test_normals_that_face_away_are_told(tmp_path):
+def test_normals_that_face_away_are_reported(tmp_path):
     np.save(tmp_path / "n.npy", -_cap().normals)
     (warning,) = read_normals(tmp_path / "n.npy").warnings
     assert "face away" in warning
@@ -312,7 +312,7 @@ def _archive(path):
         pytest.param(lambda path: path, "no normals in this folder", id="empty-folder"),
     ],
 )
-def test_what_is_not_understood_is_one_line(tmp_path, write, message):
+def test_an_unreadable_file_gives_one_line(tmp_path, write, message):
     with pytest.raises(DataError, match=message) as raised:
         read_normals(write(tmp_path))
     assert "\n" not in str(raised.value)
@@ -349,7 +349,7 @@ def test_real_maps_face_the_camera(folder, lowest_z, warned):
     assert z.mean() > 0.6
     assert z.min() >= lowest_z
     assert bool(warnings) == warned
-    # Without its mask file the same pixels are found, but for rounding at nothing.
+    # Without the mask file the same pixels are inside, except for a few at the border.
     alone, _, _ = read_normals(folder / "normal_map.png")
     assert np.array_equal(alone.mask, mask)
 
@@ -370,14 +370,14 @@ def test_decoded_maps_equal_the_truth_of_the_same_objects(name):
     data = Path(os.environ["SGP_DATA"])
     normal_map, _, _ = read_normals(data / "normals" / "diligent" / name)
     truth = loadmat(data / "diligent" / f"{name}PNG" / "Normal_gt.mat")["Normal_gt"]
-    known = np.linalg.norm(truth, axis=2) > 0.5
+    valid = np.linalg.norm(truth, axis=2) > 0.5
 
     def corner(mask):
         return np.array([np.flatnonzero(mask.any(axis=1))[0], np.flatnonzero(mask.any(axis=0))[0]])
 
-    # The maps were cut out elsewhere, and their masks are one pixel narrower.
+    # The maps are cropped differently, and their masks are one pixel narrower.
     rows, columns = np.nonzero(normal_map.mask)
-    down, right = corner(known) - corner(normal_map.mask) + 1
+    down, right = corner(valid) - corner(normal_map.mask) + 1
     theirs = truth[rows + down, columns + right]
-    assert len(rows) > 0.97 * np.count_nonzero(known)
+    assert len(rows) > 0.97 * np.count_nonzero(valid)
     assert angle_deg(normal_map.normals[rows, columns], theirs).max() < 0.01

@@ -1,4 +1,4 @@
-"""Normal maps from files that are damaged, ask for too much, or hold vectors that are none."""
+"""Normal maps from files that are damaged, too large, or contain invalid vectors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def dome():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("suffix", ["exr", "npy"])
-def test_vectors_that_are_none_are_counted(tmp_path, suffix, bad):
+def test_invalid_vectors_are_counted(tmp_path, suffix, bad):
     normals = dome()
     normals[3, 4:7] = bad
     normals[5, 5, 1] = bad
@@ -30,16 +30,13 @@ def test_vectors_that_are_none_are_counted(tmp_path, suffix, bad):
     write_exr(path, normals) if suffix == "exr" else np.save(path, normals)
     normal_map, warnings, _ = read_normals(path)
     (line,) = warnings
-    assert line == (
-        f"{path}: 4 pixels hold a vector that is NaN or infinite and are left out, as outside the "
-        "mask"
-    )
+    assert line == (f"{path}: 4 pixels have a NaN or infinite vector and are left out of the mask")
     assert normal_map.mask.sum() == normals[..., 0].size - 4
     assert not normal_map.normals[3, 5].any()
     assert np.isfinite(normal_map.normals).all()
 
 
-def test_within_a_mask_only_its_own_are_counted(tmp_path):
+def test_invalid_vectors_outside_the_mask_are_not_counted(tmp_path):
     normals = dome()
     normals[:2] = np.nan
     write_exr(tmp_path / "n.exr", normals)
@@ -47,11 +44,11 @@ def test_within_a_mask_only_its_own_are_counted(tmp_path):
     mask[0] = 0
     write_png(tmp_path / "mask.png", mask * np.uint8(255))
     warnings = read_normals(tmp_path / "n.exr").warnings
-    assert "16 pixels hold a vector that is NaN" in warnings[0]
-    assert "16 pixels of the mask hold no unit vector" in warnings[1]
+    assert "16 pixels have a NaN" in warnings[0]
+    assert "16 pixels of the mask have no unit vector" in warnings[1]
 
 
-def test_a_map_without_any_is_silent(tmp_path):
+def test_a_map_without_invalid_vectors_gives_no_warning(tmp_path):
     write_exr(tmp_path / "n.exr", dome())
     assert read_normals(tmp_path / "n.exr").warnings == ()
 
@@ -89,7 +86,7 @@ def npy(header: str, data: bytes = b"", version: bytes = b"\x01\x00") -> bytes:
 @pytest.mark.parametrize("kind", ["<f4", ">f8", "<f2", "|u1", ">u2", "<i8"])
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0)])
-def test_arrays_as_numpy_writes_them(tmp_path, kind, order, version):
+def test_arrays_written_by_numpy(tmp_path, kind, order, version):
     values = np.asarray(np.arange(24).reshape(2, 3, 4), kind, order=order)
     file = io.BytesIO()
     np.lib.format.write_array(file, values, version=version)
@@ -106,7 +103,7 @@ def test_arrays_as_numpy_writes_them(tmp_path, kind, order, version):
         "{'descr': '<f4', 'fortran_order': False, 'shape': (2L, 3L), }   \n",
     ],
 )
-def test_arrays_as_others_write_them(tmp_path, header):
+def test_arrays_written_by_other_programs(tmp_path, header):
     (tmp_path / "a.npy").write_bytes(npy(header, np.arange(6, dtype="<f4").tobytes()))
     np.testing.assert_array_equal(read_npy(tmp_path / "a.npy", 6), np.arange(6).reshape(2, 3))
 
@@ -119,7 +116,7 @@ GOOD = "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }\n"
     [
         pytest.param(npy(GOOD.replace("(2, 3)", "(50000, 100000, 3)")), "allowed", id="112 GiB"),
         pytest.param(npy(GOOD.replace("3)", "9" * 99 + ")")), "header", id="digits"),
-        pytest.param(npy(GOOD, b"\0" * 47), "47 bytes for the shape", id="cut short"),
+        pytest.param(npy(GOOD, b"\0" * 47), "47 bytes for the shape", id="truncated"),
         pytest.param(npy(GOOD, b"\0" * 49), "49 bytes for the shape", id="too long"),
         pytest.param(npy(GOOD.replace("}", "'")), "", id="quote"),
         pytest.param(npy("{" * 9000 + "\n"), "header", id="nested"),
@@ -137,7 +134,7 @@ def test_damaged_arrays(tmp_path, data, said):
     path.write_bytes(data)
     with pytest.raises(DataError, match=said or "bytes") as caught:
         read_npy(path, 1000)
-    assert str(caught.value).startswith(f"{path}: not a readable array of numbers (")
+    assert str(caught.value).startswith(f"{path}: not a readable array of numbers: ")
     assert "\n" not in str(caught.value)
 
 
@@ -154,6 +151,6 @@ def test_flipped_bits_in_the_header_of_an_array(tmp_path):
             continue
 
 
-def test_no_array(tmp_path):
+def test_a_missing_array(tmp_path):
     with pytest.raises(MissingPathError):
         read_npy(tmp_path / "nowhere.npy", 5)

@@ -19,7 +19,7 @@ def _ring(count, *, radius_mm=150.0, height_mm=300.0):
 
 
 def _plane(height=40, width=70, *, step_mm=2.0, slope=(0.2, -0.1)):
-    """Points and the normal of a tilted plane through the origin."""
+    """Return points and the normal of a tilted plane through the origin."""
     x, y = np.meshgrid((np.arange(width) - width / 2), -(np.arange(height) - height / 2))
     x, y = x * step_mm, y * step_mm
     normal = np.array([-slope[0], -slope[1], 1.0])
@@ -28,7 +28,7 @@ def _plane(height=40, width=70, *, step_mm=2.0, slope=(0.2, -0.1)):
 
 
 def _irradiance(points, normal, position, axis, mu):
-    """The LED model, written from its definition for one light: E = cos^mu / r^2 * n.l."""
+    """Return the LED model for one light, from its definition E = cos^mu / r^2 * n.l."""
 
     def at(p):
         toward = position - p
@@ -75,14 +75,14 @@ def test_light_vectors_are_those_of_the_lights(seed):
     result = photometric_stereo(values, lights, np.ones((2, 5), bool), points_mm=points)
     m = result.normal_map.normals * result.albedo[..., None]
     reproduced = np.einsum("nhwi,hwi->nhw", vectors, m)
-    # Three lights leave no residual, so every light vector must reproduce its own image, to the
-    # rounding of float32.
-    known = result.normal_map.mask
-    assert known.all()
-    assert np.abs(reproduced - values)[:, known].max() < 1e-6 * result.albedo.max()
+    # With three lights there is no residual, so every light vector must reproduce its image to
+    # float32 rounding.
+    has_normal = result.normal_map.mask
+    assert has_normal.all()
+    assert np.abs(reproduced - values)[:, has_normal].max() < 1e-6 * result.albedo.max()
 
 
-def test_leds_that_shine_away_and_unknown_points_are_left_out():
+def test_leds_that_face_away_and_unknown_points_are_left_out():
     points, normal = _plane(4, 6)
     positions = _ring(8)
     values = np.stack([_irradiance(points, normal, p, -p, 1.0) for p in positions])
@@ -101,7 +101,7 @@ def test_leds_that_shine_away_and_unknown_points_are_left_out():
     assert result.used[0, 0] == 9
 
 
-def test_lights_with_positions_need_points():
+def test_lights_with_positions_require_points():
     values, mask = np.ones((8, 4, 5)), np.ones((4, 5), bool)
     lights = Lights(positions_mm=_ring(8))
     with pytest.raises(DataError, match="need surface points"):
@@ -114,7 +114,7 @@ def test_lights_with_positions_need_points():
 
 def test_leds_in_a_row_are_refused():
     positions = np.stack([np.linspace(-200, 200, 9), np.zeros(9), np.full(9, 300.0)], axis=1)
-    with pytest.raises(EstimateError, match="in one plane"):
+    with pytest.raises(EstimateError, match="close to one plane"):
         photometric_stereo(
             np.ones((9, 4, 5)),
             Lights(positions_mm=positions),

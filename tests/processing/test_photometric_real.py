@@ -1,4 +1,4 @@
-"""Real captures: the published figures of the same estimators, and a ball's own geometry."""
+"""Real captures, compared with published results of the same estimators and a ball's geometry."""
 
 import os
 from functools import cache

@@ -12,7 +12,7 @@ METHODS = pytest.mark.parametrize("method", ["ls", "cauchy"])
 
 
 def _dome(count, *, lowest_deg=45.0):
-    """Directions spread over a cap by the golden angle."""
+    """Return directions spread over a cap by the golden angle."""
     z = np.linspace(0.98, np.sin(np.radians(lowest_deg)), count)
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     r = np.sqrt(1 - z * z)
@@ -20,7 +20,7 @@ def _dome(count, *, lowest_deg=45.0):
 
 
 def _ball(size=70, n_z_min=0.0):
-    """Normals of a ball that fills the frame, and the mask where n_z is above a bound."""
+    """Return the normals of a ball that fills the frame, and the mask of n_z above a bound."""
     x, y = np.meshgrid(*[(np.arange(size) - (size - 1) / 2) / (size / 2)] * 2)
     z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
     mask = z > max(n_z_min, 1e-9)
@@ -116,7 +116,7 @@ def test_cauchy_survives_a_third_of_outliers():
     assert np.percentile(error["cauchy"], 99) < 0.5
 
 
-def test_cauchy_does_not_mind_attached_shadows():
+def test_attached_shadows_do_not_affect_cauchy():
     normals, mask = _ball(64, n_z_min=0.3)
     directions = _dome(36, lowest_deg=20)
     values = _shade(normals, directions, _albedo(mask))
@@ -126,7 +126,7 @@ def test_cauchy_does_not_mind_attached_shadows():
     assert angular_error(plain.normal_map, normals, mask).mae_deg > 1
 
 
-def test_pixels_without_enough_samples_have_no_normal_and_say_so():
+def test_pixels_without_enough_samples_have_no_normal_and_are_reported():
     normals, mask = _ball(20, n_z_min=0.75)
     directions = _dome(6)
     values = _shade(normals, directions, _albedo(mask))
@@ -152,7 +152,7 @@ def _turn(seed):
 @METHODS
 @given(seed=st.integers(0, 10_000), scale=st.floats(1e-3, 1e3))
 @settings(max_examples=15, deadline=None)
-def test_normals_turn_with_the_scene_and_ignore_brightness(method, seed, scale):
+def test_normals_rotate_with_the_scene_and_ignore_brightness(method, seed, scale):
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(10, 3))
     values = rng.uniform(0, 1, (10, 3, 4))
@@ -163,7 +163,7 @@ def test_normals_turn_with_the_scene_and_ignore_brightness(method, seed, scale):
         scale * values[order], Lights(directions[order] @ turn.T), mask, method=method
     )
     turned = first.normal_map.normals @ turn.T
-    # A rounding can move the halving that finds the median of |r| by one step, 1 part in 250.
+    # Rounding can change the median of |r| by one step of the bisection, 1 part in 250.
     tolerance = 1e-3 if method == "ls" else 0.1
     assert angle_deg(second.normal_map.normals, turned).max() < tolerance
     if method == "ls":
@@ -172,15 +172,15 @@ def test_normals_turn_with_the_scene_and_ignore_brightness(method, seed, scale):
 
 @METHODS
 @pytest.mark.parametrize("scale", [1e-42, 1e-30, 1e37, 2e38])
-def test_absurd_units_end_and_give_normals(method, scale):
+def test_extreme_units_terminate_and_give_normals(method, scale):
     normals, mask = _ball(20, n_z_min=0.75)
     values = scale * _shade(normals, _dome(9), np.ones(mask.shape))
     result = photometric_stereo(values, Lights(_dome(9)), mask, method=method)
     assert _worst_deg(result, normals, mask) < (0.01 if scale > 1e-40 else 2)
 
 
-def test_vectors_beyond_float32_end():
-    # Differences of infinities on the way: the search for a median must not wait for an order.
+def test_vectors_beyond_float32_terminate():
+    # Differences of infinities are NaN: the search for the median must still end.
     directions = _dome(9, lowest_deg=60)
     directions[:, 0] += 1
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -199,16 +199,16 @@ def test_bytes_do_not_depend_on_the_number_of_threads(method):
     values[rng.uniform(size=values.shape) < 0.05] = np.nan
     lights, mask = Lights(_dome(14)), rng.uniform(size=(97, 83)) > 0.1
     threads = numba.get_num_threads()
-    made = []
+    results = []
     try:
         for count in (1, threads):
             numba.set_num_threads(count)
-            made.append(photometric_stereo(values, lights, mask, method=method))
+            results.append(photometric_stereo(values, lights, mask, method=method))
     finally:
         numba.set_num_threads(threads)
     for name in ("albedo", "residual", "used"):
-        assert getattr(made[0], name).tobytes() == getattr(made[1], name).tobytes()
-    assert made[0].normal_map.normals.tobytes() == made[1].normal_map.normals.tobytes()
+        assert getattr(results[0], name).tobytes() == getattr(results[1], name).tobytes()
+    assert results[0].normal_map.normals.tobytes() == results[1].normal_map.normals.tobytes()
 
 
 def test_strided_and_float64_stacks_give_the_same():
@@ -248,14 +248,14 @@ def _in_one_plane(count, wobble_deg=0.0):
     ("directions", "message"),
     [
         pytest.param(_dome(2), "2 lights do not determine", id="two"),
-        pytest.param(_in_one_plane(9), "in one plane .*condition", id="coplanar"),
+        pytest.param(_in_one_plane(9), "close to one plane .*condition", id="coplanar"),
         pytest.param(
             _in_one_plane(9, wobble_deg=1), "condition number [345]", id="coplanar-to-one-degree"
         ),
-        pytest.param(np.tile([[0, 0, 1.0]], (4, 1)), "in one plane", id="equal"),
+        pytest.param(np.tile([[0, 0, 1.0]], (4, 1)), "close to one plane", id="equal"),
     ],
 )
-def test_lights_that_leave_the_normal_open_are_refused(directions, message):
+def test_lights_that_do_not_determine_the_normal_are_refused(directions, message):
     values = np.ones((len(directions), 5, 5))
     with pytest.raises(EstimateError, match=message):
         photometric_stereo(values, Lights(directions), np.ones((5, 5), bool))
@@ -293,7 +293,7 @@ def test_a_pixel_whose_remaining_lights_are_almost_in_one_plane_is_left_out():
         pytest.param(np.nan, "not saturated", id="saturated"),
     ],
 )
-def test_stacks_that_hold_nothing_are_refused(value, message):
+def test_stacks_without_usable_samples_are_refused(value, message):
     with pytest.raises(EstimateError, match=message):
         photometric_stereo(np.full((5, 6, 7), value), Lights(_dome(5)), np.ones((6, 7), bool))
 
@@ -308,7 +308,7 @@ def test_stacks_that_hold_nothing_are_refused(value, message):
         pytest.param(np.ones((5, 5, 6)), np.zeros((5, 6), bool), "empty", id="mask-empty"),
     ],
 )
-def test_inputs_that_disagree_are_refused(values, mask, message):
+def test_inconsistent_inputs_are_refused(values, mask, message):
     with pytest.raises(DataError, match=message):
         photometric_stereo(values, Lights(_dome(5)), mask)
 

@@ -22,13 +22,13 @@ BENT = CameraModel(CAMERA.K, 300, 240, 500.0, np.array([-0.2, 0.05, 0.001, -0.00
 
 
 def _drawn(screen, faces, rows, columns):
-    """Return the face seen at each pixel."""
+    """Return the visible face at each pixel."""
     faces = np.asarray(faces, np.int32)
     bands = kernels.face_bands(screen, faces, rows, columns)
     members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
-    seen = np.full((rows, columns), -1, np.int32)
-    kernels.draw(screen, faces, members, begin, np.full(seen.shape, -np.inf, np.float32), seen)
-    return seen
+    view = np.full((rows, columns), -1, np.int32)
+    kernels.draw(screen, faces, members, begin, np.full(view.shape, -np.inf, np.float32), view)
+    return view
 
 
 def _screen(pixels):
@@ -41,8 +41,8 @@ def _screen(pixels):
     st.lists(st.tuples(st.integers(0, 80), st.integers(0, 160)), max_size=30),
     st.sampled_from([2, 1, 4, 3.7]),
 )
-def test_shared_edges_leave_no_hole_and_hit_no_pixel_twice(inner, parts):
-    # On halves, whole and quarter pixels many edges and corners meet centres of pixels.
+def test_shared_edges_leave_no_hole_and_cover_no_pixel_twice(inner, parts):
+    # With corners at half, whole and quarter pixels, many edges and corners are at pixel centres.
     corners = [(0, 0), (80, 0), (0, 160), (80, 160)]
     points = np.unique(np.array([*corners, *inner]), axis=0) / parts
     faces = Delaunay(points).simplices
@@ -57,11 +57,11 @@ def test_shared_edges_leave_no_hole_and_hit_no_pixel_twice(inner, parts):
 
 
 @pytest.mark.parametrize("turned", [False, True], ids=["clockwise", "counter-clockwise"])
-def test_pixels_on_top_and_left_edges_belong_and_others_do_not(turned):
+def test_pixels_on_top_and_left_edges_are_covered_and_others_are_not(turned):
     faces = np.array([[0, 1, 2], [0, 2, 3]])
     square = _screen([(2, 3), (7, 3), (7, 9), (2, 9)])
-    seen = _drawn(square, faces[:, ::-1] if turned else faces, 12, 12)
-    rows, columns = np.nonzero(seen >= 0)
+    view = _drawn(square, faces[:, ::-1] if turned else faces, 12, 12)
+    rows, columns = np.nonzero(view >= 0)
     assert (columns.min(), columns.max(), rows.min(), rows.max()) == (2, 6, 3, 8)
     assert len(rows) == 5 * 6
 
@@ -79,43 +79,43 @@ def _plane(slope_x, slope_y, half=60.0, lift=0.0):
 
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.5, -0.2), (-3.0, 2.0)])
 def test_a_tilted_plane_is_exact(slopes):
-    seen = project(_plane(*slopes), size=(41, 61), mm_per_px=0.7, centred=False)
+    view = project(_plane(*slopes), size=(41, 61), mm_per_px=0.7, centred=False)
     x = (np.arange(61) - 30) * 0.7
     y = (20 - np.arange(41)) * 0.7
     np.testing.assert_allclose(
-        seen.height, slopes[0] * x + slopes[1] * y[:, None], atol=1e-5, rtol=1e-6
+        view.height, slopes[0] * x + slopes[1] * y[:, None], atol=1e-5, rtol=1e-6
     )
-    assert angle_deg(seen.normal_map.normals, [-slopes[0], -slopes[1], 1.0]).max() < 1e-5
-    assert seen.depth is None
+    assert angle_deg(view.normal_map.normals, [-slopes[0], -slopes[1], 1.0]).max() < 1e-5
+    assert view.depth is None
 
 
 @pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["pinhole", "distorted"])
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.4, -0.3)])
 def test_the_depth_of_a_plane_in_perspective(camera, slopes):
-    seen = project(_plane(*slopes, half=200.0, lift=7.0), camera=camera, centred=False)
+    view = project(_plane(*slopes, half=200.0, lift=7.0), camera=camera, centred=False)
     rays = camera.pixel_rays()
     # z = 7 + sx x + sy y along (0, 0, 500) + depth * ray
     expected = (500.0 - 7.0) / (slopes[0] * rays[..., 0] + slopes[1] * rays[..., 1] + 1.0)
-    assert seen.normal_map.mask.all()
-    # The diagonal between the two faces is drawn straight where distortion bends it.
+    assert view.normal_map.mask.all()
+    # The diagonal between the two faces is drawn straight, although distortion bends it.
     tolerance = 1e-6 if camera is CAMERA else 2e-4
-    np.testing.assert_allclose(seen.depth, expected, rtol=tolerance)
-    np.testing.assert_allclose(seen.height, 500.0 - expected, atol=500 * tolerance)
-    assert seen.mm_per_px == pytest.approx(500 / np.sqrt(900 * 880))
+    np.testing.assert_allclose(view.depth, expected, rtol=tolerance)
+    np.testing.assert_allclose(view.height, 500.0 - expected, atol=500 * tolerance)
+    assert view.mm_per_px == pytest.approx(500 / np.sqrt(900 * 880))
 
 
 def test_a_ball_in_closed_form():
     ball = trimesh.creation.icosphere(subdivisions=6, radius=10.0)
-    seen = project(Geometry(ball.vertices, ball.faces), size=(200, 200), mm_per_px=0.11)
+    view = project(Geometry(ball.vertices, ball.faces), size=(200, 200), mm_per_px=0.11)
     x, y = np.meshgrid((np.arange(200) - 99.5) * 0.11, (99.5 - np.arange(200)) * 0.11)
     z2 = 100 - x**2 - y**2
-    assert not seen.normal_map.mask[z2 < 0].any()
+    assert not view.normal_map.mask[z2 < 0].any()
     inner = z2 > 2
-    assert seen.normal_map.mask[inner].all()
+    assert view.normal_map.mask[inner].all()
     z = np.sqrt(z2[inner])
-    np.testing.assert_allclose(seen.height[inner], z, atol=0.02)
+    np.testing.assert_allclose(view.height[inner], z, atol=0.02)
     truth = np.stack([x[inner], y[inner], z], axis=1)
-    assert angle_deg(seen.normal_map.normals[inner], truth).max() < 0.1
+    assert angle_deg(view.normal_map.normals[inner], truth).max() < 0.1
 
 
 def _mesh(name):
@@ -144,24 +144,24 @@ def _area_weighted(vertices, faces):
 @pytest.mark.parametrize("name", ["torus", "stanford-bunny", "decimated-max", "skull"])
 def test_agrees_with_a_ray_caster(name, camera, smooth):
     mesh = _mesh(name)
-    # Turned a little, so that no symmetry puts edges on centres of pixels.
+    # A small rotation prevents symmetric edges at pixel centres.
     turn = view_rotation(rotate_deg=(20.0, -31.0, 7.0))
     points = mesh.vertices @ turn.T
     points -= (points.min(axis=0) + points.max(axis=0)) / 2
     points *= 100 / np.ptp(points, axis=0).max()
     faces = mesh.faces
     if camera is None:
-        seen = project(Geometry(points, faces), size=(240, 300), mm_per_px=0.45, smooth=smooth)
+        view = project(Geometry(points, faces), size=(240, 300), mm_per_px=0.45, smooth=smooth)
         x, y = np.meshgrid((np.arange(300) - 149.5) * 0.45, (119.5 - np.arange(240)) * 0.45)
         origins = np.stack([x, y, np.full_like(x, 200.0)], axis=-1).reshape(-1, 3)
         rays = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
     else:
-        seen = project(Geometry(points, faces), camera=camera, smooth=smooth)
+        view = project(Geometry(points, faces), camera=camera, smooth=smooth)
         rays = camera.pixel_rays().reshape(-1, 3)
         origins = np.broadcast_to(camera.centre_mm, rays.shape)
     t, weights, face = TriangleTree.grow(points[faces]).closest(origins, rays)
-    mask = seen.normal_map.mask.ravel()
-    # Faces reach the pixel by the straight image of their edges, rays by the bent one.
+    mask = view.normal_map.mask.ravel()
+    # Rasterisation uses straight images of the edges, ray casting the distorted ones.
     allowed = 40 if camera is BENT else 3
     assert np.count_nonzero(mask != (face >= 0)) <= allowed
     both = np.flatnonzero(mask & (face >= 0))
@@ -171,10 +171,10 @@ def test_agrees_with_a_ray_caster(name, camera, smooth):
     facing = np.sign((truth * -rays[both]).sum(axis=1))
     if smooth:
         truth = (vertex_normals[faces[face[both]]] * weights[both][..., None]).sum(axis=1)
-    error = angle_deg(seen.normal_map.normals.reshape(-1, 3)[both], truth * facing[:, None])
+    error = angle_deg(view.normal_map.normals.reshape(-1, 3)[both], truth * facing[:, None])
     z = origins[both, 2] + t[both] * rays[both, 2]
-    off = np.abs(seen.height.ravel()[both] - z)
-    # On an edge, and where the mesh cuts itself, the neighbour may be as near.
+    off = np.abs(view.height.ravel()[both] - z)
+    # On an edge, and if the mesh intersects itself, the neighbouring face may be as near.
     clear = weights[both].min(axis=1) > (0.02 if camera is BENT else 1e-3)
     share = 0.998 if camera is BENT else 0.9995
     assert (error < 0.01).mean() > (share if smooth else share - 0.002)
@@ -197,39 +197,39 @@ def test_the_result_depends_neither_on_threads_nor_on_the_order_of_faces():
     np.testing.assert_allclose(first.height, turned.height, atol=1e-5)
 
 
-def test_faces_without_area_are_told_and_left_out():
+def test_faces_without_area_are_reported_and_left_out():
     plane = _plane(0.1, 0.2)
     faces = np.concatenate([plane.faces, [[0, 0, 1], [2, 2, 2]]])
-    seen = project(Geometry(plane.vertices, faces))
-    assert "without area: 2 of 4" in seen.warnings[0]
-    np.testing.assert_array_equal(seen.height, project(plane).height)
+    view = project(Geometry(plane.vertices, faces))
+    assert "no area: 2 of 4" in view.warnings[0]
+    np.testing.assert_array_equal(view.height, project(plane).height)
 
 
-def test_a_mesh_of_nothing_but_degenerate_faces_is_refused():
-    with pytest.raises(EstimateError, match=r"no face can be drawn: .*without area: 1 of 1"):
+def test_a_mesh_of_only_degenerate_faces_is_refused():
+    with pytest.raises(EstimateError, match=r"no face can be drawn: .*no area: 1 of 1"):
         project(Geometry([[0, 0, 0], [1, 1, 0], [2, 2, 0]], [[0, 1, 2]]), mm_per_px=0.1)
 
 
-def test_the_back_of_a_face_is_seen_turned_round_and_told():
+def test_the_back_of_a_face_has_an_inverted_normal_and_is_reported():
     plane = _plane(0.1, 0.2)
-    seen = project(Geometry(plane.vertices, plane.faces[:, ::-1]))
-    np.testing.assert_allclose(seen.normal_map.normals, project(plane).normal_map.normals)
-    assert "100% of the pixels see the back" in seen.warnings[0]
+    view = project(Geometry(plane.vertices, plane.faces[:, ::-1]))
+    np.testing.assert_allclose(view.normal_map.normals, project(plane).normal_map.normals)
+    assert "100% of the pixels show the back" in view.warnings[0]
 
 
 def test_three_faces_on_one_edge_are_fine():
     vertices = [[0, -1, 0], [0, 1, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 1]]
-    seen = project(Geometry(vertices, [[0, 2, 1], [0, 1, 3], [0, 1, 4]]), size=(50, 50))
-    assert seen.normal_map.mask.sum() > 500
+    view = project(Geometry(vertices, [[0, 2, 1], [0, 1, 3], [0, 1, 4]]), size=(50, 50))
+    assert view.normal_map.mask.sum() > 500
 
 
-def test_faces_behind_the_camera_are_told_and_left_out():
+def test_faces_behind_the_camera_are_reported_and_left_out():
     plane = _plane(0.0, 0.0)
     vertices = np.concatenate([plane.vertices, [[0, 0, 600], [10, 0, 450], [0, 10, 450]]])
     faces = np.concatenate([plane.faces, [[4, 5, 6]]])
-    seen = project(Geometry(vertices, faces), camera=CAMERA, centred=False)
-    assert "faces left out as behind the camera: 1" in seen.warnings[0]
-    assert np.nanmax(np.abs(seen.height)) < 1e-3
+    view = project(Geometry(vertices, faces), camera=CAMERA, centred=False)
+    assert "faces left out because they are behind the camera: 1" in view.warnings[0]
+    assert np.nanmax(np.abs(view.height)) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_faces_behind_the_camera_are_told_and_left_out():
         pytest.param({"mm_per_px": np.nan}, DataError, "pixel of nan mm", id="pixel"),
         pytest.param({"mm_per_px": 1e-4}, DataError, "too large", id="huge"),
         pytest.param({"size": (70_000, 1)}, DataError, "too large", id="long"),
-        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "leave one", id="two scales"),
+        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "only one", id="two scales"),
         pytest.param({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9", id="two sizes"),
         pytest.param(
             {"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working", id="no distance"
@@ -249,7 +249,7 @@ def test_faces_behind_the_camera_are_told_and_left_out():
         ),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(options, kind, words):
+def test_invalid_projections_are_refused(options, kind, words):
     with pytest.raises(kind, match=words):
         project(_plane(0.0, 0.0), **options)
 
@@ -275,7 +275,7 @@ def test_what_cannot_be_drawn_is_refused(options, kind, words):
         ),
     ],
 )
-def test_views_show_what_they_say(options, right, up, toward):
+def test_views_show_the_named_side(options, right, up, toward):
     turn = view_rotation(**options)
     np.testing.assert_allclose(turn, np.array([right, up, toward], float), atol=1e-12)
 
@@ -290,6 +290,6 @@ def test_views_are_rotations(look):
 
 
 @pytest.mark.parametrize("look", [(0, 0, 0), (np.nan, 0, 1)])
-def test_a_look_without_direction_is_refused(look):
+def test_a_viewing_direction_of_length_zero_is_refused(look):
     with pytest.raises(DataError, match="no view along"):
         view_rotation(look=look)

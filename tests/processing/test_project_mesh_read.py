@@ -1,4 +1,4 @@
-"""Mesh and point cloud files: every format, seams, and files that are not whole."""
+"""Mesh and point cloud files: every format, seams, and incomplete files."""
 
 import numpy as np
 import pytest
@@ -48,18 +48,18 @@ def test_every_format_gives_the_same_mesh(tmp_path, suffix):
     path = tmp_path / f"ball.{suffix}"
     BALL.export(path)
     read = read_geometry(path)
-    # The loose faces of the STL are joined at their corners again.
+    # The separate faces of the STL are connected at their corners again.
     assert read.vertices.shape == BALL.vertices.shape
     assert read.faces.shape == BALL.faces.shape
     assert read.faces.dtype == np.int32
     assert _area(read) == pytest.approx(BALL.area, rel=1e-6)
-    # Outward still, so none has changed its winding.
+    # The normals still point outwards, so no winding has changed.
     corners = read.vertices[read.faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert ((cross * corners.mean(axis=1)).sum(axis=1) > 0).all()
 
 
-def test_polygons_are_cut_into_triangles(tmp_path):
+def test_polygons_are_split_into_triangles(tmp_path):
     path = tmp_path / "cube.off"
     path.write_text(CUBE_OFF, encoding="ascii")
     read = read_geometry(path)
@@ -67,7 +67,7 @@ def test_polygons_are_cut_into_triangles(tmp_path):
     assert _area(read) == pytest.approx(6.0)
 
 
-def test_vertices_split_along_a_seam_of_texture_are_joined(tmp_path):
+def test_vertices_split_along_a_texture_seam_are_merged(tmp_path):
     path = tmp_path / "seam.obj"
     path.write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nv 5 5 5\nvt 0 0\nvt 1 0\nvt 0 1\n"
@@ -79,7 +79,7 @@ def test_vertices_split_along_a_seam_of_texture_are_joined(tmp_path):
     np.testing.assert_array_equal(read.faces, [[0, 1, 2], [1, 3, 2]])
 
 
-def test_a_scene_of_several_parts_is_one_mesh_in_its_place(tmp_path):
+def test_a_scene_of_several_parts_is_one_mesh_in_scene_coordinates(tmp_path):
     path = tmp_path / "two.glb"
     scene = trimesh.Scene()
     for shift in (0.0, 5.0):
@@ -143,22 +143,22 @@ def test_normals_in_a_binary_ply_of_points_are_read(tmp_path):
     np.testing.assert_array_equal(read.normals, [[0, 1, 0]] * 4)
 
 
-def test_points_that_a_scanner_missed_are_told(tmp_path):
+def test_points_that_a_scanner_missed_are_reported(tmp_path):
     path = tmp_path / "scan.xyz"
     path.write_text("0 0 0\nnan nan nan\n1 0 0\n0 1 inf\n", encoding="ascii")
     read = read_geometry(path)
     assert len(read.vertices) == 2
-    assert read.warnings == ("points left out as not finite: 2",)
+    assert read.warnings == ("points left out because they are not finite: 2",)
 
 
-def test_normals_that_are_no_unit_vectors_are_told(tmp_path):
+def test_normals_that_are_not_unit_vectors_are_reported(tmp_path):
     path = tmp_path / "scan.ply"
     lines = "0 0 0 0 0 1\n1 0 0 0 0 0\n0 1 0 nan 0 1"
     path.write_text(CLOUD.format(count=3, more=NORMALS, lines=lines), encoding="ascii")
     read = read_geometry(path)
     assert read.normals is None
     (warning,) = read.warnings
-    assert warning.startswith("of 3 points 2 come with a normal that is no unit vector")
+    assert warning.startswith("2 of 3 points have a normal that is not a unit vector")
 
 
 def _cut(data):
@@ -174,7 +174,7 @@ def test_a_truncated_file_is_refused(tmp_path, suffix):
         read_geometry(path)
 
 
-def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
+def test_a_text_truncated_at_the_end_of_a_line_is_detected_by_its_counts(tmp_path):
     path = tmp_path / "cube.off"
     path.write_text("\n".join(CUBE_OFF.splitlines()[:-2]), encoding="ascii")
     with pytest.raises(DataError, match=r"cube\.off: truncated: its header states 14 lines"):
@@ -204,7 +204,7 @@ def test_a_text_cut_at_the_end_of_a_line_is_noticed_by_its_counts(tmp_path):
         pytest.param("a.xyz", "nan 0 0\n", "no finite point", id="nothing but misses"),
     ],
 )
-def test_bad_files_are_refused_by_name(tmp_path, name, text, words):
+def test_bad_files_are_refused_and_named(tmp_path, name, text, words):
     path = tmp_path / name
     path.write_text(text, encoding="ascii")
     with pytest.raises(DataError) as caught:
@@ -224,11 +224,11 @@ def test_a_missing_file_is_named(tmp_path):
         pytest.param(np.zeros((0, 3)), None, "shape", id="no vertices"),
         pytest.param(np.zeros((3, 2)), None, "shape", id="flat vertices"),
         pytest.param(np.zeros((3, 3)), np.zeros((0, 3), int), "faces of shape", id="no faces"),
-        pytest.param(np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], "face 1 names", id="too high"),
-        pytest.param(np.zeros((3, 3)), [[0, -1, 2]], "face 0 names", id="negative"),
+        pytest.param(np.zeros((3, 3)), [[0, 1, 2], [0, 1, 3]], "face 1 refers", id="too high"),
+        pytest.param(np.zeros((3, 3)), [[0, -1, 2]], "face 0 refers", id="negative"),
     ],
 )
-def test_geometry_that_makes_no_sense_is_refused(vertices, faces, words):
+def test_invalid_geometry_is_refused(vertices, faces, words):
     with pytest.raises(DataError, match=words):
         Geometry(vertices, faces)
 
@@ -243,23 +243,23 @@ def test_geometry_that_makes_no_sense_is_refused(vertices, faces, words):
         pytest.param("1 2 3,2 1 4,1 2 2", 0, id="a vertex twice"),
     ],
 )
-def test_edges_of_more_than_two_faces_are_told(tmp_path, faces, edges):
+def test_edges_of_more_than_two_faces_are_reported(tmp_path, faces, edges):
     places = ["0 0 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 1", "0 0 -1"]
     lines = [f"v {place}" for place in places] + [f"f {face}" for face in faces.split(",")]
     (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
     warnings = read_geometry(tmp_path / "mesh.obj").warnings
     assert len(warnings) == bool(edges)
-    assert f"(no manifold): {edges}" in "".join(warnings) or not edges
+    assert f"more than two faces: {edges}" in "".join(warnings) or not edges
 
 
 def _wound(path):
-    """Return the vertex numbers of faces, each begun at its least."""
+    """Return the vertex indices of the faces, each starting with its smallest."""
     return [tuple(np.roll(face, -face.argmin())) for face in read_geometry(path).faces]
 
 
 @pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
-def test_faces_that_wind_against_their_neighbours_are_turned_round(tmp_path, share):
-    """Each part on its own: two balls, the second wound inwards as a whole."""
+def test_faces_of_opposite_winding_are_reversed(tmp_path, share):
+    """Each part is treated separately: two balls, the second with all faces wound inwards."""
     both = trimesh.util.concatenate([BALL, BALL.copy().apply_translation([3, 0, 0])])
     both.faces[len(BALL.faces) :] = both.faces[len(BALL.faces) :, ::-1]
     both.export(tmp_path / "sound.off")
@@ -269,16 +269,16 @@ def test_faces_that_wind_against_their_neighbours_are_turned_round(tmp_path, sha
     both.faces[chosen] = both.faces[chosen, ::-1]
     both.export(tmp_path / "mixed.off")
     mixed = _wound(tmp_path / "mixed.off")
-    # Where most were turned round, they are the ones that the others follow.
+    # If most faces were reversed, the others follow them.
     expected = sound if share < 0.5 else [(a, c, b) for a, b, c in sound]
     assert mixed == expected
     (warning,) = read_geometry(tmp_path / "mixed.off").warnings
     turned = chosen.sum() if share < 0.5 else (~chosen).sum()
-    assert warning == f"faces turned round as they wind against their neighbours: {turned}"
+    assert warning == f"faces reversed to match the winding of their neighbours: {turned}"
 
 
 @pytest.mark.parametrize("faces", ["1 2 3,1 2 3", "1 2 3,1 3 2"])
-def test_a_face_on_its_copy_stays(tmp_path, faces):
+def test_duplicate_faces_do_not_change(tmp_path, faces):
     lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0"] + [f"f {face}" for face in faces.split(",")]
     (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
     read = read_geometry(tmp_path / "mesh.obj")
@@ -288,8 +288,8 @@ def test_a_face_on_its_copy_stays(tmp_path, faces):
     ]
 
 
-def test_a_strip_with_one_side_is_left_as_it_is(tmp_path):
-    """Five triangles round a Moebius strip."""
+def test_a_strip_with_one_side_does_not_change(tmp_path):
+    """Five triangles form a Moebius strip."""
     places = np.random.default_rng(1).normal(size=(5, 3))
     faces = [[i, (i + 1) % 5, (i + 2) % 5] for i in range(5)]
     trimesh.Trimesh(places, faces, process=False).export(tmp_path / "strip.off")
@@ -298,7 +298,7 @@ def test_a_strip_with_one_side_is_left_as_it_is(tmp_path):
     assert read.warnings == ()
 
 
-def test_a_folder_is_no_mesh(tmp_path):
+def test_a_folder_is_not_a_mesh(tmp_path):
     (tmp_path / "mesh.obj").mkdir()
     with pytest.raises(DataError, match=r"mesh\.obj: a folder, not a file"):
         read_geometry(tmp_path / "mesh.obj")

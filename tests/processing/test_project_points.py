@@ -28,13 +28,13 @@ def test_normals_of_a_ball_are_fitted():
     error = np.minimum(error, 180 - error)
     assert error.mean() < 0.02
     assert error.max() < 1
-    # On a ball of radius R the normal turns by 1 / R per mm, along the surface.
+    # On a ball of radius R the normal changes by 1 / R per mm along the surface.
     sign = np.sign((surfels.normals * surfels.points_mm).sum(axis=1))
     turn = sign[:, None, None] * surfels.bends_per_mm
     assert np.median(np.trace(turn, axis1=1, axis2=2)) == pytest.approx(2 / 20.0, rel=0.02)
 
 
-def test_sides_are_carried_over_from_the_front():
+def test_orientations_are_propagated_from_the_front():
     points = _sphere(5000)
     signs = np.random.default_rng(1).choice([-1.0, 1.0], size=(5000, 1))
     front = points[:, 2] > 17
@@ -44,17 +44,17 @@ def test_sides_are_carried_over_from_the_front():
     both = np.concatenate([points, far]), np.concatenate([normals, np.tile([0, 0, -1.0], (9, 1))])
     oriented = orient(*both, np.concatenate([front, np.zeros(9, np.bool_)]))
     np.testing.assert_allclose(oriented[:5000], points / 20.0)
-    # No path leads there: left as they were.
+    # No path leads to these points, so they do not change.
     np.testing.assert_array_equal(oriented[5000:], both[1][5000:])
 
 
 def test_the_rim_of_a_ball_does_not_show_its_inside():
-    seen = project(Geometry(_sphere(30_000)), size=(200, 200), mm_per_px=0.21, centred=False)
-    mask = seen.normal_map.mask
+    view = project(Geometry(_sphere(30_000)), size=(200, 200), mm_per_px=0.21, centred=False)
+    mask = view.normal_map.mask
     x, y = np.meshgrid((np.arange(200) - 99.5), (99.5 - np.arange(200)))
     rim = mask & (np.hypot(x, y) * 0.21 > 19.3)
     assert rim.sum() > 1000
-    outward = seen.normal_map.normals[..., 0] * x + seen.normal_map.normals[..., 1] * y
+    outward = view.normal_map.normals[..., 0] * x + view.normal_map.normals[..., 1] * y
     assert (outward[rim] > 0).all()
 
 
@@ -64,24 +64,24 @@ def test_a_ball_of_points_in_closed_form(camera, given):
     points = _sphere(30_000)
     cloud = Geometry(points, normals=-points / 20.0 if given else None)
     if camera is None:
-        seen = project(cloud, size=(200, 200), mm_per_px=0.21, centred=False)
+        view = project(cloud, size=(200, 200), mm_per_px=0.21, centred=False)
         x, y = np.meshgrid((np.arange(200) - 99.5) * 0.21, (99.5 - np.arange(200)) * 0.21)
         z = np.sqrt(np.maximum(400 - x**2 - y**2, 0))
         inner = x**2 + y**2 < 380
     else:
-        seen = project(cloud, camera=camera, centred=False)
+        view = project(cloud, camera=camera, centred=False)
         rays = camera.pixel_rays()
         # |(0, 0, 500) + s ray| = 20
         a, b, c = (rays**2).sum(axis=-1), -500.0, 500.0**2 - 400
         inner = b**2 - a * c > 20
         s = (-b - np.sqrt(np.maximum(b**2 - a * c, 0))) / a
         x, y, z = np.moveaxis(np.array([0, 0, 500.0]) + s[..., None] * rays, -1, 0)
-    assert seen.normal_map.mask[inner].all()
+    assert view.normal_map.mask[inner].all()
     truth = np.stack([x, y, z], axis=-1)[inner]
-    error = angle_deg(seen.normal_map.normals[inner], truth)
+    error = angle_deg(view.normal_map.normals[inner], truth)
     assert error.mean() < 0.1
     assert error.max() < 3
-    assert np.abs(seen.height[inner] - z[inner]).mean() < 0.02
+    assert np.abs(view.height[inner] - z[inner]).mean() < 0.02
 
 
 @pytest.mark.parametrize("name", ["torus", "stanford-bunny", "skull"])
@@ -100,56 +100,56 @@ def test_points_on_a_mesh_give_its_normal_map(name):
     whole = trimesh.Trimesh(mesh.vertices - middle, mesh.faces, process=False)
     points, _ = trimesh.sample.sample_surface(whole, 100_000, seed=1)
     truth = project(mesh, size=(600, 600))
-    seen = project(
+    view = project(
         Geometry(np.asarray(points)), size=(600, 600), mm_per_px=truth.mm_per_px, centred=False
     )
     mask = truth.normal_map.mask
-    # Discs reach past the outline by about the distance of two points, and miss nothing.
-    assert (mask & ~seen.normal_map.mask).sum() <= 2e-4 * mask.sum()
-    assert (seen.normal_map.mask & ~mask).sum() < 0.02 * mask.sum()
-    both = mask & seen.normal_map.mask
-    error = angle_deg(seen.normal_map.normals[both], truth.normal_map.normals[both])
+    # Discs extend beyond the outline by about the distance between two points and leave no hole.
+    assert (mask & ~view.normal_map.mask).sum() <= 2e-4 * mask.sum()
+    assert (view.normal_map.mask & ~mask).sum() < 0.02 * mask.sum()
+    both = mask & view.normal_map.mask
+    error = angle_deg(view.normal_map.normals[both], truth.normal_map.normals[both])
     assert error.mean() < (0.3 if name == "torus" else 1.8)
 
 
-def test_duplicates_are_told_and_change_nothing():
+def test_duplicates_are_reported_and_change_nothing():
     points = _sphere(3000)
-    seen = project(Geometry(np.concatenate([points, points[:500]])), size=(80, 80))
-    assert seen.warnings == ("points left out as duplicates: 500",)
+    view = project(Geometry(np.concatenate([points, points[:500]])), size=(80, 80))
+    assert view.warnings == ("points left out because they are duplicates: 500",)
     np.testing.assert_array_equal(
-        seen.normal_map.normals, project(Geometry(points), size=(80, 80)).normal_map.normals
+        view.normal_map.normals, project(Geometry(points), size=(80, 80)).normal_map.normals
     )
 
 
 def test_three_points_make_a_surface():
-    seen = project(Geometry([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]]), size=(50, 50))
-    normal = seen.normal_map.normals[seen.normal_map.mask]
+    view = project(Geometry([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]]), size=(50, 50))
+    normal = view.normal_map.normals[view.normal_map.mask]
     assert angle_deg(normal, [0.0, -0.5, 1.0]).max() < 0.1
 
 
-def test_lone_lines_of_points_are_told():
+def test_isolated_lines_of_points_are_reported():
     line = np.stack([np.arange(100.0), np.zeros(100), np.full(100, 500.0)], axis=1)
-    seen = project(Geometry(np.concatenate([_sphere(3000), line])), size=(80, 80))
-    assert "on a line: 100" in seen.warnings[0]
+    view = project(Geometry(np.concatenate([_sphere(3000), line])), size=(80, 80))
+    assert "on a line: 100" in view.warnings[0]
 
 
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        pytest.param([[0, 0, 0], [1, 0, 0]], r"places \(2\)", id="two"),
-        pytest.param([[0, 0, 0], [1, 0, 0], [1, 0, 0]], r"places \(2\)", id="two, one twice"),
-        pytest.param([[0, 0, 0], [1, 1, 1], [3, 3, 3]], "lie on a line", id="line"),
+        pytest.param([[0, 0, 0], [1, 0, 0]], r"points \(2\)", id="two"),
+        pytest.param([[0, 0, 0], [1, 0, 0], [1, 0, 0]], r"points \(2\)", id="two, one twice"),
+        pytest.param([[0, 0, 0], [1, 1, 1], [3, 3, 3]], "points are on a line", id="line"),
     ],
 )
-def test_points_that_make_no_surface_are_refused(points, words):
+def test_points_without_a_surface_are_refused(points, words):
     with pytest.raises(EstimateError, match=words):
         project(Geometry(points), mm_per_px=0.1)
 
 
-def test_points_behind_the_camera_are_told():
+def test_points_behind_the_camera_are_reported():
     ball = _sphere(3000)
     away = ball + np.array([0.0, 0.0, 700.0])
-    seen = project(Geometry(np.concatenate([ball, away])), camera=CAMERA, centred=False)
-    assert "behind the camera: 3000" in seen.warnings[0]
-    with pytest.raises(EstimateError, match="every point lies behind"):
+    view = project(Geometry(np.concatenate([ball, away])), camera=CAMERA, centred=False)
+    assert "behind the camera: 3000" in view.warnings[0]
+    with pytest.raises(EstimateError, match="all points are behind"):
         project(Geometry(away), camera=CAMERA, centred=False)

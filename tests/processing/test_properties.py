@@ -39,7 +39,7 @@ def plane(normal: tuple[float, float, float], size: tuple[int, int] = (60, 60)) 
 
 
 def to_z(normal: np.ndarray) -> np.ndarray:
-    """The shortest rotation of a unit vector to z, by its rotation vector."""
+    """Return the shortest rotation of a unit vector to z, from its rotation vector."""
     axis = np.cross(normal, (0, 0, 1))
     sine = np.linalg.norm(axis)
     angle = np.arctan2(sine, normal[2])
@@ -51,41 +51,41 @@ def test_rotation_similarity_is_the_papers_formula(z_sign: int) -> None:
     rng = np.random.default_rng(0)
     vectors = rng.normal(size=(7, 8, 3))
     vectors[..., 2] = z_sign * np.abs(vectors[..., 2])
-    given = NormalMap.from_vectors(vectors, rng.random((7, 8)) < 0.8)
+    normal_map = NormalMap.from_vectors(vectors, rng.random((7, 8)) < 0.8)
     w = 2
     means = []
-    for r, c in np.argwhere(given.mask):
+    for r, c in np.argwhere(normal_map.mask):
         figures = []
         for q in range(max(r - w, 0), min(r + w + 1, 7)):
             for d in range(max(c - w, 0), min(c + w + 1, 8)):
-                if given.mask[q, d]:
-                    between = to_z(given.normals[r, c]) @ to_z(given.normals[q, d]).T
+                if normal_map.mask[q, d]:
+                    between = to_z(normal_map.normals[r, c]) @ to_z(normal_map.normals[q, d]).T
                     turn = np.degrees(Rotation.from_matrix(between).magnitude())
                     off = between - np.eye(3)
                     norms = [np.linalg.norm(off, p) for p in (1, 2, np.inf)]
                     figures.append([turn, *norms])
         means.append(np.mean(figures, axis=0))
-    found = rotation_similarity(given, w)
+    similarity = rotation_similarity(normal_map, w)
     np.testing.assert_allclose(
-        [found.angle_deg, found.norm_1, found.norm_2, found.norm_inf],
+        [similarity.angle_deg, similarity.norm_1, similarity.norm_2, similarity.norm_inf],
         np.mean(means, axis=0),
         rtol=1e-5,
     )
 
 
-def test_rotations_of_a_plane_are_all_alike_the_lower_pole_included() -> None:
+def test_all_rotations_of_a_plane_are_equal_including_the_lower_pole() -> None:
     for normal in ((0.0, 0.6, 0.8), (0.0, 0.0, -1.0), (1e-20, 0.0, -1.0)):
-        found = rotation_similarity(plane(normal))
-        assert found.angle_deg < 1e-6
-        assert found.norm_2 < 1e-6
+        similarity = rotation_similarity(plane(normal))
+        assert similarity.angle_deg < 1e-6
+        assert similarity.norm_2 < 1e-6
 
 
-def test_a_window_of_nothing_is_refused() -> None:
+def test_an_empty_window_is_refused() -> None:
     with pytest.raises(DataError, match="1 or more"):
         rotation_similarity(plane((0, 0, 1)), 0)
 
 
-def test_the_detail_of_a_plane_is_idempotent_and_of_a_relief_nearly() -> None:
+def test_the_detail_of_a_plane_is_idempotent_and_that_of_a_relief_nearly() -> None:
     for likeness in idempotence(separate(plane((0.0, 0.6, 0.8)))).values():
         assert likeness.mae_deg < 1e-3
         assert likeness.ssim == pytest.approx(1)
@@ -101,8 +101,8 @@ def test_idempotence_starts_at_order_2() -> None:
         idempotence(separate(plane((0, 0, 1))), 1)
 
 
-def test_a_chain_over_planes_costs_what_taking_the_detail_again_costs() -> None:
-    """On a plane the detail is turned as one: each station is nearly one more order."""
+def test_a_chain_over_planes_is_equivalent_to_repeated_separation() -> None:
+    """On a plane the detail is rotated uniformly: each step is nearly one more order."""
     source = relief(1, (70, 60))
     planes = [plane((0.0, 0.6, 0.8), (60, 70)), plane((0.6, 0.0, 0.8), (90, 90))]
     steps = transfer_chain(source, planes)
@@ -116,7 +116,7 @@ def test_a_chain_over_planes_costs_what_taking_the_detail_again_costs() -> None:
     assert steps[1].to_previous.mae_deg < steps[1].to_original.mae_deg
 
 
-def test_a_chain_needs_targets_and_room_for_the_filter() -> None:
+def test_a_chain_requires_targets_that_fit_the_filter() -> None:
     with pytest.raises(DataError, match="at least one target"):
         transfer_chain(ball(), [])
     with pytest.raises(DataError, match="larger than the normal map of 8 x 8"):
@@ -140,7 +140,7 @@ def surface(height: np.ndarray, parts: np.ndarray | None = None) -> HeightMap:
     )
 
 
-def test_a_height_profile_runs_along_the_targets_sorted_heights() -> None:
+def test_a_height_profile_is_sorted_by_the_heights_of_the_target() -> None:
     rng = np.random.default_rng(3)
     target = rng.normal(size=(30, 40))
     target[0, :5] = np.nan
@@ -159,14 +159,14 @@ def test_the_profile_is_smoothed_over_5_by_5_pixels_of_the_mask() -> None:
     spike[10, 10] = 25 * 441 / 440
     spike[0, 0] = np.nan
     profile = height_profile(surface(flat), surface(spike))
-    # The mean over the surface is taken away first; sorting is stable, so pixels keep their order.
+    # The mean over the surface is subtracted first; sorting is stable, so pixels keep their order.
     mean = 25 * 441 / 440 / 440
     smoothed = profile.smoothed + mean
     assert np.count_nonzero(smoothed > 0.5) == 25
     assert smoothed.max() == pytest.approx(441 / 440, rel=1e-4)
 
 
-def test_parts_that_hang_apart_are_levelled_each() -> None:
+def test_separate_parts_are_levelled_separately() -> None:
     height = np.tile(np.arange(20.0), (10, 1))
     parts = np.zeros((10, 20))
     parts[:, 10:] = 1
@@ -188,12 +188,12 @@ def test_profiles_refuse(result: np.ndarray, text: str) -> None:
         height_profile(surface(target), surface(result))
 
 
-def test_the_surface_of_a_detail_is_flat_beside_that_of_its_map() -> None:
-    given = ball()
-    detail = separate(given).detail
-    whole, flat = integrate(given).height, integrate(detail).height
-    assert np.ptp(flat[given.mask]) < 0.1 * np.ptp(whole[given.mask])
-    assert ssim(detail, given) < 0.9
+def test_the_surface_of_a_detail_is_flat_compared_with_that_of_its_map() -> None:
+    normal_map = ball()
+    detail = separate(normal_map).detail
+    whole, flat = integrate(normal_map).height, integrate(detail).height
+    assert np.ptp(flat[normal_map.mask]) < 0.1 * np.ptp(whole[normal_map.mask])
+    assert ssim(detail, normal_map) < 0.9
 
 
 @needs_data
@@ -205,10 +205,10 @@ def test_a_real_detail_survives_a_chain(
     source: str, separability: float, mae: float, likeness: float
 ) -> None:
     folder = Path(os.environ["SGP_DATA"]) / "normals"
-    given = read_normals(folder / source).normal_map
+    normal_map = read_normals(folder / source).normal_map
     targets = [read_normals(folder / "diligent" / name).normal_map for name in TARGETS]
-    assert separate(given).separability_deg < separability
-    steps = transfer_chain(given, targets)
+    assert separate(normal_map).separability_deg < separability
+    steps = transfer_chain(normal_map, targets)
     assert max(step.to_original.mae_deg for step in steps) < mae
     assert min(step.to_original.ssim_paper for step in steps) > likeness
     assert max(step.shape_mae_deg for step in steps) < mae

@@ -1,4 +1,4 @@
-"""The whole pipeline as one library call, against the simulator's truth."""
+"""The complete pipeline as one library call, compared with the simulator's truth."""
 
 import pickle
 from dataclasses import replace
@@ -18,7 +18,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    """A coin under eight near LEDs, LED 3 dead, photographed by a camera on its side."""
+    """Record a coin under eight near LEDs, with LED 3 dead and a camera mounted sideways."""
     folder = tmp_path_factory.mktemp("session") / "coin"
     rendering = render(scene_named("coin", width=96, height=80, leds=LEDS))
     config = RigConfig(
@@ -37,7 +37,7 @@ def session(tmp_path_factory):
     return folder
 
 
-def test_a_session_becomes_normals_and_height(session):
+def test_a_session_gives_normals_and_height(session):
     source = read_source(session)
     stages = []
     result = reconstruct(source, on_progress=lambda stage, done, total: stages.append(stage))
@@ -51,13 +51,13 @@ def test_a_session_becomes_normals_and_height(session):
     assert list(dict.fromkeys(stages)) == ["reading", "normals"]
 
 
-def test_distant_lights_and_normals_alone(session):
+def test_distant_lights_without_a_surface(session):
     result = reconstruct(read_source(session), distant=True, surface=False)
     assert not result.lights.near
     assert result.surface is None
 
 
-def test_a_source_and_what_it_gives_survive_pickling(session):
+def test_a_source_and_its_reconstruction_survive_pickling(session):
     source = read_source(session)
     copy = pickle.loads(pickle.dumps(source))
     np.testing.assert_array_equal(copy.frames[2].read(), source.frames[2].read())
@@ -77,7 +77,7 @@ def test_black_images_are_left_out_and_named(session):
     )
     result = reconstruct(replace(source, frames=frames), surface=False)
     assert result.lights.ids == tuple(f"L{i:02d}" for i in range(LEDS) if i != 3)
-    assert any("no light is seen in them: L03" in warning for warning in result.warnings)
+    assert any("show no light: L03" in warning for warning in result.warnings)
     assert result.error is not None
     assert result.error.mae_deg < 1.5
 
@@ -87,7 +87,7 @@ def test_a_source_without_a_mask_gets_one(session):
     result = reconstruct(source, surface=False)
     truth = read_source(session).mask
     assert np.mean(result.mask == truth) > 0.95
-    assert any("no mask came with the images" in warning for warning in result.warnings)
+    assert any("the images have no mask" in warning for warning in result.warnings)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_source_without_a_mask_gets_one(session):
         ),
     ],
 )
-def test_what_cannot_be_reconstructed(session, change, error, words):
+def test_sources_that_cannot_be_reconstructed(session, change, error, words):
     source = read_source(session)
     if change.get("lights") == "turned":
         directions = -source.lights.unit_directions

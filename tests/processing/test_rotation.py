@@ -23,7 +23,7 @@ def random_unit(rng: np.random.Generator, count: int) -> Normals:
     return unit(rng.normal(size=(count, 3)))
 
 
-# Distance from the lower pole over all scales float32 has, and anywhere else.
+# Distances from the lower pole on all scales of float32, and arbitrary other distances.
 tilts = st.one_of(
     st.floats(0, np.pi),
     st.floats(-44, 0).map(lambda e: np.pi - 10.0**e),
@@ -35,7 +35,7 @@ tilts = st.one_of(
 @settings(max_examples=200, deadline=None)
 @given(tilts, st.floats(0, 2 * np.pi), st.integers(0, 2**32 - 1))
 def test_round_trip_is_exact_for_every_pole(tilt: float, azimuth: float, seed: int) -> None:
-    # sin(pi - d) from d itself: float64 pi is not pi, 1e-16 would be as near as one gets.
+    # Compute sin(pi - d) from d: float64 pi is not exactly pi, which would limit d to 1e-16.
     sine = np.sin(tilt) if tilt < 3 else np.sin(np.pi - tilt)
     pole = np.array([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(tilt)], np.float32)
     vectors = random_unit(np.random.default_rng(seed), 50)
@@ -73,7 +73,7 @@ def test_it_is_the_shortest_arc() -> None:
     np.testing.assert_allclose(rotate_from_z(vectors, poles)[0], expected, atol=3e-7)
 
 
-def test_the_lower_pole_is_turned_about_x() -> None:
+def test_the_lower_pole_is_rotated_about_x() -> None:
     vectors = unit([[1, 2, 3], [0, 0, -1]])
     poles = unit([[0, 0, -1], [0, 0, -1]])
     np.testing.assert_array_equal(rotate_to_z(vectors, poles), vectors * [1, -1, -1])

@@ -39,7 +39,7 @@ def read(folder: str) -> NormalMap:
 
 
 def direct_shape(normal_map: NormalMap, kernel: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """The masked convolution written out, pixel by pixel."""
+    """Return the masked convolution, computed pixel by pixel."""
     radius = len(kernel) // 2
     normals = np.pad(
         normal_map.normals.astype(np.float64), ((radius,) * 2,) * 2 + ((0, 0),), "reflect"
@@ -66,7 +66,7 @@ kinds = st.sampled_from(get_args(FilterKind))
     w=st.integers(1, 9),
     holes=st.floats(0, 0.9),
 )
-def test_combine_gives_the_map_back(
+def test_combine_restores_the_map(
     seed: int, kind: FilterKind, order: int, w: int, holes: float
 ) -> None:
     normal_map = random_map(seed, holes=holes)
@@ -84,10 +84,10 @@ def test_combine_gives_the_map_back(
     spread=st.floats(-44, 0),
     holes=st.floats(0, 0.9),
 )
-def test_combine_is_exact_about_the_lower_pole(
+def test_combine_is_exact_around_the_lower_pole(
     seed: int, kind: FilterKind, order: int, spread: float, holes: float
 ) -> None:
-    # Half of the map is (0, 0, -1) itself, so that shapes are too, and near it at every distance.
+    # Half of the map is exactly (0, 0, -1), so shapes are at the pole and at all distances from it.
     rng = np.random.default_rng(seed)
     vectors = rng.normal(size=(30, 40, 3)) * 10.0**spread
     vectors[:, 20:] = 0
@@ -98,7 +98,7 @@ def test_combine_is_exact_about_the_lower_pole(
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
 
 
-def test_the_lower_pole_stays_the_lower_pole() -> None:
+def test_the_lower_pole_remains_the_lower_pole() -> None:
     parts = separate(NormalMap.from_vectors(np.broadcast_to((0, 0, -1.0), (20, 20, 3))))
     assert (parts.shape.normals == (0, 0, -1)).all()
     assert (parts.detail.normals == (0, 0, 1)).all()
@@ -117,9 +117,9 @@ def test_combine_from_files(kind: FilterKind, tmp_path: Path) -> None:
         return angle_deg(back.normals, normal_map.normals)[back.mask]
 
     assert error_deg("shape.exr", "detail.exr").max() <= ROUND_TRIP_DEG
-    # A 16-bit step is 3e-5: half of it in each component turns a normal by up to 0.0015 degree.
+    # A 16-bit step is 3e-5: half a step in each component rotates a normal by up to 0.0015 degree.
     assert error_deg("shape.exr", "detail.png").max() <= 1.6e-3
-    # A shape's own rounding counts 2 / (1 + z) times at most; here no more than 20 times.
+    # The rounding of a shape is multiplied by at most 2 / (1 + z), here by at most 20.
     shape_z = parts.shape.normals[..., 2][normal_map.mask]
     assert error_deg("shape.png", "detail.png")[shape_z > -0.9].max() <= 0.03
 
@@ -136,8 +136,8 @@ def test_order_one_is_the_masked_convolution(holes: float) -> None:
 
 @pytest.mark.parametrize("size", [(11, 12), (140, 530), (270, 33)])
 @pytest.mark.parametrize(("order", "w"), [(1, 5), (2, 3), (7, 4), (8, 5)])
-def test_what_is_left_is_filtered_again(size: tuple[int, int], order: int, w: int) -> None:
-    # Sizes over one tile of the loops, and under the reach of the widest kernel.
+def test_higher_orders_filter_the_rest_again(size: tuple[int, int], order: int, w: int) -> None:
+    # Sizes larger than one tile of the loops, and smaller than the widest kernel.
     normal_map = random_map(5, size, holes=0.2)
     by = ShapeFilter("gaussian", order, w)
     radius = w if order == 1 else int(np.ceil(3 * by.sigma_px))
@@ -160,7 +160,7 @@ def test_what_is_left_is_filtered_again(size: tuple[int, int], order: int, w: in
 @pytest.mark.parametrize("order", [1, 2, 4, 8, 16])
 @pytest.mark.parametrize("w", [5, 7])
 def test_every_order_halves_the_same_frequency(order: int, w: int) -> None:
-    # A faint ripple; the Gaussian of sigma w/2 passes half of it.
+    # A weak sinusoidal ripple; the Gaussian of sigma w/2 passes half of it.
     k = np.sqrt(2 * np.log(2)) / (w / 2)
     x = np.arange(400)
     ripple = np.broadcast_to(1e-3 * np.cos(k * (x - 200)), (40, 400))
@@ -171,7 +171,7 @@ def test_every_order_halves_the_same_frequency(order: int, w: int) -> None:
     if order > 1:
         assert gain == pytest.approx(0.5, abs=0.01)
     else:
-        # The paper cuts its Gaussian at 2 sigma, which passes a little more.
+        # The paper truncates its Gaussian at 2 sigma, which passes slightly more.
         offsets = np.arange(-w, w + 1)
         kernel = np.exp(-0.5 * (offsets / (w / 2)) ** 2)
         assert gain == pytest.approx((kernel * np.cos(k * offsets)).sum() / kernel.sum(), abs=1e-3)
@@ -196,13 +196,13 @@ def test_higher_orders_are_steeper() -> None:
         assert gain(8, frequency) == pytest.approx(1 - (1 - g) ** 8, abs=0.01)
 
 
-def test_the_filter_that_is_taken_by_itself() -> None:
-    """As `sgp detail separate` and docs/detail.md say: Gaussian, order 8, w 5."""
-    given = random_map(4)
-    parts, told = separate(given), separate(given, filter="gaussian", order=8, w=5)
-    np.testing.assert_array_equal(parts.shape.normals, told.shape.normals)
+def test_the_default_filter() -> None:
+    """The default is that of `sgp detail separate` and docs/detail.md: Gaussian, order 8, w 5."""
+    normal_map = random_map(4)
+    parts, explicit = separate(normal_map), separate(normal_map, filter="gaussian", order=8, w=5)
+    np.testing.assert_array_equal(parts.shape.normals, explicit.shape.normals)
     for other in ({"order": 7}, {"w": 6}, {"filter": "box"}):
-        assert (separate(given, **other).shape.normals != parts.shape.normals).any()
+        assert (separate(normal_map, **other).shape.normals != parts.shape.normals).any()
 
 
 def test_a_plane_has_no_detail() -> None:
@@ -213,7 +213,7 @@ def test_a_plane_has_no_detail() -> None:
     assert parts.separability_deg < 1e-4
 
 
-def test_what_surrounds_an_object_does_not_matter() -> None:
+def test_the_surroundings_of_an_object_do_not_matter() -> None:
     small = random_map(3, (40, 50))
     parts = separate(small, order=1, w=3)
     vectors = np.zeros((120, 150, 3), np.float32)
@@ -247,7 +247,7 @@ def test_normals_that_cancel_keep_themselves() -> None:
         pytest.param({"w": 0}, "w must be a whole number above 0", id="w zero"),
         pytest.param({"order": 0}, "order must be a whole number above 0", id="order zero"),
         pytest.param({"order": 1.5}, "order must be a whole number", id="order broken"),
-        pytest.param({"filter": "median"}, "no shape filter 'median'", id="unknown filter"),
+        pytest.param({"filter": "median"}, "unknown shape filter 'median'", id="unknown filter"),
     ],
 )
 def test_separate_refuses(options: dict[str, object], text: str) -> None:
@@ -255,7 +255,7 @@ def test_separate_refuses(options: dict[str, object], text: str) -> None:
         separate(random_map(0), **options)  # type: ignore[arg-type]
 
 
-def test_combine_refuses_what_does_not_fit() -> None:
+def test_combine_refuses_components_that_do_not_fit() -> None:
     with pytest.raises(DataError, match="40 x 30 pixels and a detail of 41 x 30"):
         combine(random_map(0), random_map(0, (30, 41)))
     left, right = np.zeros((2, 30, 40), bool)
@@ -285,5 +285,5 @@ def test_separability_of_real_maps(name: str, bar: float) -> None:
     assert parts.separability_deg == pytest.approx(bar, abs=0.02)
     back = combine(parts.shape, parts.detail)
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
-    # Less shape is left in the detail than with the paper's filter.
+    # The detail contains less shape than with the paper's filter.
     assert parts.separability_deg < 0.75 * separate(normal_map, order=1).separability_deg

@@ -23,7 +23,7 @@ TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
 
 
 def relief(seed: int, size: tuple[int, int]) -> NormalMap:
-    """A rough map over the whole frame: faint relief on nothing but z."""
+    """Return a rough map over the complete frame: a weak relief on a flat shape."""
     rng = np.random.default_rng(seed)
     height = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.2)
     dy, dx = np.gradient(height)
@@ -99,7 +99,7 @@ def test_a_tiled_detail_repeats_pixel_by_pixel() -> None:
     np.testing.assert_array_equal(result.normal_map.mask, target.mask)
 
 
-def test_a_map_put_onto_itself_stays_itself() -> None:
+def test_a_transfer_to_the_same_map_changes_nothing() -> None:
     normal_map = ball()
     result = transfer(normal_map, normal_map, at=(0, 0))
     off = angle_deg(result.normal_map.normals, normal_map.normals)[normal_map.mask]
@@ -108,26 +108,26 @@ def test_a_map_put_onto_itself_stays_itself() -> None:
     assert result.fidelity.detail_mae_deg < 1e-4
 
 
-def test_transfer_onto_a_plane_turns_the_detail_as_one() -> None:
+def test_transfer_to_a_plane_rotates_the_detail_uniformly() -> None:
     source = relief(2, (90, 90))
     normal = np.array([0.36, -0.48, 0.8])
     target = NormalMap.from_vectors(np.broadcast_to(normal, (90, 90, 3)))
     result = transfer(source, target, at=(0, 0))
     detail = separate(source).detail.normals
-    # On a plane every angle between neighbours is the detail's own, and the detail's z its normal.
+    # On a plane, every angle between neighbours is that of the detail, and z becomes the normal.
     got = result.normal_map.normals
     np.testing.assert_allclose(got @ normal, detail[..., 2], atol=1e-6)
     np.testing.assert_allclose(
         angle_deg(got[:, 1:], got[:, :-1]), angle_deg(detail[:, 1:], detail[:, :-1]), atol=1e-4
     )
-    # What is left of a shape in the detail is all there is to go wrong.
+    # The only error is the shape that remains in the detail.
     left = separate(source).separability_deg
     assert left > 0.5
     assert result.fidelity.shape_mae_deg == pytest.approx(left, abs=1e-3)
     np.testing.assert_array_equal(np.isfinite(result.fidelity.detail_error_deg), target.mask)
 
 
-def test_at_places_the_source_and_leaves_the_rest_alone() -> None:
+def test_at_positions_the_source_and_the_rest_does_not_change() -> None:
     source, target = relief(3, (40, 50)), ball()
     result = transfer(source, target, at=(60, -10))
     received = np.zeros(target.size, bool)
@@ -178,13 +178,13 @@ def test_slopes_of_a_horizontal_normal_scaled_to_zero_are_z() -> None:
     flat = scale_slopes(detail, 0.0)
     np.testing.assert_array_equal(flat.normals, [[[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, 0]]])
     np.testing.assert_array_equal(flat.mask, detail.mask)
-    # A slope of 0.6 / 0.8 halved.
+    # Half of the slope 0.6 / 0.8.
     half = scale_slopes(detail, 0.5).normals[0]
     np.testing.assert_allclose(half[:2], vectors[0, :2])
     np.testing.assert_allclose(half[2, 0] / half[2, 2], 0.375, rtol=1e-6)
 
 
-def test_keeping_the_targets_detail_puts_it_onto_the_raw_normals() -> None:
+def test_keeping_the_targets_detail_adds_to_the_original_normals() -> None:
     target = relief(6, (80, 80))
     flat = NormalMap.from_vectors(np.broadcast_to((0.0, 0.0, 1.0), (80, 80, 3)))
     kept = transfer(flat, target, keep_target_detail=True).normal_map
@@ -193,7 +193,7 @@ def test_keeping_the_targets_detail_puts_it_onto_the_raw_normals() -> None:
     assert angle_deg(lost.normals, ShapeFilter().shape(target).normals).max() < 1e-4
 
 
-def test_refinement_nears_the_targets_shape() -> None:
+def test_refinement_approaches_the_targets_shape() -> None:
     source, target = relief(7, (60, 60)), ball()
     none, one = (transfer(source, target, refine=k) for k in (0, 1))
     assert one.fidelity.shape_mae_deg < 0.7 * none.fidelity.shape_mae_deg
@@ -205,8 +205,8 @@ def test_refinement_nears_the_targets_shape() -> None:
     [
         pytest.param({"amplitude": float("nan")}, "amplitude of nan", id="amplitude"),
         pytest.param({"refine": -1}, "cannot be negative", id="refine"),
-        pytest.param({"at": (500, 0)}, "does not reach the mask", id="beside the target"),
-        pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on its empty corner"),
+        pytest.param({"at": (500, 0)}, "does not reach the mask", id="outside the target"),
+        pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on the empty corner"),
         pytest.param({"w": 20}, "larger than the normal map of 30 x 30", id="w too large"),
     ],
 )
@@ -223,9 +223,7 @@ def test_transfer_refuses(options: dict[str, object], text: str) -> None:
         pytest.param("plant", 2.6, 2.6, 1.4, id="plant"),
     ],
 )
-def test_transfer_onto_real_shapes(
-    source: str, shape: float, detail: float, refined: float
-) -> None:
+def test_transfer_to_real_shapes(source: str, shape: float, detail: float, refined: float) -> None:
     given_map = read(source)
     targets = [read(f"diligent/{name}") for name in TARGETS]
     results = [transfer(given_map, target) for target in targets]
@@ -240,7 +238,7 @@ def test_transfer_onto_real_shapes(
 @needs_data
 @pytest.mark.parametrize("source", ["owl", "plant"])
 def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> None:
-    """The paper's way: a Gaussian of order 1; its row is mostly the targets' own detail."""
+    """The paper uses a Gaussian of order 1; its row is mostly the targets' own detail."""
     printed_deg = {"bear": 3.55, "buddha": 13.02, "cat": 4.13, "cow": 3.57, "goblet": 5.69}
     given_map = read(source)
     found_deg = [

@@ -151,7 +151,7 @@ def other_mask(maps):
             None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers", id="no number"
         ),
         pytest.param(None, ["--w", "30"], 4, "larger than the normal map", id="w"),
-        pytest.param(None, ["--scale", "1.1"], 4, "has no place on a target", id="no place"),
+        pytest.param(None, ["--scale", "1.1"], 4, "has no position on a target", id="no position"),
         pytest.param(None, ["--scale", "0"], 2, "--scale", id="no scale"),
         pytest.param(
             None, ["--scale", "1e-9", "--at", "9,9"], 4, "a scale of 1e-09", id="tiny scale"
@@ -182,7 +182,7 @@ def test_bad_transfers_get_one_line(sgp, maps, monkeypatch, spoil, words, code, 
 def test_maps_of_different_size_do_not_combine(sgp, maps):
     answer = sgp("detail", "combine", maps / "target", maps / "source", "--out", maps / "out")
     assert answer.code == 4
-    assert "must be of one size" in answer.err
+    assert "must have the same size" in answer.err
     assert answer.err.count("\n") == 1
 
 

@@ -47,4 +47,4 @@ def test_vectors_that_are_none_are_told(sgp, tmp_path, normals):
     answer = sgp("detail", "separate", normals, "--out", tmp_path / "o")
     assert answer.code == 0
     assert "note: " in answer.err
-    assert "3 pixels hold a vector that is NaN or infinite" in answer.err
+    assert "3 pixels have a NaN or infinite vector" in answer.err

@@ -100,7 +100,7 @@ def test_points_become_normals_too(sgp, tmp_path):
     np.savetxt(path, np.concatenate([points, points[:7]]))
     answer = sgp("project", path, "--out", tmp_path / "o", "--pixel-mm", "0.2")
     assert answer.code == 0, answer.err
-    assert "points left out as duplicates: 7" in answer.err
+    assert "points left out because they are duplicates: 7" in answer.err
     seen = read_normals(tmp_path / "o").normal_map
     middle = tuple(side // 2 for side in seen.size)
     assert angle_deg(seen.normals[middle], [0, 0, 1]) < 2
@@ -116,9 +116,9 @@ def _spoil(path, text):
     [
         pytest.param("a.obj", "v 0 0 0\nv 1 0 0\n", 4, "no faces", id="no faces"),
         pytest.param("a.obj", "v 0 0 0\nv nan 0 0\nv 1 1 1\nf 1 2 3\n", 4, "vertex 1", id="NaN"),
-        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n", 5, "without area", id="degenerate"),
-        pytest.param("a.xyz", "0 0 0\n1 0 0\n", 5, "places (2)", id="two points"),
-        pytest.param("a.xyz", "0 0 0\n0 0 0\n0 0 0\n1 1 1\n", 5, "places (2)", id="duplicates"),
+        pytest.param("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 2\n", 5, "no area", id="degenerate"),
+        pytest.param("a.xyz", "0 0 0\n1 0 0\n", 5, "points (2)", id="two points"),
+        pytest.param("a.xyz", "0 0 0\n0 0 0\n0 0 0\n1 1 1\n", 5, "points (2)", id="duplicates"),
         pytest.param("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n", 4, "truncated", id="truncated"),
         pytest.param("a.stl", "solid", 4, "a.stl", id="not a mesh"),
         pytest.param("a.doc", "words", 4, "give one of", id="another file"),
@@ -153,7 +153,7 @@ def test_a_point_has_no_surface_whatever_the_size(sgp, tmp_path):
         pytest.param(("--neighbours", "2"), 2, "", id="two neighbours"),
         pytest.param(("--distance-mm", "5"), 2, "--camera too", id="no camera"),
         pytest.param(("--camera", "nowhere.json"), 2, "nowhere.json", id="missing camera"),
-        pytest.param(("--size", "1x2", "--pixel-mm", "90"), 5, "centre of a pixel", id="unseen"),
+        pytest.param(("--size", "1x2", "--pixel-mm", "90"), 5, "no pixel centre", id="unseen"),
     ],
 )
 def test_options_that_cannot_be_met_get_one_line(sgp, ball, tmp_path, options, code, words):

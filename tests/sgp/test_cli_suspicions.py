@@ -20,7 +20,7 @@ def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     answer = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json")
     assert answer.code == 0, answer.err
     said = json.loads(answer.out)
-    assert any("ball.3" in line and "no light is seen" in line for line in said["warnings"])
+    assert any("ball.3" in line and "show no light" in line for line in said["warnings"])
     assert said["metrics"]["images"] == 7
     whole = read_normals(tmp_path / "whole").normal_map
     dead = read_normals(tmp_path / "dead").normal_map
@@ -47,7 +47,7 @@ def test_a_sphere_mask_that_is_no_disc_is_refused(sgp, recording, tmp_path):
         "--out", tmp_path / "found.json",
     )  # fmt: skip
     assert answer.code == 5
-    assert "no disc of a sphere" in answer.err
+    assert "not the disc of a sphere" in answer.err
     assert not (tmp_path / "found.json").exists()
 
 
@@ -56,7 +56,7 @@ def test_what_is_not_used_is_told(sgp, words, recording, tmp_path):
     answer = sgp(*words, "--out", tmp_path / "out")
     assert answer.code == 0
     assert "not used: notes.txt" in answer.err
-    assert "no mask came with the images" in answer.err
+    assert "the images have no mask" in answer.err
 
 
 @pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
