@@ -46,7 +46,7 @@ FAULTS = {
     FIRST: (3, "Read-only file system"),
     MIDST: (3, "Read-only file system"),
     RESUMED: (3, "Read-only file system"),
-    "writer stalled": (3, "has taken no frame"),
+    "writer stalled": (3, "no write has finished"),
     "camera unplugged": (3, "camera"),
     "board reset": (3, "LED board"),
     "board reset, retakes": (0, ""),

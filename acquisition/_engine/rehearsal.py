@@ -1,4 +1,4 @@
-"""A dry run: every shot of a plan with all LEDs off, and nothing kept."""
+"""A dry run: take every shot of a plan with all LEDs off and store nothing."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ def rehearse(
     *,
     shots: Sequence[PlannedShot] | None = None,
 ) -> float:
-    """Take every shot of a plan with all LEDs off, as a recording would, and keep nothing.
+    """Take every shot of a plan as a recording would, but with all LEDs off, and store nothing.
 
     Parameters
     ----------
     rig
-        Open rig. It stays open, and dark.
+        Open rig. It stays open, with all LEDs off.
     plan
-        What to rehearse, without LEDs that are listed as dead.
+        Plan to rehearse, without LEDs that are listed as dead.
     on_shot
-        Called after each shot with how many are done and how many there are.
+        Called after each shot with the number of shots done and the total.
     shots
-        Only these shots of the plan.
+        If given, take only these shots of the plan.
 
     Returns
     -------
     float
-        Seconds that the shots took, without writing, metering or retakes.
+        Duration of the shots in seconds, without writing, metering or retakes.
 
     Raises
     ------

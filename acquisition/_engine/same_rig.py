@@ -1,4 +1,4 @@
-"""Whether a session can be gone on with: the plan, rig and camera are those it was begun with."""
+"""Check that a session is resumed with the plan, rig and camera that it was started with."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from acquisition._session.manifest import Manifest, RigRecord
 def check_same(
     folder: Path, begun: Manifest, now: Manifest, plan: CapturePlan | None = None
 ) -> None:
-    """Refuse to mix what two rigs, two cameras or two plans gave.
+    """Refuse to mix frames of different rigs, cameras or plans in one session.
 
-    LEDs may have died since: more of them may be listed as dead, but none less.
+    More LEDs may be listed as dead than before, but not fewer.
 
     Parameters
     ----------
     folder
         The session, for the message.
     begun
-        What it says.
+        Manifest of the session.
     now
-        What it would say if it began now.
+        Manifest that the session would have if it started now.
     plan
-        The plan that was asked for, where one was.
+        The requested plan, if there is one.
 
     Raises
     ------
     DataError
-        If anything differs; the message says what, and how.
+        If anything differs; the message names each difference.
     """
     differences = [
         *_differences("rig", begun.rig, _with_dead_of(begun.rig, now.rig)),
@@ -42,9 +42,9 @@ def check_same(
     ]
     if differences:
         raise DataError(
-            f"{folder}: was begun with another {' and another '.join(_kinds(differences))}: "
-            f"{'; '.join(text for _, text in differences)}; use those it was begun with, or record "
-            "into a new folder"
+            f"{folder}: was started with another {' and another '.join(_kinds(differences))}: "
+            f"{'; '.join(text for _, text in differences)}; use the original ones, or record into "
+            "a new folder"
         )
 
 
@@ -67,8 +67,8 @@ def _differences(
     for what, one, other in ((kind, before, after), (f"{kind} option", *options)):
         for name in dict.fromkeys((*one, *other)):
             if one.get(name) != other.get(name):
-                said = f"was {_text(one.get(name))} and is {_text(other.get(name))}"
-                yield kind, f"{what} {name} {said}"
+                change = f"was {_text(one.get(name))} and is {_text(other.get(name))}"
+                yield kind, f"{what} {name} {change}"
 
 
 def _text(value: object) -> str:

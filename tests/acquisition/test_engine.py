@@ -134,7 +134,7 @@ def test_an_error_amid_a_shot(
     session = Session.open(tmp_path / "s")
     assert [line.event for line in events_of(session)] == [event]
     assert events_of(session)[0].details["leds_confirmed_off"] is True
-    reasons = {"SystemExit": "the program was told to end, exit code 143"}
+    reasons = {"SystemExit": "the program was ended, exit code 143"}
     name = type(error).__name__
     assert events_of(session)[0].details["reason"] == reasons.get(name, str(error) or name)
     # It can be brought to its end with exactly the missing shots.
@@ -218,7 +218,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
         ),
         pytest.param(
             {"lights": Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))},
-            "lights are called a.0 .* the plan lights L03",
+            "lights are named a.0 .* the LEDs of the plan L03",
             id="lights of something else",
         ),
         pytest.param({"object_name": "\udc80"}, "object", id="no-text"),
@@ -469,7 +469,7 @@ def test_a_disk_that_is_stuck_is_told_in_the_dark(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
-    with pytest.raises(StorageError, match=r"has taken no frame for 0.3 s, 6 writes"):
+    with pytest.raises(StorageError, match=r"no write has finished for 0.3 s, 6 writes"):
         record(rig, PLAN, tmp_path / "s", **TOLD, stall_s=0.3)
     assert bench.burning is None
     assert bench.frames == _recording.ROOM

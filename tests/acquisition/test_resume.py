@@ -177,7 +177,7 @@ def test_another_rig_is_refused_and_it_is_said_how_it_differs(
         pytest.param(
             {"pixel_format": "Mono12"},
             {"pixel_format": "Mono12", "black_level": 300.0},
-            "begun with another rig: rig option black_level was not stated and is 300.0;",
+            "started with another rig: rig option black_level was not stated and is 300.0;",
             id="black level",
         ),
         pytest.param(
@@ -232,7 +232,7 @@ def test_another_plan_is_refused(
     rig: Rig, bench: Bench, tmp_path: Path, plan: CapturePlan, said: str
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 5)
-    with pytest.raises(DataError, match=f"begun with another plan: .*{said}"):
+    with pytest.raises(DataError, match=f"started with another plan: .*{said}"):
         resume(rig, tmp_path / "s", plan=plan)
     assert bench.shots == []
     assert resume(rig, tmp_path / "s", plan=PLAN).complete

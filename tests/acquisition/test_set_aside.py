@@ -479,7 +479,7 @@ def test_a_disk_that_does_not_give_frames_back_is_told(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     monkeypatch.setattr(_frame_proofs, "frame_damage", lambda frame, camera: time.sleep(5))
-    with pytest.raises(StorageError, match="has not given back a frame"):
+    with pytest.raises(StorageError, match="reading a frame back has taken"):
         resume(rig, folder, stall_s=0.5)
     assert not Session.open(folder).complete
 

@@ -125,7 +125,7 @@ def test_a_job_that_never_ends_is_told(queue: WriteQueue[int]) -> None:
         return 1
 
     queue.put(job)
-    with pytest.raises(StorageError, match=r"session: the disk has taken no frame for 0\.\d s, 1 "):
+    with pytest.raises(StorageError, match=r"session: no write has finished for 0\.\d s, 1 "):
         queue.drain()
     assert not queue.end(0.05)
     gate.set()
