@@ -60,9 +60,9 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         pytest.param("leds=[0]\nexposures_us=[nan]", "exposures_us", id="nan-exposure"),
         pytest.param("leds=[0]\nexposures_us=[inf]", "exposures_us", id="infinite-exposure"),
         pytest.param("leds=[0]\nexposures_us=[]", "exposures_us", id="no-exposure"),
-        pytest.param("leds=[0]\nexposures_us=[5,5.0]", "5 is there twice", id="same-exposure"),
+        pytest.param("leds=[0]\nexposures_us=[5,5.0]", "5 appears twice", id="same-exposure"),
         pytest.param("leds=[]\nexposures_us=[5]", "leds", id="no-led"),
-        pytest.param("leds=[3,1,3]\nexposures_us=[5]", "3 is there twice", id="same-led"),
+        pytest.param("leds=[3,1,3]\nexposures_us=[5]", "3 appears twice", id="same-led"),
         pytest.param("leds=[-1]\nexposures_us=[5]", "leds", id="negative-led"),
         pytest.param("leds=['1']\nexposures_us=[5]", "leds", id="led-as-text"),
         pytest.param("leds=[0]\nexposures_us=[5]\nrepeats=0", "repeats", id="no-repeat"),
@@ -98,7 +98,7 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         ),
         pytest.param(
             "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\n07=[6]",
-            "'07' is no LED: write its number",
+            "'07' is not an LED: write its number",
             id="led-with-zeros",
         ),
         pytest.param(

@@ -123,8 +123,8 @@ def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
 @pytest.mark.parametrize(
     ("exposures_us", "others", "name", "state", "said"),
     [
-        pytest.param((100.0,), {}, "exposure", "warning", "expose longer", id="too-short"),
-        pytest.param((150_000.0,), {}, "exposure", "warning", "expose shorter", id="too-long"),
+        pytest.param((100.0,), {}, "exposure", "warning", "lengthen the exposure", id="too-short"),
+        pytest.param((150_000.0,), {}, "exposure", "warning", "shorten the exposure", id="too-long"),
         pytest.param(
             (60_000.0, 1000.0),
             {"max_clipped_fraction": 0.0},
@@ -212,7 +212,7 @@ def test_an_exposure_longer_than_the_board_gives_light_fails(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(9e7,))
-    assert "the plan wants 90002" in named(flown(rendering, plan, tmp_path), "board").text
+    assert "the plan requires 90002" in named(flown(rendering, plan, tmp_path), "board").text
 
 
 def test_a_camera_that_fails_is_a_failed_check_that_says_what_the_camera_said(
@@ -260,7 +260,7 @@ def test_room_for_the_recording_and_a_quarter_more(
     assert check_disk(tmp_path, 100_000_000).state == "ok"
     tight = check_disk(tmp_path, 100_000_001)
     assert tight.state == "failed"
-    assert "125 MB free, 125 MB wanted (1.25 x the estimate)" in tight.text
+    assert "125 MB free, 125 MB required (1.25 x the estimate)" in tight.text
     assert list(tmp_path.iterdir()) == []
 
 
@@ -297,7 +297,7 @@ def test_a_disk_that_refuses_to_flush_or_lies(
         patched.setattr("acquisition._preflight.disk.read_back", lambda path: b"something else")
         found = check_disk(tmp_path, 1)
         assert found.state == "failed"
-        assert "differs from what was written" in found.text
+        assert "differs from the data written" in found.text
     assert list(tmp_path.iterdir()) == []
 
 
