@@ -120,7 +120,7 @@ def test_brackets_keep_their_ratio_and_share_exposures() -> None:
 
 def test_brackets_that_would_be_the_same_are_refused() -> None:
     rig = NumberRig({0: 1.0}, range_us=(5000.0, 1e6))
-    with pytest.raises(DataError, match="bracket 2 of LED 0 would have .* bracket, 5000 us"):
+    with pytest.raises(DataError, match=r"bracket 2 of LED 0 would have .* bracket, 5000 us"):
         metered(rig, plan_of(0, exposures_us=(20_000.0, 400.0, 40.0)))
 
 

@@ -123,8 +123,8 @@ def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
 @pytest.mark.parametrize(
     ("exposures_us", "others", "name", "state", "said"),
     [
-        pytest.param((100.0,), {}, "exposure", "warning", "lengthen the exposure", id="too-short"),
-        pytest.param((150_000.0,), {}, "exposure", "warning", "shorten the exposure", id="too-long"),
+        pytest.param((100.0,), {}, "exposure", "warning", "lengthen", id="too-short"),
+        pytest.param((150_000.0,), {}, "exposure", "warning", "shorten", id="too-long"),
         pytest.param(
             (60_000.0, 1000.0),
             {"max_clipped_fraction": 0.0},
