@@ -1,4 +1,4 @@
-"""The frames of a session that are not what was recorded."""
+"""Damaged frames of a session."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from acquisition._session.session import Examination, examine
 def damaged_frames(
     folder: str | Path, on_checked: OnChecked = lambda done, total: None
 ) -> tuple[Damage, ...]:
-    """Read every frame of a session back and return those that are damaged; nothing is changed.
+    """Read back every frame of a session and return the damaged ones; nothing is changed.
 
     Parameters
     ----------
     folder
         The session, complete or not.
     on_checked
-        Called with how many frames were read, and how many there are.
+        Called with the number of frames read so far and the total.
 
     Returns
     -------
@@ -32,17 +32,18 @@ def damaged_frames(
     MissingPathError
         If the folder does not exist.
     DataError
-        If it is no session, or more is wrong with it than single frames.
+        If it is not a session, or has damage other than single frames.
     """
-    found = examine(Path(folder))
-    session = found.sound(but_for_frames=True)
+    examination = examine(Path(folder))
+    session = examination.sound(but_for_frames=True)
     proofs = FrameProofs(session.manifest.camera, session.recorded)
-    return damaged_frames_of(found, proofs, on_checked)
+    return damaged_frames_of(examination, proofs, on_checked)
 
 
 def damaged_frames_of(
-    found: Examination, proofs: FrameProofs, on_checked: OnChecked
+    examination: Examination, proofs: FrameProofs, on_checked: OnChecked
 ) -> tuple[Damage, ...]:
-    """Return the same for a session that was examined already."""
-    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_checked)} | dict(found.flaws)
+    """Return the damaged frames of an examined session."""
+    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_checked)}
+    by_seq |= dict(examination.flaws)
     return tuple(by_seq[seq] for seq in sorted(by_seq))

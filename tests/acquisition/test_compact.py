@@ -228,7 +228,7 @@ def test_a_file_that_does_not_read_back_is_never_recorded(
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     real = deflate_tiff
     monkeypatch.setattr(_compact, "deflate_tiff", lambda pixels: real(pixels ^ np.uint16(1)))
-    with pytest.raises(StorageError, match=r"D_100us\.z\.tif: does not read back as written"):
+    with pytest.raises(StorageError, match=r"D_100us\.z\.tif: the data read back differ"):
         compact_session(folder)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 

@@ -280,7 +280,7 @@ def test_a_camera_that_delivers_another_size(
 ) -> None:
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
     monkeypatch.setattr(bench, "fetch", lambda *_: frame)
-    with pytest.raises(DataError, match="this session holds"):
+    with pytest.raises(DataError, match="this session requires"):
         record(rig, PLAN, tmp_path / "s", **TOLD)
 
 

@@ -133,7 +133,7 @@ def test_a_torn_line_followed_by_another_is_damage() -> None:
     [
         pytest.param({**FRAME, "colour": 1}, "unknown key 'frame.colour'", id="unknown-key"),
         pytest.param({**FRAME, "seq": 2}, "seq is 2 and should be 1", id="wrong-number"),
-        pytest.param({**START, "seq": 1}, "one line of kind session", id="second-start"),
+        pytest.param({**START, "seq": 1}, "must be of kind session", id="second-start"),
         pytest.param({**FRAME, "kind": "other"}, "kind", id="unknown-kind"),
         pytest.param({**FRAME, "led": -1}, "led", id="negative-led"),
         pytest.param({**FRAME, "exposure_us": 0}, "exposure_us", id="no-exposure"),

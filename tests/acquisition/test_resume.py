@@ -296,7 +296,7 @@ def test_a_session_of_an_older_format_is_not_taken_up(
     assert not (tmp_path / "older").exists()
     _make_older(tmp_path / "s", 1)
     assert Session.open(tmp_path / "s").format_version == 1
-    with pytest.raises(DataError, match="begun in format version 1"):
+    with pytest.raises(DataError, match="has format version 1"):
         resume(rig, tmp_path / "s")
     assert bench.shots == []
 
@@ -484,7 +484,7 @@ def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]
     """Neither is it written otherwise, nor is another reading of it silently none."""
     with (
         two_lights(tmp_path / "s") as writer,
-        pytest.raises(DataError, match=r"'left_out' does not fit: .*'leds"),
+        pytest.raises(DataError, match=r"'left_out' is invalid: .*'leds"),
     ):
         writer.write_event("left_out", **details)
     rows = rows_of(tmp_path / "s")

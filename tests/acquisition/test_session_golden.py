@@ -310,7 +310,7 @@ def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> No
     path = FOLDERS[1] / "session.toml"
     data = path.read_text(encoding="utf-8")
     assert old in data
-    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 has none"):
+    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 does not have it"):
         parse_manifest(data.replace(old, new).encode(), path)
 
 
@@ -318,7 +318,7 @@ def test_a_session_whose_lines_are_not_written_any_more_is_not_gone_on_with() ->
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)
-    with pytest.raises(DataError, match=r"begun in format version 1, this program writes 2 and 3"):
+    with pytest.raises(DataError, match=r"has format version 1, this program writes 2 and 3"):
         old.manifest.check_current(old.folder)
 
 

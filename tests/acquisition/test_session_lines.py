@@ -194,8 +194,8 @@ EVENT = '{"kind":"event","seq":1,"time_utc":"2026-03-04T05:06:07Z","event":"note
     ("details", "said"),
     [
         pytest.param("{}", None, id="good"),
-        pytest.param('{"a":1,"a":2}', "a key twice", id="a key twice"),
-        pytest.param('{},"event":"left_out"', "a key twice", id="another event"),
+        pytest.param('{"a":1,"a":2}', "a key appears twice", id="a key twice"),
+        pytest.param('{},"event":"left_out"', "a key appears twice", id="another event"),
         pytest.param('{"a":NaN}', "NaN", id="NaN"),
         pytest.param('{"a":-Infinity}', "Infinity", id="infinite"),
         pytest.param('{"a":1e999}', "finite", id="too large"),

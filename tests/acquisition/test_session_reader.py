@@ -118,7 +118,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             toml_with("format_version = 3", "format_version = 4"),
             "session.toml",
-            "format version 4 is not understood, this program reads 1, 2 and 3",
+            "format version 4 is unknown, this program reads 1, 2 and 3",
             id="newer-version",
         ),
         pytest.param(

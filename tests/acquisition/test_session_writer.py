@@ -207,7 +207,7 @@ def test_an_event_that_is_no_json_is_refused(tmp_path: Path, details: dict[str, 
 
 def test_a_folder_that_holds_anything_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.tif").write_bytes(b"dear")
-    with pytest.raises(StorageError, match=r"not empty \(it holds photo\.tif\)"):
+    with pytest.raises(StorageError, match=r"not empty \(it contains photo\.tif\)"):
         SessionWriter.create(tmp_path, manifest())
     assert [path.name for path in tmp_path.iterdir()] == ["photo.tif"]
     with pytest.raises(StorageError, match="cannot create"):
