@@ -69,8 +69,9 @@ def named(folder, path, bit):
         found = verify_session(folder)
         if not any(str(path) in problem for problem in found.problems):
             cut_off = path.name == JOURNAL and bit // 8 > data.rfind(b"\n")
-            told = any("cut off" in warning and str(path) in warning for warning in found.warnings)
-            return "torn" if cut_off and told else "missed"
+            torn = "line was interrupted"
+            reported = any(torn in text and str(path) in text for text in found.warnings)
+            return "torn" if cut_off and reported else "missed"
         return "read" if reads_wrong(folder) else "named"
     finally:
         path.write_bytes(data)

@@ -423,7 +423,7 @@ def test_a_compaction_that_was_cut_off_is_told(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     (folder / "derived").mkdir(exist_ok=True)
     (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
-    told = [f"{folder}: a compaction was cut off: run `capture compact` on it"]
+    told = [f"{folder}: a compaction was interrupted: compact the session again"]
     assert list(verify_session(folder).warnings) == told
     assert list(Session.open(folder).warnings) == told
     compact_session(folder)

@@ -169,7 +169,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             lambda folder: (folder / "COMPLETE").write_text("yes\n"),
             "COMPLETE",
-            "does not name the journal",
+            "does not match journal.jsonl",
             id="other-mark",
         ),
         pytest.param(
@@ -222,7 +222,7 @@ def test_what_is_no_session(tmp_path: Path) -> None:
 def test_an_altered_manifest_is_told_although_it_makes_sense(folder: Path) -> None:
     path = folder / "session.toml"
     path.write_text(path.read_text().replace("Ada", "Eve"))
-    with pytest.raises(DataError, match=r"session\.toml: is not the one the journal began with"):
+    with pytest.raises(DataError, match=r"session\.toml: differs from the one that"):
         Session.open(folder)
     assert verify_session(folder).frames == 3
 
@@ -245,7 +245,7 @@ def test_a_frame_replaced_by_another_picture(folder: Path) -> None:
 
 def test_a_frame_of_another_size(folder: Path) -> None:
     write_tiff(folder / "frames/L01_E0.tif", np.full((6, 9), 7, np.uint16))
-    with pytest.raises(DataError, match=r"L01_E0\.tif: holds uint16 pixels of shape \(6, 9\)"):
+    with pytest.raises(DataError, match=r"L01_E0\.tif: has uint16 pixels of shape \(6, 9\)"):
         Session.open(folder).frames[2].read()
 
 

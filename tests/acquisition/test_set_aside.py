@@ -355,7 +355,7 @@ UPGRADE = {"from_version": 2, "to_version": 3, "software_version": "1"}
         pytest.param(3, "set_aside", {"more": 1}, "unknown key 'more'", id="more"),
         pytest.param(2, "set_aside", {}, None, id="unknown to version 2"),
         pytest.param(2, "upgraded", UPGRADE, None, id="upgrade"),
-        pytest.param(3, "upgraded", UPGRADE, "it is of version 3", id="upgrade of version 3"),
+        pytest.param(3, "upgraded", UPGRADE, "it has version 3", id="upgrade of version 3"),
         pytest.param(2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version", id="beyond"),
     ],
 )
