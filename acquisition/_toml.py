@@ -46,7 +46,7 @@ def read_toml(model: type[Model], path: Path) -> Model:
 
 
 def to_toml(model: BaseModel) -> bytes:
-    """Return a model as TOML; fields that are None are left out, because TOML has no null.
+    """Return a model as TOML without its None fields, because TOML has no null.
 
     Raises
     ------

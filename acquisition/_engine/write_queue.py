@@ -105,7 +105,7 @@ class WriteQueue(Generic[Result]):
     def results(self) -> list[Result]:
         """Return the results of the jobs that finished since the last call.
 
-        If there are none and a job failed, raise its error; earlier jobs may still be running, and
+        If no job finished and one failed, raise its error; earlier jobs may still be running, and
         `drain` waits for them.
         """
         with self._changed:

@@ -135,7 +135,7 @@ def detail(one: Pixels, other: Pixels) -> tuple[float, float]:
     """Return the detail and the contrast of an image.
 
     Detail is the mean squared difference of samples 2 apart divided by that of samples 8 apart: 1
-    for structure down to single pixels, 0.0625 if there is none finer than 8 pixels. The
+    for structure down to single pixels, 0.0625 without structure finer than 8 pixels. The
     differences of two frames of the same scene are multiplied, so that their noise averages out.
     Contrast is the square root of the value for samples 8 apart, divided by the mean.
     """

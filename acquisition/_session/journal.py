@@ -116,7 +116,7 @@ class FrameLine(_Line):
     imported frame. A frame with status ``rejected`` is kept but does not count. ``mean_dn`` is the
     mean grey value. ``above_dark`` of a lit frame is the difference of its mean from that of the
     frame with all LEDs off at the same exposure, as a fraction of the range from black to white.
-    Unknown values are None.
+    None stands for unknown values.
     """
 
     kind: Literal["frame"] = "frame"
@@ -199,7 +199,7 @@ class Journal:
     unterminated
         True if the last line is intact except for its missing newline.
     damage
-        Description of the first damage, starting with the line number; None if there is none.
+        Description of the first damage, starting with the line number; None without damage.
     """
 
     lines: tuple[Line, ...]

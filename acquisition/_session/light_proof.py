@@ -27,7 +27,7 @@ def wrong_light(planned: PlannedShot, lit: Mapping[str, int | None]) -> str | No
     Returns
     -------
     str or None
-        The contradiction, as the end of a sentence; None if there is none.
+        The contradiction, as the end of a sentence; None if all reports agree with the plan.
     """
     any_led = planned.role == "flat" and planned.lit_led is None
     for reporter, led in lit.items():

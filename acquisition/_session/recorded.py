@@ -184,7 +184,7 @@ class _Reading:
         self.recorded.flaws.pop(seq, None)
 
     def _complaint(self, line: FrameLine) -> str | None:
-        """Return the contradiction between a line and ``session.toml``, None if there is none."""
+        """Return how a line contradicts ``session.toml``; None if it does not."""
         camera = self._camera
         keys = _FRAME_KEYS_2 & line.model_fields_set
         if line.echo is not None:

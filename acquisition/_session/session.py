@@ -258,7 +258,7 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[str, bool]:
     if not files:
         return "", False
     many = len(files) > WRITERS
-    explained = "written when the recording was interrupted; such a file does not count"
+    explained = "written when the recording was interrupted; files without a line do not count"
     lost = (
         f"an interruption leaves {WRITERS} at most, so the journal may have lost its last lines: "
         f"restore {JOURNAL} and {COMPLETE} from a copy before you continue; files without a line "
