@@ -54,8 +54,8 @@ class References:
         light = SeenLight.of(
             shot.exposure_us, quality.percentiles_dn, dark.percentiles_dn, self.range_dn
         )
-        before = self.light(shot)
-        if light is not None and (before is None or light.exposure_us > before.exposure_us):
+        known = self.light(shot)
+        if light is not None and (known is None or light.exposure_us > known.exposure_us):
             self._light[shot.role, shot.lit_led] = light
         return light is not None
 

@@ -26,7 +26,7 @@ from rig import (
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
-TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
+LABELS: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
 
 
 def seen(
@@ -49,7 +49,7 @@ class Bench:
     info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
 
     def __init__(self) -> None:
-        self.burning: int | None = None
+        self.lit_led: int | None = None
         self.commands = 0
         self.frames = 0
         self.shots: list[int | None] = []
@@ -63,7 +63,7 @@ class Bench:
         self.log: list[str] = []
 
     def on(self, led: int, hold_ms: float) -> BoardEcho:
-        self.burning = led
+        self.lit_led = led
         self.commands += 1
         self.log.append("on")
         return BoardEcho(self.commands, led)
@@ -71,10 +71,10 @@ class Bench:
     def off(self) -> BoardEcho:
         if self.off_fails:
             raise BoardError("fake: OFF is not answered")
-        burned, self.burning = self.burning, None
+        was_on, self.lit_led = self.lit_led, None
         self.commands += 1
         self.log.append("off")
-        return BoardEcho(self.commands, burned)
+        return BoardEcho(self.commands, was_on)
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
         # As cameras do: the nearest step they have.
@@ -83,14 +83,14 @@ class Bench:
 
     def trigger(self) -> int:
         self.frames += 1
-        self.shots.append(self.burning)
+        self.shots.append(self.lit_led)
         self.on_trigger(self.frames)
         return self.frames
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        led = None if self.burning in self.dead else self.burning
+        led = None if self.lit_led in self.dead else self.lit_led
         pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 

@@ -30,8 +30,8 @@ def run(*words: str) -> str:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 def test_kills_lose_nothing() -> None:
-    told = run("capture_kill.py", "--kills", "6", "--seed", "5")
-    assert "lost: 0, accepted with wrong pixels: 0" in told
+    output = run("capture_kill.py", "--kills", "6", "--seed", "5")
+    assert "lost: 0, accepted with wrong pixels: 0" in output
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")

@@ -92,9 +92,9 @@ def test_a_complete_session_gets_smaller_and_stays_complete(
     folder = write(tmp_path / "s", plan=plan)
     before = verify_session(folder)
     hashes = [frame.line.pixels_sha256 for frame in Session.open(folder).frames]
-    told: list[tuple[str, int, int]] = []
+    reported: list[tuple[str, int, int]] = []
     done = compact_session(
-        folder, on_frame=lambda frame, n, of: told.append((frame.path.name, n, of))
+        folder, on_frame=lambda frame, n, of: reported.append((frame.path.name, n, of))
     )
     assert whole(folder)
     after = verify_session(folder)
@@ -102,7 +102,7 @@ def test_a_complete_session_gets_smaller_and_stays_complete(
     assert (done.bytes_before, done.bytes_after) == (before.bytes, after.bytes)
     assert after.bytes < 0.7 * before.bytes
     assert after.warnings == ()
-    assert told == [("D_100us.tif", 1, 3), ("L00_E0.tif", 2, 3), ("L01_E0.tif", 3, 3)]
+    assert reported == [("D_100us.tif", 1, 3), ("L00_E0.tif", 2, 3), ("L01_E0.tif", 3, 3)]
     assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
     session = Session.open(folder)
     assert [frame.line.pixels_sha256 for frame in session.frames] == hashes
@@ -419,13 +419,13 @@ def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
     assert not (folder / "derived" / "COMPLETE").exists()
 
 
-def test_a_compaction_that_was_cut_off_is_told(tmp_path: Path) -> None:
+def test_an_interrupted_compaction_is_reported(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     (folder / "derived").mkdir(exist_ok=True)
     (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
-    told = [f"{folder}: a compaction was interrupted: compact the session again"]
-    assert list(verify_session(folder).warnings) == told
-    assert list(Session.open(folder).warnings) == told
+    reported = [f"{folder}: a compaction was interrupted: compact the session again"]
+    assert list(verify_session(folder).warnings) == reported
+    assert list(Session.open(folder).warnings) == reported
     compact_session(folder)
     assert verify_session(folder).warnings == ()
     assert whole(folder)

@@ -32,7 +32,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 
 
 @pytest.fixture
@@ -52,17 +52,17 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     sensor = NoiseModel(2.0, 5.0, 64.0, 12)
     camera = CameraModel(np.array([[50.0, 0, 5], [0, 50, 3], [0, 0, 1]]), 10, 7, 300.0)
     lights = Lights(directions=np.eye(3)[[2, 2, 2, 2, 2, 2]])
-    told: list[tuple[str, int, int]] = []
+    reported: list[tuple[str, int, int]] = []
 
     def on_frame(line: FrameLine, done: int, total: int) -> None:
         assert (tmp_path / "s" / line.file).exists()
-        told.append((line.file, done, total))
+        reported.append((line.file, done, total))
 
     session = record(
         rig,
         PLAN,
         tmp_path / "s",
-        **TOLD,
+        **LABELS,
         notes="rim scratched",
         camera_model=camera,
         sensor=sensor,
@@ -71,8 +71,10 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     )
     assert session.complete
     assert bench.shots == [None, None, None, None, 3, 0, 5, 3, 0, 5]
-    assert bench.burning is None
-    assert told == [(f"frames/{shot.file}", done, 10) for done, shot in enumerate(PLAN.shots(), 1)]
+    assert bench.lit_led is None
+    assert reported == [
+        (f"frames/{shot.file}", done, 10) for done, shot in enumerate(PLAN.shots(), 1)
+    ]
     for frame in session.frames:
         planned = PLAN.exposures_us[frame.bracket]
         np.testing.assert_array_equal(frame.read(), seen(frame.led, planned))
@@ -98,7 +100,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
 
 
 def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     line = next(f.line for f in session.frames if (f.led, f.bracket) == (5, 0))
     pixels = read_image(tmp_path / "s" / line.file)
     # LED 5 at 200 us: 64 + 1200 * (1 ... 4), above 4095 in the last columns.
@@ -118,7 +120,7 @@ def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
         pytest.param(ZeroDivisionError("a fault of ours"), "failed", id="fault"),
     ],
 )
-def test_an_error_amid_a_shot(
+def test_an_error_during_a_shot(
     rig: RealRig, bench: Bench, tmp_path: Path, error: BaseException, event: str
 ) -> None:
     def fail(number: int) -> None:
@@ -127,8 +129,8 @@ def test_an_error_amid_a_shot(
 
     bench.on_trigger = fail
     with pytest.raises(type(error)):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete, found.frames, len(found.missing)) == (True, False, 5, 5)
     session = Session.open(tmp_path / "s")
@@ -150,8 +152,8 @@ def test_an_error_in_the_callback_finds_the_leds_dark(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD, on_frame=stop)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS, on_frame=stop)
+    assert bench.lit_led is None
     # What was taken by then is kept.
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames
@@ -162,29 +164,29 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.write
-    burning: list[int | None] = []
+    leds_on: list[int | None] = []
 
     def full(descriptor: int, data: Any) -> int:
         if bench.frames >= 6:
             if threading.current_thread() is threading.main_thread():
-                burning.append(bench.burning)
+                leds_on.append(bench.lit_led)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return real(descriptor, data)
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     # What the shooting thread itself writes, in the end, it writes in the dark.
-    assert set(burning) <= {None}
+    assert set(leds_on) <= {None}
     assert bench.log[-1] == "off"
-    assert bench.burning is None
+    assert bench.lit_led is None
     monkeypatch.undo()
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete) == (True, False)
     assert 0 < found.frames < 10
 
 
-def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
+def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     def fail(number: int) -> None:
@@ -193,7 +195,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError, match="frame 1 did not come") as caught:
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
     assert events_of(Session.open(tmp_path / "s"))[0].details["leds_confirmed_off"] is False
 
@@ -227,7 +229,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
 def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
     rig: RealRig, bench: Bench, tmp_path: Path, changed: dict[str, Any], said: str
 ) -> None:
-    arguments: dict[str, Any] = {"plan": PLAN, **TOLD, **changed}
+    arguments: dict[str, Any] = {"plan": PLAN, **LABELS, **changed}
     with pytest.raises(DataError, match=said):
         record(rig, arguments.pop("plan"), tmp_path / "s", **arguments)
     assert not (tmp_path / "s").exists()
@@ -260,17 +262,17 @@ def test_what_the_rig_cannot_do_is_refused_before_a_folder_is_made(
     monkeypatch.setattr(bench, "configure", limited)
     monkeypatch.setattr(bench, "identity", replace(bench.identity, max_hold_ms=900))
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN.changed(**changed), tmp_path / "s", **TOLD)
+        record(rig, PLAN.changed(**changed), tmp_path / "s", **LABELS)
     assert not (tmp_path / "s").exists()
     assert bench.frames == 0
 
 
 def test_a_used_folder_is_refused_before_a_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    record(rig, PLAN, tmp_path / "s", **TOLD)
+    record(rig, PLAN, tmp_path / "s", **LABELS)
     before = {path: path.read_bytes() for path in (tmp_path / "s").rglob("*") if path.is_file()}
     taken = bench.frames
     with pytest.raises(StorageError, match="not empty"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert bench.frames == taken
     assert {path: path.read_bytes() for path in before} == before
 
@@ -281,13 +283,13 @@ def test_a_camera_that_delivers_another_size(
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
     monkeypatch.setattr(bench, "fetch", lambda *_: frame)
     with pytest.raises(DataError, match="this session requires"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
 
 
-def test_rig_errors_are_told_as_they_are(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    bench.on_trigger = lambda number: setattr(bench, "burning", None)
+def test_rig_errors_are_raised_unchanged(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    bench.on_trigger = lambda number: setattr(bench, "lit_led", None)
     with pytest.raises(RigError, match="LED 3 was wanted"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert [frame.led for frame in Session.open(tmp_path / "s").frames] == [None] * 4
 
 
@@ -304,7 +306,7 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
 
     plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))
     with simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False) as rig:
-        session = record(rig, plan, tmp_path / "s", **TOLD, sensor=sensor)
+        session = record(rig, plan, tmp_path / "s", **LABELS, sensor=sensor)
     assert [frame.led for frame in session.frames] == [None, 2, 0, 3]
     for frame in session.frames:
         expected = plane(frame.led).astype(np.float64) * 500.0
@@ -312,26 +314,30 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_leds_listed_as_dead_are_left_out_told_and_recorded(
+def test_leds_listed_as_dead_are_left_out_reported_and_recorded(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    told: list[tuple[str, Any]] = []
+    reported: list[tuple[str, Any]] = []
     plan = CapturePlan(leds=(3, 4, 5), exposures_us=(100.0,))
     session = record(
-        rig, plan, tmp_path / "s", **TOLD, on_event=lambda name, of: told.append((name, dict(of)))
+        rig,
+        plan,
+        tmp_path / "s",
+        **LABELS,
+        on_event=lambda name, of: reported.append((name, dict(of))),
     )
     assert session.complete
     assert session.manifest.plan is not None
     assert session.manifest.plan.leds == (3, 5)
-    assert told == [("left_out", {"leds": [4], "reason": "listed as dead"})]
-    assert [(line.event, dict(line.details)) for line in events_of(session)] == told
+    assert reported == [("left_out", {"leds": [4], "reason": "listed as dead"})]
+    assert [(line.event, dict(line.details)) for line in events_of(session)] == reported
     assert bench.shots == [None, 3, 5]
 
 
-def test_an_led_without_light_is_told_by_name(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+def test_an_led_without_light_is_named(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.dead = {0}
     with pytest.raises(RigError, match=r"L00_E0\.tif: LED 0 gave no light at 200 us"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     session = Session.open(tmp_path / "s")
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [line.led for line in rejected] == [0]
@@ -343,17 +349,17 @@ def test_an_led_that_lights_the_second_time_is_retaken(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.dead = {0}
-    told: list[str] = []
+    reported: list[str] = []
 
     def on_event(name: str, details: Any) -> None:
         if name == "retake":
-            told.append(details["file"])
+            reported.append(details["file"])
             bench.dead = set()
 
     plan = PLAN.changed(retakes=1)
-    session = record(rig, plan, tmp_path / "s", **TOLD, on_event=on_event)
+    session = record(rig, plan, tmp_path / "s", **LABELS, on_event=on_event)
     assert session.complete
-    assert "L00_E0.tif" in told
+    assert "L00_E0.tif" in reported
     takes = [f.line for f in session.recorded if (f.led, f.bracket) == (0, 0)]
     assert [(line.file, line.status) for line in takes] == [
         ("frames/L00_E0.tif", "rejected"),
@@ -375,7 +381,7 @@ def test_a_shot_that_fails_once_is_taken_again(
             raise CameraError("frame did not come")
 
     bench.on_trigger = fail
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
     assert session.complete
     assert [line.event for line in events_of(session)] == ["retake"]
     assert events_of(session)[0].details["reason"] == "frame did not come"
@@ -395,7 +401,7 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError) as caught:
-        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **TOLD)
+        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **LABELS)
     assert bench.frames == 8
     assert "L00_E0.tif was taken 3 times" in caught.value.__notes__
     session = Session.open(tmp_path / "s")
@@ -406,8 +412,8 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     plan = PLAN.changed(max_clipped_fraction=0.1)
     with pytest.raises(DataError, match=r"L05_E0\.tif: .* clipped at 200 us, the plan allows 10"):
-        record(rig, plan, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, plan, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     assert ("light", 5, 0, 0) in [shot.key for shot in Session.open(tmp_path / "s").missing]
 
 
@@ -426,7 +432,7 @@ def test_the_journal_has_the_order_of_the_plan(
         return stored
 
     monkeypatch.setattr(_session_writer, "store_frame", uneven)
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     assert [frame.path.name for frame in session.frames] == [shot.file for shot in PLAN.shots()]
 
 
@@ -453,11 +459,11 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
     def on_event(name: str, details: Any) -> None:
         if name == "paused":
             taken.append(bench.frames)
-            assert bench.burning is None
+            assert bench.lit_led is None
             assert bench.log[-1] == "off"
             gate.open.set()
 
-    session = record(rig, PLAN, tmp_path / "s", **TOLD, on_event=on_event)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS, on_event=on_event)
     assert taken[0] == _recording.ROOM
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
@@ -465,13 +471,13 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_disk_that_is_stuck_is_told_in_the_dark(
+def test_a_stuck_disk_is_reported_with_the_leds_off(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
     with pytest.raises(StorageError, match=r"no write has finished for 0.3 s, 6 writes"):
-        record(rig, PLAN, tmp_path / "s", **TOLD, stall_s=0.3)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS, stall_s=0.3)
+    assert bench.lit_led is None
     assert bench.frames == _recording.ROOM
     # The one who is stuck still has the session; and what it was at does not count.
     with pytest.raises(StorageError, match="another process"):
@@ -503,13 +509,13 @@ def _press_ctrl_c(times: int) -> Callable[[int], None]:
 
 def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = _press_ctrl_c(1)
-    told: list[str] = []
+    reported: list[str] = []
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match="after a shot"):
-        record(rig, PLAN, tmp_path / "s", **TOLD, on_stop=lambda: told.append("stopping"))
+        record(rig, PLAN, tmp_path / "s", **LABELS, on_stop=lambda: reported.append("stopping"))
     assert signal.getsignal(signal.SIGINT) is before
-    assert told == ["stopping"]
-    assert bench.burning is None
+    assert reported == ["stopping"]
+    assert bench.lit_led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames == 6
     assert [line.event for line in events_of(session)] == ["interrupted"]
@@ -518,8 +524,8 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
 def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = _press_ctrl_c(2)
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == 5
     assert [line.event for line in events_of(session)] == ["interrupted"]
@@ -533,7 +539,7 @@ def test_ctrl_c_twice_ends_at_once_whoever_has_the_signal(
     try:
         bench.on_trigger = _press_ctrl_c(2)
         with pytest.raises(KeyboardInterrupt):
-            record(rig, PLAN, tmp_path / "s", **TOLD)
+            record(rig, PLAN, tmp_path / "s", **LABELS)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(Session.open(tmp_path / "s").frames) == 5
@@ -551,8 +557,8 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
 
     bench.on_trigger = press_soon
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     gate.open.set()
 
 
@@ -560,14 +566,14 @@ def test_ctrl_c_at_the_last_shot_finds_a_complete_recording(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.on_trigger = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 10 else None
-    assert record(rig, PLAN, tmp_path / "s", **TOLD).complete
+    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
 
 
 def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     shots_before: list[int] = []
     plan = PLAN.changed(flats=2)
     session = record(
-        rig, plan, tmp_path / "s", **TOLD, before_flats=lambda: shots_before.append(bench.frames)
+        rig, plan, tmp_path / "s", **LABELS, before_flats=lambda: shots_before.append(bench.frames)
     )
     assert shots_before == [10]
     assert bench.shots[10:] == [3, 0, 3, 0]
@@ -583,14 +589,14 @@ def test_what_is_taken_again_comes_before_the_white_card(
     card: list[int] = []
     bench.dead = {led}
 
-    def mend(number: int) -> None:
+    def light_again(number: int) -> None:
         before = bench.shots[card[0] :] if card else bench.shots
-        bench.dead = {led} if before.count(led) == 1 and bench.burning == led else set()
+        bench.dead = {led} if before.count(led) == 1 and bench.lit_led == led else set()
 
-    bench.on_trigger = mend
+    bench.on_trigger = light_again
     plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
     session = record(
-        *(rig, plan, tmp_path / "s"), **TOLD, before_flats=lambda: card.append(bench.frames)
+        *(rig, plan, tmp_path / "s"), **LABELS, before_flats=lambda: card.append(bench.frames)
     )
     assert session.complete
     assert card == [5]
@@ -607,7 +613,7 @@ def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
             rig,
             PLAN.changed(flats=2),
             tmp_path / "s",
-            **TOLD,
+            **LABELS,
             before_flats=lambda: os.kill(os.getpid(), signal.SIGINT),
         )
     assert bench.frames == 10
@@ -617,10 +623,10 @@ def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
     assert [line.event for line in events_of(session)] == ["interrupted"]
 
 
-def test_a_plan_for_a_sequence_on_a_rig_without_is_told(
+def test_a_sequence_that_the_rig_cannot_run_is_reported(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **LABELS)
     assert [line.event for line in events_of(session)] == ["not_sequenced"]
     assert "trigger = 'software'" in str(events_of(session)[0].details["reason"])
 
@@ -650,7 +656,7 @@ SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), seque
 
 def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD)
+        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS)
     files = [frame.path.name for frame in session.frames]
     assert files == [shot.file for shot in SEQUENCE.shots()]
     assert events_of(session) == []
@@ -660,7 +666,7 @@ def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_sequence_that_the_disk_cannot_follow_is_ended_and_begun_anew(
+def test_a_sequence_too_fast_for_the_disk_is_ended_and_restarted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
@@ -671,7 +677,7 @@ def test_a_sequence_that_the_disk_cannot_follow_is_ended_and_begun_anew(
             gate.open.set()
 
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD, on_event=on_event)
+        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS, on_event=on_event)
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
     files = [frame.path.name for frame in session.frames]

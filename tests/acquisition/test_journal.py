@@ -71,7 +71,7 @@ def test_a_whole_journal() -> None:
     assert found.last_sha256.encode() in GOOD.splitlines()[-1]
 
 
-def test_nothing_is_a_journal_without_lines() -> None:
+def test_an_empty_file_is_a_journal_without_lines() -> None:
     found = parse_journal(b"")
     assert (found.lines, found.damage, found.torn) == ((), None, b"")
 

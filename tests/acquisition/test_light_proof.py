@@ -24,7 +24,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from rig import CameraError, Rig, RigError, Shot
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import rows_of, seal
 
 LIGHT = PlannedShot("light", 3, 0, 0, 10.0)
@@ -56,7 +56,9 @@ SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
         pytest.param(SOME_FLAT, {"board": None}, "with an LED, but board", id="flat without light"),
     ],
 )
-def test_what_agrees(shot: PlannedShot, lit: dict[str, int | None], said: str | None) -> None:
+def test_reports_are_compared_with_the_plan(
+    shot: PlannedShot, lit: dict[str, int | None], said: str | None
+) -> None:
     found = wrong_light(shot, lit)
     assert found is None if said is None else said in (found or "")
 
@@ -118,9 +120,9 @@ def test_a_frame_of_another_led_is_not_kept(
 ) -> None:
     lying(rig, monkeypatch, at, change)
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert len(Session.open(tmp_path / "s").recorded) == at - 1
-    assert bench.burning is None
+    assert bench.lit_led is None
     assert resume(rig, tmp_path / "s").complete
 
 
@@ -128,7 +130,7 @@ def test_it_is_taken_again_where_the_plan_allows(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lying(rig, monkeypatch, 5, {"led": 0})
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
     assert session.complete
     assert bench.shots.count(3) == 3  # in two brackets, once more in the first
     assert [line.details["led"] for line in session.events if line.event == "retake"] == [3]
@@ -153,7 +155,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
     plan = CapturePlan(leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1)
     monkeypatch.setattr(rig, "_arm", lambda trigger: None)
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert session.complete
     # The dark frame and that of LED 3 are kept, the next is not, and the rest comes anew.
     assert (runs[0], runs[1]) == ([None, 3, 1, 5, 2], [1, 5, 2])
@@ -215,7 +217,7 @@ def test_every_reader_names_the_line(
     folder = tmp_path / "s"
     bench.on_trigger = fail
     try:
-        record(rig, PLAN.changed(flats=1), folder, **TOLD)
+        record(rig, PLAN.changed(flats=1), folder, **LABELS)
     except CameraError:
         bench.on_trigger = lambda number: None
     rows = rows_of(folder)

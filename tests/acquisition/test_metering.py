@@ -149,7 +149,7 @@ def test_saturation_of_a_small_part_limits_the_exposure() -> None:
         pytest.param(0.2, id="room-as-bright-as-the-LEDs"),
     ],
 )
-def test_a_light_that_is_dead_is_left_out_and_told(room: float) -> None:
+def test_a_dead_led_is_left_out_and_reported(room: float) -> None:
     plan = plan_of(2, 0, 1, 3)
     found = metered(NumberRig({0: 1.0, 1: 0.0, 2: 0.0, 3: 0.5}, room=room), plan)
     assert found.dead_leds == (2, 1)
@@ -172,7 +172,7 @@ def test_no_light_at_all_is_an_error_of_the_rig() -> None:
         metered(NumberRig({0: 0.0, 1: 0.0}), plan_of(0, 1))
 
 
-def test_too_much_light_is_told() -> None:
+def test_too_much_light_is_reported() -> None:
     found = metered(NumberRig({0: 1.0, 1: 50_000.0}), plan_of(0, 1))
     assert [light.state for light in found.lights] == ["ok", "too bright"]
     assert found.plan.exposure_us(1, 0) == 10.0
@@ -187,7 +187,7 @@ def test_a_camera_with_coarse_steps_gets_the_nearest_it_can() -> None:
     assert found.lights[0].level == pytest.approx(0.7 * 16 / 21, rel=0.01)
 
 
-def test_few_shots_and_none_longer_than_allowed() -> None:
+def test_few_shots_none_of_them_longer_than_allowed() -> None:
     strengths = {led: 1.0 + 0.02 * led for led in range(36)}
     rig = NumberRig(strengths)
     found = metered(rig, plan_of(*strengths), longest_us=50_000.0)
@@ -216,7 +216,7 @@ def test_what_was_found_is_what_json_can_hold() -> None:
         pytest.param({"longest_us": float("nan")}, id="no-number"),
     ],
 )
-def test_a_goal_that_cannot_be(values: dict[str, Any]) -> None:
+def test_a_goal_that_is_out_of_range(values: dict[str, Any]) -> None:
     with pytest.raises(DataError, match=next(iter(values))):
         MeteringGoal(**values)
 

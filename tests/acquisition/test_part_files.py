@@ -218,7 +218,7 @@ def test_nothing_but_a_file_is_opened_or_waited_for(
     assert unharmed(victim)
 
 
-def test_the_descriptor_is_closed_whatever_happens(tmp_path: Path) -> None:
+def test_the_descriptor_is_closed_after_an_interrupt(tmp_path: Path) -> None:
     parts: list[Part] = []
 
     def interrupted() -> None:

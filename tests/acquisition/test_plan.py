@@ -214,7 +214,7 @@ def test_a_plan_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
     assert read_plan(path) == BY_LED.changed(flats=3, retakes=2, sequence=True)
 
 
-def test_dead_leds_are_left_out_and_told() -> None:
+def test_dead_leds_are_left_out_and_returned() -> None:
     plan, left_out = BY_LED.without((7, 1, 30))
     assert left_out == (1, 7)
     assert plan.leds == (4, 2)

@@ -73,21 +73,21 @@ def named(flight: Preflight, name: str) -> Check:
 def test_a_rig_in_order_is_ready_and_nothing_is_left_behind(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    told: list[tuple[str, int, int]] = []
+    reported: list[tuple[str, int, int]] = []
     with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
         flight = preflight(
             rig,
             PLAN,
             tmp_path / "new" / "session",
-            on_check=lambda check, done, total: told.append((check.name, done, total)),
+            on_check=lambda check, done, total: reported.append((check.name, done, total)),
         )
         assert rig.board.status().led is None
     assert set(states(flight).values()) == {"ok"}, flight.checks
     assert flight.ok
     assert list(tmp_path.iterdir()) == []
-    assert told == [(name, n, len(told)) for n, name in enumerate(states(flight), 1)]
-    assert [name for name, _, _ in told][:3] == ["disk", "board", "camera"]
-    assert told[-1][0] == "LEDs"
+    assert reported == [(name, n, len(reported)) for n, name in enumerate(states(flight), 1)]
+    assert [name for name, _, _ in reported][:3] == ["disk", "board", "camera"]
+    assert reported[-1][0] == "LEDs"
     details = json.loads(json.dumps(flight.details(), allow_nan=False))
     assert [check["name"] for check in details["checks"]] == list(states(flight))
 
@@ -108,7 +108,7 @@ def test_a_dead_led_is_found_and_concerns_only_plans_that_light_it(
     assert rest.ok
 
 
-def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
+def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     pulsed = Lamps(pwm_hz=1e6 / 1024, pwm_duty=0.3)
@@ -181,7 +181,7 @@ def test_an_exposure_beyond_the_camera_fails_and_what_needs_frames_is_not_done(
         ),
     ],
 )
-def test_the_camera_s_automatics_are_told_as_off_and_which_were_on(
+def test_automatic_functions_that_were_on_are_named(
     rendering: Rendering,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -241,7 +241,7 @@ def test_a_board_that_does_not_answer_is_a_failed_check(
     assert states(flight)["camera"] == "not done"
 
 
-def test_a_hot_board_is_told(
+def test_a_hot_board_is_reported(
     rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_check_rig, "_HOT_C", 20.0)
@@ -362,13 +362,13 @@ def test_a_camera_that_brightens_short_exposures_by_itself() -> None:
     ("long_us", "said"),
     [pytest.param(1e6, "saturated", id="bright"), pytest.param(10.0, "too little", id="dark")],
 )
-def test_a_response_that_cannot_be_told(long_us: float, said: str) -> None:
+def test_a_response_that_cannot_be_measured(long_us: float, said: str) -> None:
     found = check_response(trials(scene(), long_us=long_us))
     assert found.state == "not done"
     assert said in found.text
 
 
-def test_detail_is_what_it_says_whatever_the_noise() -> None:
+def test_detail_is_independent_of_noise() -> None:
     rows, columns = np.mgrid[:200, :200]
     ramp = 500.0 + 8 * rows + 8 * columns
     noise = np.random.default_rng(1)
@@ -392,7 +392,7 @@ def test_focus() -> None:
     assert "nothing to focus on" in empty.text
 
 
-def test_a_simulated_lens_out_of_focus_is_told(rendering: Rendering, tmp_path: Path) -> None:
+def test_a_simulated_lens_out_of_focus_is_reported(rendering: Rendering, tmp_path: Path) -> None:
     planes = [cv2.GaussianBlur(plane, (0, 0), 5.0) for plane in rendering.planes]
     blurred = replace(rendering, planes=np.stack(planes))
     assert states(flown(blurred, PLAN, tmp_path))["focus"] == "warning"

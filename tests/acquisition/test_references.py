@@ -21,7 +21,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import TOLD, Bench, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, Bench, rig_on, seen
 from tests.acquisition.test_judging_order import spoil
 
 CAMERA = CameraRecord(width=10, height=7, bit_depth=12, black_level_dn=64)
@@ -64,7 +64,7 @@ def test_the_ambient_frame_counts_whichever_was_taken_last(order: tuple[str, str
     assert references.dark(shot("light", 1, 50.0)) is None
 
 
-def test_the_longest_exposure_tells_what_an_led_gives() -> None:
+def test_the_longest_exposure_is_the_reference_of_an_led() -> None:
     references = References(CAMERA)
     for exposure_us in (100.0, 400.0, 200.0):
         references.note(shot("dark", None, exposure_us), figures(64))
@@ -93,7 +93,7 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int) -> None:
 
     bench.on_trigger = trigger
     with pytest.raises(CameraError):
-        record(rig, PLAN.changed(retakes=0), folder, **TOLD)
+        record(rig, PLAN.changed(retakes=0), folder, **LABELS)
     bench.on_trigger = lambda number: cap(bench, number)
 
 
@@ -108,7 +108,7 @@ def test_the_light_of_the_room_is_not_taken_for_that_of_an_led_on_resume(
     assert not Session.open(tmp_path / "s").complete
 
 
-def test_how_far_a_frame_lies_above_the_room_is_the_same_after_a_resume(
+def test_the_difference_from_the_room_light_is_the_same_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 4)
@@ -134,7 +134,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
 
     def trigger(number: int) -> None:
         # The cap is on for dark frames, the first and the one taken again.
-        bench.room = 0.0 if bench.burning is None and number != 2 else ROOM
+        bench.room = 0.0 if bench.lit_led is None and number != 2 else ROOM
         if number == 2:
             ambient_is_taken.set()
         # The first LED waits for the disk, so that the dark frame comes before the last one.
@@ -146,7 +146,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     bench.dead = {5}
     plan = PLAN.changed(leds=(3, 0, 1, 2, 5), max_clipped_fraction=0.5)
     with pytest.raises(RigError, match="LED 5 gave no light"):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     names = [frame.path.name for frame in Session.open(tmp_path / "s").recorded]
     assert names[:2] == ["D_200us.tif", "A_200us.tif"]
     assert names.index("D_200us_R1.tif") < names.index("L05_E0.tif")

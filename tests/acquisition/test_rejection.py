@@ -93,7 +93,7 @@ def test_the_led_and_what_to_do_are_named() -> None:
     assert "\n" not in str(error)
 
 
-def test_a_dark_frame_that_light_fell_on_is_told_as_such() -> None:
+def test_a_dark_frame_with_light_is_reported_as_the_cause() -> None:
     """Whoever opened the door during it must not go looking for a broken LED."""
     error = rejection(
         LIGHT, frame(1), dark=frame(0, 200.0), range_dn=WHITE - BLACK, max_clipped_fraction=1.0
@@ -103,7 +103,7 @@ def test_a_dark_frame_that_light_fell_on_is_told_as_such() -> None:
     assert "new folder" in str(error)
 
 
-def test_clipping_is_told_with_its_limit() -> None:
+def test_clipping_is_reported_with_its_limit() -> None:
     error = judged(LIGHT, frame(1, spot(3072 * 4, 9000.0)), limit=0.02)
     assert isinstance(error, DataError)
     assert "4.000% of the samples are clipped at 500 us, the plan allows 2.000%" in str(error)
@@ -215,9 +215,7 @@ def test_how_long_an_exposure_must_show_its_highlight(exposure_us: float, must: 
 
 
 @pytest.mark.parametrize(("level_dn", "darker"), [(64, False), (63, False), (62, True), (40, True)])
-def test_a_frame_darker_than_the_dark_one_is_told_from_one_grey_value(
-    level_dn: int, darker: bool
-) -> None:
+def test_a_frame_counts_as_darker_from_one_grey_value(level_dn: int, darker: bool) -> None:
     def quality(level: int) -> FrameQuality:
         return FrameQuality(0.0, levels(level, level), 0.0, float(level))
 

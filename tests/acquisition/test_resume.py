@@ -24,7 +24,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 
 
@@ -49,7 +49,7 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> S
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, PLAN, folder, **{**TOLD, **more})
+        record(rig, PLAN, folder, **{**LABELS, **more})
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return Session.open(folder)
@@ -61,11 +61,11 @@ def test_exactly_the_missing_shots_are_taken(
 ) -> None:
     before = interrupted(rig, bench, tmp_path / "s", at)
     assert len(before.frames) == at - 1
-    told: list[tuple[int, int]] = []
-    session = resume(rig, tmp_path / "s", on_frame=lambda line, *of: told.append(of))
+    reported: list[tuple[int, int]] = []
+    session = resume(rig, tmp_path / "s", on_frame=lambda line, *of: reported.append(of))
     assert session.complete
     assert bench.shots == [shot.lit_led for shot in PLAN.shots()[at - 1 :]]
-    assert told == [(done, 10) for done in range(at, 11)]
+    assert reported == [(done, 10) for done in range(at, 11)]
     assert [line.event for line in events_of(session)] == ["failed", "reopened"]
     for frame in session.frames:
         expected = seen(frame.led, PLAN.exposures_us[frame.bracket])
@@ -202,7 +202,7 @@ def test_another_rig_is_refused_and_it_is_said_how_it_differs(
         ),
     ],
 )
-def test_a_session_is_not_gone_on_with_when_the_driver_is_told_otherwise(
+def test_a_session_is_not_resumed_with_other_driver_options(
     tmp_path: Path, begun: dict[str, Any], now: dict[str, Any], said: str | None
 ) -> None:
     first, second = Bench(), Bench()
@@ -244,7 +244,7 @@ def test_what_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="not a session"):
         resume(rig, tmp_path / "empty")
-    record(rig, PLAN, tmp_path / "whole", **TOLD)
+    record(rig, PLAN, tmp_path / "whole", **LABELS)
     with pytest.raises(DataError, match="is complete"):
         resume(rig, tmp_path / "whole")
     manifest = Manifest.begin(
@@ -264,7 +264,7 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
         with rig_on(other) as other_rig:
             for attempt in (
                 lambda: resume(other_rig, tmp_path / "s"),
-                lambda: record(other_rig, PLAN, tmp_path / "s", **TOLD),
+                lambda: record(other_rig, PLAN, tmp_path / "s", **LABELS),
             ):
                 try:
                     attempt()
@@ -278,14 +278,14 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
             thread.join(30)
 
     bench.on_trigger = at
-    assert record(rig, PLAN, tmp_path / "s", **TOLD).complete
+    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
     assert len(refused) == 2
     assert all("another process is recording into this session" in text for text in refused)
     assert other.frames == 0
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_session_of_an_older_format_is_not_taken_up(
+def test_a_session_of_an_older_format_is_not_resumed(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     """Its lines are not written any more: adding newer ones would mix two formats in one file."""
@@ -301,7 +301,7 @@ def test_a_session_of_an_older_format_is_not_taken_up(
     assert bench.shots == []
 
 
-def test_a_session_of_version_2_is_gone_on_with_in_version_2(
+def test_a_session_of_version_2_is_resumed_in_version_2(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 5)
@@ -338,11 +338,11 @@ def test_an_led_that_died_meanwhile_is_left_out(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     bench.on_trigger = lambda number: None
     taken = len(bench.shots)
     bench.dead = {0}
-    told: list[tuple[str, Any]] = []
+    reported: list[tuple[str, Any]] = []
     counted: list[tuple[int, int]] = []
     with rig_on(bench, dead_leds=(0, 4)) as knowing:
         _, _, missing = check_resume(knowing, tmp_path / "s", plan)
@@ -350,12 +350,12 @@ def test_an_led_that_died_meanwhile_is_left_out(
             knowing,
             tmp_path / "s",
             plan=plan,
-            on_event=lambda name, details: told.append((name, dict(details))),
+            on_event=lambda name, details: reported.append((name, dict(details))),
             on_frame=lambda line, *of: counted.append(of),
         )
     assert 0 not in bench.shots[taken:]
     assert [shot.lit_led for shot in missing] == bench.shots[taken:]
-    assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in told
+    assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in reported
     assert session.complete
     assert session.missing == ()
     assert _of_led(session, 0) == [shot.file for shot in session.left_out] == left_out
@@ -398,7 +398,7 @@ def test_what_was_left_out_stays_so_when_it_is_interrupted_again(
     assert [line.event for line in session.events].count("left_out") == 1
 
 
-def test_what_the_dead_leds_cannot_explain_is_still_demanded(
+def test_missing_shots_of_working_leds_are_still_required(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -508,7 +508,7 @@ def test_the_difference_from_the_dark_is_in_each_lit_line(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
+        record(rig, plan, tmp_path / "s", **LABELS, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
     bench.on_trigger = lambda number: None
     session = resume(rig, tmp_path / "s")
     means = {frame.line.key: frame.read().mean() for frame in session.frames}
@@ -528,5 +528,5 @@ def test_without_a_dark_frame_there_is_no_difference_from_it(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     plan = PLAN.changed(ambient=False, dark=False)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert {frame.line.above_dark for frame in session.frames} == {None}

@@ -217,7 +217,7 @@ def test_nothing_is_set_aside_outside_the_session(tmp_path: Path) -> None:
     assert (folder / "frames" / "D_100us.tif").exists()
 
 
-def test_a_hidden_folder_among_the_frames_stops_nobody(tmp_path: Path) -> None:
+def test_a_hidden_folder_among_the_frames_is_ignored(tmp_path: Path) -> None:
     """File managers and indexers leave such folders behind."""
     folder = interrupted(tmp_path / "s")
     (folder / "frames" / ".thumbnails").mkdir()

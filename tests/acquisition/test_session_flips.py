@@ -25,7 +25,7 @@ def picture(index: int) -> npt.NDArray[np.uint16]:
 
 @pytest.fixture(params=["complete", "incomplete"])
 def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    told = Manifest(
+    content = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
@@ -33,7 +33,7 @@ def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
         plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
         camera=CameraRecord(width=16, height=12, bit_depth=12),
     )
-    with SessionWriter.create(tmp_path / "s", told) as writer:
+    with SessionWriter.create(tmp_path / "s", content) as writer:
         for index, shot in enumerate(writer.missing):
             if request.param == "incomplete" and shot.led == 2:
                 break

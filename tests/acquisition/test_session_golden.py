@@ -69,7 +69,7 @@ def clock(first_s: int = 0) -> Callable[[], datetime]:
 
 
 def write(folder: Path) -> None:
-    told = Manifest(
+    content = Manifest(
         started_utc=START,
         operator="Ada Lovelace",
         object="coin 7",
@@ -110,7 +110,7 @@ def write(folder: Path) -> None:
             Lights(positions_mm=np.array([[300.0, 0, 300], [0, 300, 300]]), ids=("L00", "L03"))
         ),
     )
-    with SessionWriter.create(folder, told, clock=clock()) as writer:
+    with SessionWriter.create(folder, content, clock=clock()) as writer:
         writer.write_event("checked", checks=[{"name": "disk", "state": "ok", "text": "room"}])
         shots = writer.missing
         for number, shot in enumerate(shots[:4], 1):
@@ -314,7 +314,7 @@ def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> No
         parse_manifest(data.replace(old, new).encode(), path)
 
 
-def test_a_session_whose_lines_are_not_written_any_more_is_not_gone_on_with() -> None:
+def test_a_session_of_an_unsupported_version_is_not_continued() -> None:
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)

@@ -23,7 +23,7 @@ from acquisition._source.reader import read_source
 from acquisition._storage import sha256_of
 from acquisition._values.lights import Lights
 from rig import CameraError
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import mutant, read_by_all, rows_of, seal
 
 GOLDEN = Path(__file__).parent
@@ -255,7 +255,7 @@ def test_the_writer_writes_no_event_that_no_reader_takes(folder: Path) -> None:
                 continue
             writer.write_event(event, **good)
             if event != "note":
-                with pytest.raises(DataError, match=f"the event '{event}' does not fit"):
+                with pytest.raises(DataError, match=f"the event '{event}' is invalid"):
                     writer.write_event(event, **bad)
     assert verify_session(folder).ok
 
@@ -327,7 +327,7 @@ def recorded(folder: Path, *, cut: bool) -> Path:
     events = [("checked", {"checks": checks})]
     with rig_on(bench) as rig:
         try:
-            record(rig, PLAN.changed(flats=1), folder, lights=lights, events=events, **TOLD)
+            record(rig, PLAN.changed(flats=1), folder, lights=lights, events=events, **LABELS)
         except CameraError:
             assert cut
     return folder

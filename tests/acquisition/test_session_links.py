@@ -99,7 +99,7 @@ def whole(folder: Path) -> None:
     "name",
     [".part-journal.jsonl", ".part-COMPLETE", "frames/.part-L00_E0.tif", "frames/L00_E0.tif"],
 )
-def test_going_on(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
+def test_reopening(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
     folder = begun(tmp_path / "s", 1)
     plant(folder / name, victim)
     finish(folder)
@@ -108,7 +108,7 @@ def test_going_on(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None
 
 
 @pytest.mark.parametrize("plant", [link, hard_link, pipe])
-def test_beginning(tmp_path: Path, victim: Path, plant: Plant) -> None:
+def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     (tmp_path / "s").mkdir()
     plant(tmp_path / "s" / ".part-session.toml", victim)
     whole(begun(tmp_path / "s", 3))

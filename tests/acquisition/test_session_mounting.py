@@ -88,7 +88,7 @@ def test_a_mask_is_one_of_the_upright_image(tmp_path, renderings):
         read_source(turned.folder, mask_path=tmp_path / "lying.png")
 
 
-def test_the_manifest_tells_a_mounting_only_where_there_is_one(tmp_path, renderings):
+def test_the_manifest_has_a_mounting_only_if_there_is_one(tmp_path, renderings):
     recorded(renderings[None], tmp_path / "plain", Mounting())
     recorded(renderings[None], tmp_path / "turned", Mounting(rotation_deg=180))
     plain, turned = ((tmp_path / name / "session.toml") for name in ("plain", "turned"))

@@ -27,14 +27,14 @@ PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A complete session of three frames whose pixels are 100, 101, 102."""
-    told = Manifest(
+    content = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
         plan=PLAN,
         camera=CameraRecord(width=8, height=6, bit_depth=12),
     )
-    with SessionWriter.create(tmp_path / "s", told) as writer:
+    with SessionWriter.create(tmp_path / "s", content) as writer:
         for index, shot in enumerate(writer.missing):
             writer.write_frame(shot, np.full((6, 8), 100 + index, np.uint16))
         writer.complete()
@@ -219,7 +219,7 @@ def test_what_is_no_session(tmp_path: Path) -> None:
             reader(Path(__file__))
 
 
-def test_an_altered_manifest_is_told_although_it_makes_sense(folder: Path) -> None:
+def test_an_altered_manifest_is_reported_even_if_it_is_valid(folder: Path) -> None:
     path = folder / "session.toml"
     path.write_text(path.read_text().replace("Ada", "Eve"))
     with pytest.raises(DataError, match=r"session\.toml: differs from the one that"):

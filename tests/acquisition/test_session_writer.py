@@ -57,19 +57,19 @@ def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
         np.array([[900.0, 0, 4], [0, 905, 3], [0, 0, 1]]), 8, 6, 600.0, np.array([0.1, -0.02])
     )
     sensor = NoiseModel(2.5, 7.0, 64.0, 12)
-    told = manifest(
+    content = manifest(
         notes='two\nlines, "quotes" and ünïcode',
         lights=LightsRecord.of(lights),
         camera_model=CameraModelRecord.of(camera),
         sensor=SensorRecord.of(sensor),
     )
     folder = tmp_path / "new" / "session"
-    with SessionWriter.create(folder, told) as writer:
+    with SessionWriter.create(folder, content) as writer:
         write_all(writer)
         writer.write_event("metering", chosen=[100.0], fine=True)
         writer.complete()
     session = Session.open(folder)
-    assert session.manifest == told
+    assert session.manifest == content
     assert session.complete
     assert session.missing == ()
     assert session.warnings == ()
@@ -205,7 +205,7 @@ def test_an_event_that_is_no_json_is_refused(tmp_path: Path, details: dict[str, 
     assert len(Session.open(tmp_path / "s").events) == 1
 
 
-def test_a_folder_that_holds_anything_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.tif").write_bytes(b"dear")
     with pytest.raises(StorageError, match=r"not empty \(it contains photo\.tif\)"):
         SessionWriter.create(tmp_path, manifest())
@@ -229,10 +229,10 @@ def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Pat
             SessionWriter.reopen(folder)
         with pytest.raises(StorageError, match="another process"):
             SessionWriter.create(folder, manifest())
-        told = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-c", other, str(folder)], capture_output=True, text=True, check=True
         )
-        assert "another process is recording" in told.stdout
+        assert "another process is recording" in result.stdout
         writer.complete()
     assert verify_session(folder).ok
 
@@ -298,7 +298,7 @@ def test_a_whole_line_without_its_newline_counts(tmp_path: Path) -> None:
     assert verify_session(folder).ok
 
 
-def test_a_recording_that_ended_before_its_first_line_can_be_taken_up(tmp_path: Path) -> None:
+def test_a_recording_that_ended_before_its_first_line_can_be_reopened(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     SessionWriter.create(folder, manifest()).close()
     (folder / "journal.jsonl").unlink()

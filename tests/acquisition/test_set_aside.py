@@ -27,7 +27,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from rig import CameraError, Rig
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 
 # PLAN is of LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
@@ -54,7 +54,7 @@ def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN)
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, folder, **TOLD)
+        record(rig, plan, folder, **LABELS)
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return folder
@@ -157,7 +157,7 @@ def test_damage_is_named_and_retaken_only_when_asked(
 ) -> None:
     folder = tmp_path / "s"
     if at > 10:
-        record(rig, PLAN, folder, **TOLD)
+        record(rig, PLAN, folder, **LABELS)
         (folder / "COMPLETE").unlink()  # killed just before
         bench.shots.clear()
     else:
@@ -167,16 +167,16 @@ def test_damage_is_named_and_retaken_only_when_asked(
     found = verify_session(folder)
     assert list(found.damaged) == names
     assert {one.frame.path.name for one in damaged_frames(folder)} == set(names)
-    told: list[str] = []
+    reported: list[str] = []
     with pytest.raises(DataError) as caught:
-        resume(rig, folder, on_damage=told.append)
+        resume(rig, folder, on_damage=reported.append)
     assert any(name in str(caught.value) for name in names)
     assert "\n" not in str(caught.value)
     assert not (folder / "COMPLETE").exists()
-    assert bench.burning is None
+    assert bench.lit_led is None
     # What the journal itself contradicts is known before a shot, what the files do is not.
     assert len(bench.shots) in (0, missing)
-    assert not told or len(told) == len(names)
+    assert not reported or len(reported) == len(names)
     before = {
         path.name: path.is_symlink() or path.is_dir() or path.read_bytes() for path in kept(folder)
     }
@@ -218,7 +218,7 @@ def test_a_complete_session_is_reopened_only_for_damage(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     folder = tmp_path / "s"
-    record(rig, PLAN, folder, **TOLD)
+    record(rig, PLAN, folder, **LABELS)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     with pytest.raises(DataError, match="is complete"):
         resume(rig, folder, retake_damaged=True)
@@ -240,7 +240,7 @@ def test_what_does_not_count_is_set_aside_and_not_retaken(
     folder = tmp_path / "s"
     bench.albedo = 30.0
     bench.on_trigger = lambda number: setattr(bench, "albedo", 1.0 if number > 5 else 30.0)
-    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **TOLD)
+    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **LABELS)
     (folder / "COMPLETE").unlink()
     session = Session.open(folder)
     (rejected,) = (f for f in session.recorded if f.line.status == "rejected")
@@ -392,7 +392,7 @@ def test_events_that_change_what_counts_are_checked(
 
 
 @pytest.mark.parametrize("event", ["set_aside", "upgraded", "compacted", "reopened"])
-def test_nobody_writes_such_an_event_by_hand(
+def test_reserved_events_cannot_be_written_directly(
     rig: Rig, bench: Bench, tmp_path: Path, event: str
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
@@ -452,7 +452,7 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     flip(folder / "frames/D_50us.tif")
-    told: list[str] = []
+    reported: list[str] = []
     threads: set[str] = set()
     real = _frame_proofs.frame_damage
 
@@ -463,10 +463,10 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
     bench.on_trigger = lambda number: time.sleep(0.05)
     with pytest.raises(DataError, match=r"D_50us\.tif: was changed since it was recorded"):
-        resume(rig, folder, on_damage=lambda text: told.append(f"{len(bench.shots)} {text}"))
+        resume(rig, folder, on_damage=lambda text: reported.append(f"{len(bench.shots)} {text}"))
     # It is told while shots are taken, which go on.
-    assert len(told) == 1
-    assert int(told[0].partition(" ")[0]) < len(bench.shots) == 3
+    assert len(reported) == 1
+    assert int(reported[0].partition(" ")[0]) < len(bench.shots) == 3
     assert all(name.startswith("writer") for name in threads)
     session = Session.open(folder)
     assert (len(session.missing), session.complete) == (0, False)
@@ -474,7 +474,7 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     assert "D_50us.tif" in str(events_of(session)[-1].details["reason"])
 
 
-def test_a_disk_that_does_not_give_frames_back_is_told(
+def test_a_disk_that_does_not_return_frames_is_reported(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
@@ -533,7 +533,7 @@ def test_a_death_at_any_call_to_the_disk_costs_nothing(
 ) -> None:
     """A frame that changed and one that is lost, of a complete session of version 2."""
     model = tmp_path / "model"
-    record(rig, PLAN, model, **TOLD)
+    record(rig, PLAN, model, **LABELS)
     toml = model / "session.toml"
     toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
     seal(model, rows_of(model))

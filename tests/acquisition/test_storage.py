@@ -58,7 +58,7 @@ def test_a_file_system_without_an_fsync_of_folders_takes_a_session(
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_folder_whose_fsync_fails_is_told(
+def test_a_failing_fsync_of_a_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(descriptor: int) -> None:
@@ -133,7 +133,7 @@ def latin(tmp_path: Path) -> Path:
     return folder
 
 
-def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
+def test_names_that_image_libraries_cannot_open_are_reported(latin: Path) -> None:
     (latin / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     (latin / "a.dng").write_bytes(b"x")
     for read in (
@@ -148,7 +148,7 @@ def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
     assert sorted(path.name for path in latin.iterdir()) == ["a.dng", "a.png"]
 
 
-def test_a_session_where_its_frames_could_not_be_read_is_not_begun(latin: Path) -> None:
+def test_a_session_whose_frames_could_not_be_read_is_not_created(latin: Path) -> None:
     with pytest.raises(DataError, match="not UTF-8"):
         SessionWriter.create(latin / "s", manifest())
     assert list(latin.iterdir()) == []

@@ -71,7 +71,7 @@ def test_it_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]) -> No
     assert len(queue.results()) >= 2
 
 
-def test_what_was_done_is_told_before_the_error(queue: WriteQueue[int]) -> None:
+def test_results_are_returned_before_the_error(queue: WriteQueue[int]) -> None:
     def fine(turn: Turn) -> int:
         turn()
         return 7
@@ -116,7 +116,7 @@ def test_nothing_is_written_after_a_job_that_failed(queue: WriteQueue[int]) -> N
         queue.results()
 
 
-def test_a_job_that_never_ends_is_told(queue: WriteQueue[int]) -> None:
+def test_a_job_that_never_ends_is_reported(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
 
     def job(turn: Turn) -> int:
@@ -143,7 +143,7 @@ def test_slow_is_not_stuck(queue: WriteQueue[int]) -> None:
     assert settled(queue) == [1] * 4
 
 
-def test_the_end_forgets_what_waits(queue: WriteQueue[int]) -> None:
+def test_the_end_discards_waiting_jobs(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
     begun: list[int] = []
 
@@ -190,7 +190,7 @@ def test_a_failure_costs_nothing_that_came_before(failing: int) -> None:
     assert queue.end(20)
 
 
-def test_what_comes_after_a_failure_keeps_nobody_waiting(queue: WriteQueue[int]) -> None:
+def test_jobs_after_a_failure_do_not_block_the_caller(queue: WriteQueue[int]) -> None:
     def fails(turn: Turn) -> int:
         raise ZeroDivisionError("no")
 
