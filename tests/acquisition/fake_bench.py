@@ -1,4 +1,4 @@
-"""Board and camera that do as a test says, behind the real `Rig`."""
+"""A fake board and camera that a test controls, behind the real `Rig`."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ LABELS: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
 def seen(
     led: int | None, exposure_us: float, albedo: float = 1.0, room: float = 0.0
 ) -> npt.NDArray[np.uint16]:
-    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095.
+    """Return the frame of the camera: a ramp that grows with LED number and exposure, up to 4095.
 
-    ``room`` is the light of the room, in units of the first LED's.
+    ``room`` is the light of the room in units of the light of the first LED.
     """
     level = (room + (0 if led is None else led + 1)) * exposure_us * albedo
     ramp = 64 + level * np.linspace(1, 4, 10)[None, :] * np.ones((7, 1))
@@ -42,7 +42,7 @@ def seen(
 
 
 class Bench:
-    """Board and camera in one: what burns, what happened, and what goes wrong when."""
+    """Board and camera in one: the LED that is on, a log, and planned failures."""
 
     port = "fake"
     identity = BoardIdentity("fake-board", 2, "1.2.3", LEDS, 10_000, 1000, 48)
@@ -77,7 +77,7 @@ class Bench:
         return BoardEcho(self.commands, was_on)
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        # As cameras do: the nearest step they have.
+        # Like a camera, use the nearest supported step.
         self.exposure_us, self.gain_db = exposure_us + 0.25, gain_db
         return self.exposure_us
 
@@ -111,5 +111,5 @@ def rig_on(bench: Bench, **config: Any) -> Rig:
 
 
 def events_of(session: Session) -> list[EventLine]:
-    """Return the events but for pauses: the fake camera is faster than any disk."""
+    """Return the events except pauses: the fake camera is faster than any disk."""
     return [line for line in session.events if line.event not in ("paused", "resumed")]

@@ -1,4 +1,4 @@
-"""The committed runs that show what a recording withstands, in small: they must not rot."""
+"""Short runs of the fault benchmarks, so that these keep working."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 def run(*words: str) -> str:
-    """Run a benchmark and return what it printed; it must end well."""
+    """Run a benchmark and return its output; it must succeed."""
     ended = subprocess.run(
         [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
         capture_output=True,
@@ -120,7 +120,7 @@ def _may_mount() -> bool:
         return False
 
 
-@pytest.mark.skipif(not _may_mount(), reason="this system allows no user namespace (unshare -rm)")
+@pytest.mark.skipif(not _may_mount(), reason="user namespaces are not allowed (unshare -rm)")
 @pytest.mark.parametrize(
     "fault",
     [
@@ -136,7 +136,7 @@ def test_a_disk_that_fails_ends_dark_and_resumable(fault: str) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A note may be told while work goes on; what counts is that all is dark at the error."""
+    """Notes may appear while the recording runs; the LEDs must be off at the error line."""
     monkeypatch.syspath_prepend(BENCHMARKS)
     import capture_faults
 

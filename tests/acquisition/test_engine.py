@@ -1,4 +1,4 @@
-"""The engine on the real `Rig` with a board and a camera that do as the test says."""
+"""The engine on the real `Rig` with a fake board and camera."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
         pytest.param(SystemExit(143), "interrupted", id="sigterm"),
         pytest.param(CameraError("frame 6 did not come"), "failed", id="camera"),
         pytest.param(BoardError("unplugged"), "failed", id="board"),
-        pytest.param(ZeroDivisionError("a fault of ours"), "failed", id="fault"),
+        pytest.param(ZeroDivisionError("a program fault"), "failed", id="fault"),
     ],
 )
 def test_an_error_during_a_shot(
@@ -139,13 +139,13 @@ def test_an_error_during_a_shot(
     reasons = {"SystemExit": "the program was ended, exit code 143"}
     name = type(error).__name__
     assert events_of(session)[0].details["reason"] == reasons.get(name, str(error) or name)
-    # It can be brought to its end with exactly the missing shots.
+    # It can be completed with exactly the missing shots.
     bench.on_trigger = lambda number: None
     with SessionWriter.reopen(tmp_path / "s") as writer:
         assert [shot.led for shot in writer.missing] == [0, 5, 3, 0, 5]
 
 
-def test_an_error_in_the_callback_finds_the_leds_dark(
+def test_an_error_in_the_callback_leaves_the_leds_off(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     def stop(line: FrameLine, done: int, total: int) -> None:
@@ -154,7 +154,7 @@ def test_an_error_in_the_callback_finds_the_leds_dark(
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", **LABELS, on_frame=stop)
     assert bench.lit_led is None
-    # What was taken by then is kept.
+    # The frames taken before are kept.
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames
     assert session.events[-1].details["leds_confirmed_off"] is True
@@ -176,7 +176,7 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"):
         record(rig, PLAN, tmp_path / "s", **LABELS)
-    # What the shooting thread itself writes, in the end, it writes in the dark.
+    # The last event is written by the shooting thread after the LEDs are off.
     assert set(leds_on) <= {None}
     assert bench.log[-1] == "off"
     assert bench.lit_led is None
@@ -226,7 +226,7 @@ def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
         pytest.param({"object_name": "\udc80"}, "object", id="no-text"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
+def test_invalid_arguments_are_refused_before_a_folder_is_created(
     rig: RealRig, bench: Bench, tmp_path: Path, changed: dict[str, Any], said: str
 ) -> None:
     arguments: dict[str, Any] = {"plan": PLAN, **LABELS, **changed}
@@ -244,7 +244,7 @@ def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
         pytest.param({"exposures_us": (9.99e5, 50.0)}, "LED board on fake", id="board's hold"),
     ],
 )
-def test_what_the_rig_cannot_do_is_refused_before_a_folder_is_made(
+def test_plans_that_the_rig_cannot_run_are_refused_before_a_folder_is_created(
     rig: RealRig,
     bench: Bench,
     tmp_path: Path,
@@ -277,7 +277,7 @@ def test_a_used_folder_is_refused_before_a_shot(rig: RealRig, bench: Bench, tmp_
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_a_camera_that_delivers_another_size(
+def test_a_camera_that_delivers_frames_of_another_size(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
@@ -294,7 +294,7 @@ def test_rig_errors_are_raised_unchanged(rig: RealRig, bench: Bench, tmp_path: P
 
 
 def test_on_the_simulated_rig(tmp_path: Path) -> None:
-    """Real serial bytes and the board's own process; without noise the frames can be foretold."""
+    """Real serial bytes and the board's own process; without noise the frames are predictable."""
     from simulator._simulated_rig import simulated_rig
 
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
@@ -420,7 +420,7 @@ def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path
 def test_the_journal_has_the_order_of_the_plan(
     rig: RealRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Even where a later frame is on disk first."""
+    """Even if a later frame is on disk first."""
     real = _session_writer.store_frame
     second_is_there = threading.Event()
 
@@ -437,7 +437,7 @@ def test_the_journal_has_the_order_of_the_plan(
 
 
 class _Gate:
-    """A disk that takes nothing until it is opened."""
+    """A disk that blocks all writes until the gate is opened."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.open = threading.Event()
@@ -479,7 +479,7 @@ def test_a_stuck_disk_is_reported_with_the_leds_off(
         record(rig, PLAN, tmp_path / "s", **LABELS, stall_s=0.3)
     assert bench.lit_led is None
     assert bench.frames == _recording.ROOM
-    # The one who is stuck still has the session; and what it was at does not count.
+    # The stuck writer still holds the lock, and its frame does not count.
     with pytest.raises(StorageError, match="another process"):
         SessionWriter.reopen(tmp_path / "s")
     gate.open.set()
@@ -502,7 +502,7 @@ def _press_ctrl_c(times: int) -> Callable[[int], None]:
         if number == 6:
             for _ in range(times):
                 os.kill(os.getpid(), signal.SIGINT)
-                time.sleep(0.1)  # two at once would be one
+                time.sleep(0.1)  # two signals at once would be merged
 
     return at
 
@@ -532,7 +532,7 @@ def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -
     assert events_of(session)[0].details["leds_confirmed_off"] is True
 
 
-def test_ctrl_c_twice_ends_at_once_whoever_has_the_signal(
+def test_ctrl_c_twice_ends_at_once_with_any_earlier_handler(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     before = signal.signal(signal.SIGINT, lambda *_: None)
@@ -582,10 +582,10 @@ def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("led", [1, 3, 0])
-def test_what_is_taken_again_comes_before_the_white_card(
+def test_retakes_are_taken_before_the_white_card(
     rig: RealRig, bench: Bench, tmp_path: Path, led: int
 ) -> None:
-    """Of an LED that is dark once, first, last or amid the lights; and of one among the flats."""
+    """One LED fails once: first, last or between the lights, and once among the flats."""
     card: list[int] = []
     bench.dead = {led}
 
@@ -605,7 +605,7 @@ def test_what_is_taken_again_comes_before_the_white_card(
     assert roles == ["dark"] + ["light"] * 4 + ["flat"] * 4
 
 
-def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
+def test_ctrl_c_while_waiting_for_the_card_takes_no_flat(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     with pytest.raises(KeyboardInterrupt, match="after a shot"):
@@ -631,7 +631,7 @@ def test_a_sequence_that_the_rig_cannot_run_is_reported(
     assert "trigger = 'software'" in str(events_of(session)[0].details["reason"])
 
 
-def test_a_rehearsal_takes_every_shot_in_the_dark(rig: RealRig, bench: Bench) -> None:
+def test_a_rehearsal_takes_every_shot_with_the_leds_off(rig: RealRig, bench: Bench) -> None:
     counted: list[tuple[int, int]] = []
     assert rehearse(rig, PLAN, lambda done, total: counted.append((done, total))) > 0
     assert bench.shots == [None] * 10

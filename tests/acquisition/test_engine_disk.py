@@ -1,4 +1,4 @@
-"""A disk that refuses one call, any one: dark, told in a line, whole, and resumable."""
+"""A disk that refuses any one call: LEDs off, an error in one line, an intact session."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHORT = CapturePlan(leds=(3, 0), exposures_us=(200.0,), ambient=True)
 
 
 class Refusing:
-    """A system call that fails the nth time, and afterwards works again or does not."""
+    """A system call that fails the nth time, and optionally at all later times."""
 
     def __init__(self, call: str, nth: int, forever: bool) -> None:
         self._real = getattr(os, call)
@@ -35,7 +35,7 @@ class Refusing:
 
 
 def recorded(folder: Path, call: str, nth: int, forever: bool) -> tuple[int, Bench]:
-    """Record on a disk that refuses one call, and return how often the call was made."""
+    """Record on a disk that refuses one call; return the number of calls and the bench."""
     bench, refusing = Bench(), Refusing(call, nth, forever)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, call, refusing)
@@ -59,7 +59,7 @@ def test_no_recorded_frame_is_lost_whichever_call_the_disk_refuses(
         _, bench = recorded(folder, call, nth, forever)
         assert bench.lit_led is None
         if not (folder / "session.toml").exists():
-            record(rig_on(Bench()), SHORT, folder, **LABELS)  # as if nothing had been begun
+            record(rig_on(Bench()), SHORT, folder, **LABELS)  # the folder counts as empty
             continue
         found = verify_session(folder)
         assert found.problems == ()

@@ -1,4 +1,4 @@
-"""The proof of the LED, from the rig to every reader: plan, rig and board must agree."""
+"""The LED of a frame, from the rig to every reader: plan, rig and board must agree."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
 @pytest.mark.parametrize(
     ("shot", "lit", "said"),
     [
-        pytest.param(LIGHT, {}, None, id="nobody says"),
+        pytest.param(LIGHT, {}, None, id="no report"),
         pytest.param(LIGHT, {"rig": 3, "board": 3}, None, id="light"),
         pytest.param(
             LIGHT, {"rig": 3, "board": 7}, "with LED 3, but board reports LED 7", id="other"
@@ -76,7 +76,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, Any]) -> None:
-    """Let the rig deliver one shot of another LED, as a fault between rig and recorder would."""
+    """Make the rig deliver one shot of another LED, like a fault between rig and engine."""
     real = rig.shoot
     shots = [0]
 
@@ -92,7 +92,7 @@ def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, 
     monkeypatch.setattr(rig, "shoot", shoot)
 
 
-# Shots 1 to 4 of the plan are dark and ambient, the fifth is of LED 3.
+# Shots 1 to 4 of the plan are dark and ambient frames, shot 5 is LED 3.
 @pytest.mark.parametrize(
     ("at", "change", "said"),
     [
@@ -126,13 +126,13 @@ def test_a_frame_of_another_led_is_not_kept(
     assert resume(rig, tmp_path / "s").complete
 
 
-def test_it_is_taken_again_where_the_plan_allows(
+def test_it_is_taken_again_if_the_plan_allows(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lying(rig, monkeypatch, 5, {"led": 0})
     session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
     assert session.complete
-    assert bench.shots.count(3) == 3  # in two brackets, once more in the first
+    assert bench.shots.count(3) == 3  # one per bracket, and a retake in the first
     assert [line.details["led"] for line in session.events if line.event == "retake"] == [3]
     assert verify_session(tmp_path / "s").ok
 
@@ -140,7 +140,7 @@ def test_it_is_taken_again_where_the_plan_allows(
 def test_a_sequence_ends_at_a_frame_of_another_led(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Later frames of it may be one off too."""
+    """Its later frames may be shifted by one LED, too."""
     real = rig.shoot
     runs: list[list[int | None]] = []
 
@@ -157,7 +157,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
     session = record(rig, plan, tmp_path / "s", **LABELS)
     assert session.complete
-    # The dark frame and that of LED 3 are kept, the next is not, and the rest comes anew.
+    # The dark frame and that of LED 3 are kept, the next is not; the others are taken again.
     assert (runs[0], runs[1]) == ([None, 3, 1, 5, 2], [1, 5, 2])
     assert verify_session(tmp_path / "s").ok
 
@@ -172,7 +172,7 @@ def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
         for shot, led in ((dark, 3), (light, 7), (light, None), (flat, 7), (flat, None)):
             with pytest.raises(DataError, match=rf"{shot.file} was planned with .* board reports"):
                 writer.write_frame(shot, pixels, echo=Echo(seq=1, led=led))
-        # What the caller says of a flat is not asked: the plan is.
+        # The LED of a flat is taken from the plan, not from the caller.
         with pytest.raises(DataError, match="was planned with LED 3"):
             writer.write_frame(replace(flat, flat_led=7), pixels, echo=Echo(seq=1, led=7))
         assert list((tmp_path / "s" / "frames").iterdir()) == []
@@ -208,7 +208,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 def test_every_reader_names_the_line(
     rig: Rig, bench: Bench, tmp_path: Path, role: str, echo_led: int, said: str, complete: bool
 ) -> None:
-    """And `resume` can settle it: the frame is set aside and taken again."""
+    """And `resume` can repair it: the frame is set aside and taken again."""
 
     def fail(number: int) -> None:
         if number == 12 and not complete:

@@ -34,7 +34,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=Tru
 
 
 def _plane(led: int | None) -> np.ndarray:
-    """100 grey values for each LED at 1000 us, and no light without one."""
+    """Return a frame with 100 grey values per LED number at 1000 us, black without an LED."""
     return np.full(SIZE, 0.0 if led is None else (led + 1) / 10, np.float32)
 
 
@@ -80,7 +80,7 @@ class _Bench:
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Bench]:
-    # A disk that is slow at this moment would end a sequence before the fault strikes.
+    # A slow disk would end the sequence before the fault occurs.
     monkeypatch.setattr(_carry_out, "ROOM", 99)
     with ExitStack() as opened:
         yield _Bench(opened)
@@ -91,7 +91,7 @@ def _events(session: Session, name: str) -> list[Any]:
 
 
 def _check(session: Session, plan: CapturePlan = PLAN) -> None:
-    """Every shot of the plan is there once, and shows its own LED."""
+    """Check that every shot of the plan exists once and shows its own LED."""
     assert session.complete
     assert verify_session(session.folder).ok
     assert sorted(frame.path.name for frame in session.frames) == sorted(
@@ -178,7 +178,7 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
     assert len(_events(session, "retake")) == LOST_RETAKES
     assert session.events[-1].event == "failed"
     assert all(period.end_ns < time.monotonic_ns() for period in bench.state.periods())
-    # The camera is well again.
+    # The camera works again.
     rig.close()
     again = bench.rig()
     _check(resume(again, tmp_path / "s"), plan)
@@ -205,11 +205,11 @@ def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, seque
                 BoardFault(kind="lose-trigger", skip=2),
                 BoardFault(kind="double-trigger", skip=4, value=5500),
             ],
-            id="lost and too many: the count is right",
+            id="one lost and one extra: the count is right",
         ),
     ],
 )
-def test_triggers_that_do_not_match_frames_cost_no_led_its_frame(
+def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
     bench: _Bench, tmp_path: Path, faults: list[BoardFault]
 ) -> None:
     rig = bench.rig()
@@ -234,6 +234,6 @@ def test_rejected_frames_stay_with_the_plan(
     monkeypatch.setattr(rig.camera, "fetch", without_led_3)
     with pytest.raises(RigError, match="LED 3 gave no light"):
         record(rig, PLAN, tmp_path / "s", **LABELS)
-    # The lost one was taken again, the one without light was not.
+    # The lost shot was taken again, the one without light was not.
     session = Session.open(tmp_path / "s")
     assert [details["file"] for details in _events(session, "retake")] == ["L01_E0.tif"]

@@ -1,4 +1,4 @@
-"""Metering: on a rig of numbers, where all is known, and on the simulated one."""
+"""Metering on a rig with exactly known light, and on the simulated rig."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ RAMP = np.tile(np.linspace(0.0, 0.2, 200), (50, 1))
 
 @dataclass
 class NumberRig:
-    """What `meter` needs of a rig, with light that is known exactly."""
+    """The part of a rig that `meter` uses, with exactly known light."""
 
     strengths: dict[int, float]
     room: float = 0.0
@@ -73,7 +73,7 @@ def plan_of(*leds: int, **others: Any) -> CapturePlan:
 
 
 def expected_us(strength: float, fraction: float = 0.7, percentile: float = 99.5) -> float:
-    """The exposure at which the ramp's percentile is at a fraction of the range."""
+    """Return the exposure at which the ramp's percentile is at a fraction of the range."""
     return fraction * (WHITE_DN - BLACK_DN) / (0.2 * percentile / 100 * strength)
 
 
@@ -137,7 +137,7 @@ def test_saturation_of_a_small_part_limits_the_exposure() -> None:
     ):
         assert bound.lights[0].state == "ok"
         assert bound.lights[0].clipped_fraction <= 0.001
-        # As long as it may be: the bright part sits just below saturation.
+        # The longest possible exposure: the bright part is just below saturation.
         assert 4.0 * bound.plan.exposures_us[0] == pytest.approx(0.95 * 4031, rel=0.03)
 
 
@@ -179,8 +179,8 @@ def test_too_much_light_is_reported() -> None:
     assert "LED 1 is saturated at the shortest exposure of 0.01 ms" in found.warnings[0]
 
 
-def test_a_camera_with_coarse_steps_gets_the_nearest_it_can() -> None:
-    # 21 ms would be right; the camera does 16 or 32.
+def test_a_camera_with_coarse_steps_gets_the_nearest_exposure() -> None:
+    # 21 ms would be exact; the camera supports 16 or 32 ms.
     strength = expected_us(1.0) / 21_000
     found = metered(NumberRig({0: strength}, step_us=16_000.0), plan_of(0))
     assert found.lights[0].state == "coarse"
@@ -193,11 +193,11 @@ def test_few_shots_none_of_them_longer_than_allowed() -> None:
     found = metered(rig, plan_of(*strengths), longest_us=50_000.0)
     assert max(us for _, us in rig.shots) <= 50_000
     assert sum(light.shots for light in found.lights) <= 2.5 * 36
-    # Neighbours share an exposure, and with it a dark frame.
+    # LEDs of similar brightness share an exposure and so a dark frame.
     assert len(found.plan.distinct_exposures_us) < 30
 
 
-def test_what_was_found_is_what_json_can_hold() -> None:
+def test_results_can_be_stored_as_json() -> None:
     found = metered(NumberRig({0: 1.0, 1: 0.0}), plan_of(0, 1))
     details = json.loads(json.dumps(found.details(), allow_nan=False))
     assert details["dead_leds"] == [1]
@@ -244,7 +244,7 @@ def test_levels_are_counted_exactly(data: st.DataObject) -> None:
     assert level.clipped_fraction == pytest.approx(np.mean(np.array(values) == 4095))
 
 
-def test_a_saturated_frame_says_only_that_less_is_needed() -> None:
+def test_a_saturated_frame_only_shows_that_less_is_needed() -> None:
     goal = MeteringGoal()
     assert better_exposure_us(LightLevel(800.0, 4031.0, 4031.0, 900.0, 0.02), goal, 4031.0) == 400
     assert better_exposure_us(LightLevel(800.0, 4031.0, 4031.0, 4000.0, 0.9), goal, 4031.0) == 100

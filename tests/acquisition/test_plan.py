@@ -16,7 +16,7 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._toml import to_toml
 
 
-def test_shots_come_in_order_and_with_the_names_of_the_format() -> None:
+def test_order_and_file_names_of_shots() -> None:
     plan = CapturePlan(leds=(7, 2), exposures_us=(10000, 40), repeats=2, dark=True, ambient=True)
     names = [shot.file for shot in plan.shots()]
     assert names == [
@@ -172,7 +172,7 @@ def test_leds_with_exposures_of_their_own() -> None:
         ("L02_E1.tif", 50.0),
         ("L01_E1.tif", 100.0),
     ]
-    # One dark and one ambient frame for each exposure that is used, each a shot of its own.
+    # One dark and one ambient frame for each exposure time in use.
     unlit = [shot.file for shot in shots if shot.led is None]
     assert unlit == [f"{role}_{us}us.tif" for role in "DA" for us in (1000, 2000, 50, 100)]
     assert len({shot.key for shot in shots}) == len(shots)
@@ -251,8 +251,8 @@ def test_every_plan_has_each_file_once_and_an_exposure_for_each(data: st.DataObj
     assert len(lit) == len(leds) * brackets * plan.repeats
     dark = {shot.exposure_us for shot in shots if shot.role == "dark"}
     assert dark == ({shot.exposure_us for shot in lit} if plan.dark else set())
-    # Each LED goes from its longest exposure down, repeats and LEDs inside; the exposure is changed
-    # no more often than that takes.
+    # Each LED is taken from its longest to its shortest exposure, within that by repeat and LED;
+    # the exposure changes no more often than necessary.
     ranks = [
         sum(plan.exposure_us(shot.led, other) > shot.exposure_us for other in range(brackets))
         for shot in lit

@@ -1,4 +1,4 @@
-"""Going on with a recording that was interrupted: exactly what is missing, on the same rig."""
+"""Resuming an interrupted recording: exactly the missing shots, on the same rig."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> Session:
-    """Record until the camera fails at a frame."""
+    """Record until the camera fails at a given frame."""
 
     def fail(number: int) -> None:
         if number == at:
@@ -94,7 +94,7 @@ def fail_after(number: int, last: int) -> None:
         raise CameraError("the camera was unplugged")
 
 
-def test_frames_are_judged_by_the_dark_frame_of_before(
+def test_frames_are_judged_by_the_earlier_dark_frame(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -151,7 +151,7 @@ def _board(**changed: Any) -> Callable[[Bench], None]:
         ),
     ],
 )
-def test_another_rig_is_refused_and_it_is_said_how_it_differs(
+def test_another_rig_is_refused_with_its_differences(
     rig: Rig,
     bench: Bench,
     tmp_path: Path,
@@ -238,7 +238,7 @@ def test_another_plan_is_refused(
     assert resume(rig, tmp_path / "s", plan=PLAN).complete
 
 
-def test_what_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
+def test_sessions_that_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
     with pytest.raises(MissingPathError):
         resume(rig, tmp_path / "none")
     (tmp_path / "empty").mkdir()
@@ -256,7 +256,7 @@ def test_what_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
 
 
 def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) -> None:
-    """Two engines at one session: the second takes no shot, the first goes on undisturbed."""
+    """Two engines on one session: the second takes no shot, the first continues undisturbed."""
     refused: list[str] = []
     other = Bench()
 
@@ -288,7 +288,7 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
 def test_a_session_of_an_older_format_is_not_resumed(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
-    """Its lines are not written any more: adding newer ones would mix two formats in one file."""
+    """Adding newer lines would mix two formats in one file."""
     session = interrupted(rig, bench, tmp_path / "s", 5)
     older = session.manifest.model_copy(update={"format_version": 1})
     with pytest.raises(DataError, match="version 1"):
@@ -318,7 +318,7 @@ def _of_led(session: Session, led: int) -> list[str]:
     return [shot.file for shot in session.left_out if shot.lit_led == led]
 
 
-# Shots 5 to 7 are of LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
+# Shots 5 to 7 are LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
 @pytest.mark.parametrize(
     ("at", "left_out"),
     [
@@ -327,7 +327,7 @@ def _of_led(session: Session, led: int) -> list[str]:
         pytest.param(10, ["F_E0_R1.tif", "F_E1_R1.tif"], id="before its flats"),
     ],
 )
-def test_an_led_that_died_meanwhile_is_left_out(
+def test_an_led_that_died_since_is_left_out(
     rig: Rig, bench: Bench, tmp_path: Path, at: int, left_out: list[str]
 ) -> None:
     plan = PLAN.changed(flats=2)
@@ -372,11 +372,11 @@ def test_an_led_that_died_meanwhile_is_left_out(
     warnings = read_source(tmp_path / "s").warnings
     assert any("were left out, as LED 0 died" in line for line in warnings)
     assert not any("missing" in line for line in warnings)
-    # It stays complete when it is compacted, and nothing of it is missing to anyone.
+    # It stays complete after compaction, and no reader reports a missing shot.
     assert compact_session(tmp_path / "s").complete
 
 
-def test_what_was_left_out_stays_so_when_it_is_interrupted_again(
+def test_left_out_shots_stay_left_out_after_another_interruption(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -406,7 +406,7 @@ def test_missing_shots_of_working_leds_are_still_required(
         writer.write_event("left_out", leds=[0], reason="listed as dead")
         with pytest.raises(DataError, match=r"3 planned frames are missing, first L05_E0"):
             writer.complete()
-    # An LED that was dead when it began cannot come to life; and one at least must live.
+    # An LED that was dead at the start cannot work later, and at least one must work.
     for dead, said in (
         ((), r"rig dead_leds was \(4,\) and is \(\)"),
         ((0, 3, 4, 5), "every LED of leds is marked dead"),
@@ -417,7 +417,7 @@ def test_missing_shots_of_working_leds_are_still_required(
 
 
 def _make_older(folder: Path, version: int) -> None:
-    """Write ``session.toml`` and every line as an older version has them."""
+    """Rewrite ``session.toml`` and every line in an older format version."""
     path = folder / "session.toml"
     manifest = tomllib.loads(path.read_text(encoding="utf-8"))
     manifest["format_version"] = version
@@ -456,7 +456,7 @@ def test_which_events_leave_shots_out(
 
 
 def two_lights(folder: Path) -> SessionWriter:
-    """Begin a session of two lights and write the first."""
+    """Start a session of two lights and write the first."""
     manifest = Manifest.begin(
         folder,
         operator="",
@@ -481,7 +481,7 @@ def two_lights(folder: Path) -> SessionWriter:
     ],
 )
 def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]) -> None:
-    """Neither is it written otherwise, nor is another reading of it silently none."""
+    """Invalid LEDs are refused by the writer, and an error for the reader."""
     with (
         two_lights(tmp_path / "s") as writer,
         pytest.raises(DataError, match=r"'left_out' is invalid: .*'leds"),
@@ -498,7 +498,7 @@ def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]
 def test_the_difference_from_the_dark_is_in_each_lit_line(
     rig: Rig, bench: Bench, tmp_path: Path, ambient: bool
 ) -> None:
-    """After an interruption too, when the dark frames are those of before."""
+    """Also after an interruption, with the dark frames recorded before."""
     plan = PLAN.changed(ambient=ambient, flats=1)
     dark = 4 if ambient else 2
 

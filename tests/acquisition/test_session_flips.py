@@ -57,7 +57,7 @@ def flip(path: Path, bit: int) -> None:
 
 
 def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: Path) -> None:
-    """Random bits over all files, each file as likely as the other; no damaged pixel is read."""
+    """Random bits in all files, each file equally likely; no damaged pixel is read."""
     rng = np.random.default_rng(20260101)
     copy = tmp_path / "copy"
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
@@ -72,7 +72,7 @@ def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: P
         try:
             frames = Session.open(copy).frames
         except DataError:
-            # A frame's own damage must not close the other frames.
+            # Damage of one frame must not prevent reading the others.
             assert name.parts[0] != "frames", (name, bit)
         else:
             assert name.parts[0] == "frames", (name, bit)

@@ -47,7 +47,7 @@ def write_all(writer: SessionWriter) -> None:
         writer.write_frame(shot, picture(index))
 
 
-def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
+def test_a_session_is_read_as_it_was_written(tmp_path: Path) -> None:
     lights = Lights(
         positions_mm=np.array([[1.0, 2, 300], [0, 5, 310], [7, 0, 290]]),
         intensities=np.array([1.0, 0.9, 1.1]),
@@ -95,7 +95,7 @@ def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
     ]
 
 
-def test_frames_are_stored_as_they_are_in_uncompressed_tiff(tmp_path: Path) -> None:
+def test_frames_are_stored_unchanged_in_uncompressed_tiff(tmp_path: Path) -> None:
     with SessionWriter.create(tmp_path / "s", manifest()) as writer:
         line = writer.write_frame(writer.missing[1], picture(5))
     path = tmp_path / "s" / line.file
@@ -117,7 +117,7 @@ def test_colour_frames(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_the_last_whole_retake_counts_and_none_is_overwritten(tmp_path: Path) -> None:
+def test_the_last_intact_retake_counts_and_no_file_is_overwritten(tmp_path: Path) -> None:
     plan = CapturePlan(leds=(0,), exposures_us=(100.0,), repeats=2, dark=False)
     with SessionWriter.create(tmp_path / "s", manifest(plan=plan)) as writer:
         first, second = writer.missing
@@ -197,7 +197,9 @@ def test_a_shot_outside_the_plan_is_refused(tmp_path: Path) -> None:
         pytest.param({"x": object()}, id="object"),
     ],
 )
-def test_an_event_that_is_no_json_is_refused(tmp_path: Path, details: dict[str, Any]) -> None:
+def test_an_event_that_does_not_fit_json_is_refused(
+    tmp_path: Path, details: dict[str, Any]
+) -> None:
     with SessionWriter.create(tmp_path / "s", manifest()) as writer:
         with pytest.raises(DataError):
             writer.write_event("note", **details)
@@ -251,7 +253,7 @@ def test_the_lock_ends_with_the_writer(tmp_path: Path) -> None:
     assert events == ["reopened", "reopened"]
 
 
-def test_reopening_keeps_what_was_torn_and_what_was_not_recorded(tmp_path: Path) -> None:
+def test_reopening_keeps_torn_lines_and_unrecorded_files(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         shots = writer.missing
@@ -283,7 +285,7 @@ def test_reopening_keeps_what_was_torn_and_what_was_not_recorded(tmp_path: Path)
     assert (after.ok, after.complete, after.warnings) == (True, True, ())
 
 
-def test_a_whole_line_without_its_newline_counts(tmp_path: Path) -> None:
+def test_an_intact_line_without_its_newline_counts(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         writer.write_frame(writer.missing[0], picture(0))
@@ -309,7 +311,7 @@ def test_a_recording_that_ended_before_its_first_line_can_be_reopened(tmp_path: 
     assert verify_session(folder).ok
 
 
-def test_what_is_no_session_cannot_be_reopened(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_session_cannot_be_reopened(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError):
         SessionWriter.reopen(tmp_path / "none")
     with pytest.raises(DataError, match="not a session"):

@@ -49,7 +49,7 @@ def test_a_bracket_too_short_to_show_its_light_is_kept_and_reported(
 
 
 @pytest.mark.parametrize("leds", [(0,), (5, 0, 3)], ids=str)
-def test_an_led_that_dies_between_brackets_is_missed(
+def test_an_led_that_dies_between_brackets_is_detected(
     rig: Rig, bench: Bench, tmp_path: Path, leds: tuple[int, ...]
 ) -> None:
     plan = CapturePlan(leds=leds, exposures_us=(200.0, 50.0))

@@ -26,7 +26,7 @@ def picture(shape: tuple[int, ...], seed: int = 0) -> npt.NDArray[np.uint16]:
 @given(
     height=st.integers(1, 90), width=st.integers(1, 90), colour=st.booleans(), seed=st.integers(0)
 )
-def test_two_libraries_read_what_was_stored(
+def test_two_libraries_read_the_stored_frame(
     tmp_path_factory: pytest.TempPathFactory, height: int, width: int, colour: bool, seed: int
 ) -> None:
     pixels = picture((height, width, 3) if colour else (height, width), seed)
