@@ -235,28 +235,28 @@ def check_resume(
     MissingPathError, DataError
         As `resume`.
     """
-    begun, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
-    missing = begun.missing_without(one.frame for one in damaged or ())
+    session, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
+    missing = session.missing_without(one.frame for one in damaged or ())
     dead = rig.config.dead_leds
-    return begun, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
+    return session, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
 
 
 def _fitting(
     rig: Rig, folder: Path, plan: CapturePlan | None, *, retake_damaged: bool
 ) -> tuple[Session, CapturePlan]:
     """Return a session and its plan after checking that this rig can resume it."""
-    begun = Session.open(folder, damaged_frames=retake_damaged)
-    manifest, recorded = begun.manifest, begun.manifest.plan
-    if begun.complete and not retake_damaged:
+    session = Session.open(folder, damaged_frames=retake_damaged)
+    manifest, recorded = session.manifest, session.manifest.plan
+    if session.complete and not retake_damaged:
         raise DataError(f"{folder}: is complete, nothing is missing; record into a new folder")
     if manifest.rig is None or recorded is None:
         raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
     manifest.check_current(folder)
     if plan is not None:
         plan, _ = plan.without(manifest.rig.dead_leds)
-    check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
+    check_same(folder, manifest, _manifest_like(rig, folder, session), plan)
     recorded.without(rig.config.dead_leds)
-    return begun, recorded
+    return session, recorded
 
 
 def _check_events(events: Iterable[tuple[str, Mapping[str, Any]]], folder: str | Path) -> None:
@@ -275,7 +275,7 @@ def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others:
     )
 
 
-def _manifest_like(rig: Rig, folder: Path, begun: Session) -> Manifest:
+def _manifest_like(rig: Rig, folder: Path, session: Session) -> Manifest:
     """Return the manifest that the session would have if it started now with this rig."""
-    old = begun.manifest
-    return _manifest(rig, folder, begun.sensor, operator=old.operator, object=old.object)
+    old = session.manifest
+    return _manifest(rig, folder, session.sensor, operator=old.operator, object=old.object)

@@ -13,7 +13,7 @@ from acquisition._session.manifest import Manifest, RigRecord
 
 
 def check_same(
-    folder: Path, begun: Manifest, now: Manifest, plan: CapturePlan | None = None
+    folder: Path, stored: Manifest, current: Manifest, plan: CapturePlan | None = None
 ) -> None:
     """Refuse to mix frames of different rigs, cameras or plans in one session.
 
@@ -23,9 +23,9 @@ def check_same(
     ----------
     folder
         The session, for the message.
-    begun
+    stored
         Manifest of the session.
-    now
+    current
         Manifest that the session would have if it started now.
     plan
         The requested plan, if there is one.
@@ -36,9 +36,9 @@ def check_same(
         If anything differs; the message names each difference.
     """
     differences = [
-        *_differences("rig", begun.rig, _with_dead_of(begun.rig, now.rig)),
-        *_differences("camera", begun.camera, now.camera),
-        *(() if plan is None else _differences("plan", begun.plan, plan)),
+        *_differences("rig", stored.rig, _with_dead_of(stored.rig, current.rig)),
+        *_differences("camera", stored.camera, current.camera),
+        *(() if plan is None else _differences("plan", stored.plan, plan)),
     ]
     if differences:
         raise DataError(
@@ -48,10 +48,10 @@ def check_same(
         )
 
 
-def _with_dead_of(begun: RigRecord | None, now: RigRecord | None) -> RigRecord | None:
-    if begun is None or now is None or not set(begun.dead_leds) <= set(now.dead_leds):
-        return now
-    return now.model_copy(update={"dead_leds": begun.dead_leds})
+def _with_dead_of(stored: RigRecord | None, current: RigRecord | None) -> RigRecord | None:
+    if stored is None or current is None or not set(stored.dead_leds) <= set(current.dead_leds):
+        return current
+    return current.model_copy(update={"dead_leds": stored.dead_leds})
 
 
 def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
@@ -59,10 +59,10 @@ def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
 
 
 def _differences(
-    kind: str, begun: BaseModel | None, now: BaseModel | None
+    kind: str, stored: BaseModel | None, current: BaseModel | None
 ) -> Iterator[tuple[str, str]]:
-    before = {} if begun is None else begun.model_dump()
-    after = {} if now is None else now.model_dump()
+    before = {} if stored is None else stored.model_dump()
+    after = {} if current is None else current.model_dump()
     options = before.pop("options", None) or {}, after.pop("options", None) or {}
     for what, one, other in ((kind, before, after), (f"{kind} option", *options)):
         for name in dict.fromkeys((*one, *other)):

@@ -62,7 +62,7 @@ class WriteQueue(Generic[Result]):
         self._stall_s = stall_s
         self._changed = threading.Condition()
         self._waiting: deque[Callable[[Turn], Result]] = deque()
-        self._begun = 0
+        self._started = 0
         self._finished = 0
         self._ended = False
         self._results: deque[Result] = deque()
@@ -173,13 +173,13 @@ class WriteQueue(Generic[Result]):
             self._ended = True
             self._waiting.clear()
             self._changed.notify_all()
-            while self._begun > self._finished and (left_s := ends_s - time.monotonic()) > 0:
+            while self._started > self._finished and (left_s := ends_s - time.monotonic()) > 0:
                 self._changed.wait(left_s)
-            return self._begun == self._finished
+            return self._started == self._finished
 
     @property
     def _waits(self) -> int:
-        return len(self._waiting) + self._begun - self._finished
+        return len(self._waiting) + self._started - self._finished
 
     def _wait(self, until: Callable[[], bool]) -> None:
         began_s = time.monotonic()
@@ -220,8 +220,8 @@ class WriteQueue(Generic[Result]):
                 self._changed.wait()
             if self._ended:
                 return None
-            self._begun += 1
-            return self._begun - 1, self._waiting.popleft()
+            self._started += 1
+            return self._started - 1, self._waiting.popleft()
 
     def _idle(self) -> None:
         try:
@@ -232,7 +232,7 @@ class WriteQueue(Generic[Result]):
             self._idle_left, self._idle_since_s = left, None
             if error is not None and self._error is None:
                 # Running jobs may finish.
-                self._failed, self._error = self._begun - 0.5, error
+                self._failed, self._error = self._started - 0.5, error
                 self._ended = True
                 self._waiting.clear()
             self._changed.notify_all()

@@ -19,15 +19,15 @@ class OpenShots:
     ----------
     plan
         Plan of the session; None for a session without a plan, which requires no shots.
-    begun
+    session
         The session as read from disk if it is resumed.
     """
 
-    def __init__(self, plan: CapturePlan | None, begun: Session | None = None) -> None:
+    def __init__(self, plan: CapturePlan | None, session: Session | None = None) -> None:
         shots = () if plan is None else plan.shots()
         self._planned = None if plan is None else {shot.key: shot for shot in shots}
-        self._missing = {shot.key: shot for shot in (shots if begun is None else begun.missing)}
-        self._demanded = len(shots) - (0 if begun is None else len(begun.left_out))
+        self._missing = {shot.key: shot for shot in (shots if session is None else session.missing)}
+        self._demanded = len(shots) - (0 if session is None else len(session.left_out))
         self._lock = threading.Lock()
 
     @property

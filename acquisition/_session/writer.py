@@ -56,7 +56,7 @@ class SessionWriter:
         manifest: Manifest,
         journal: JournalFile,
         lock: int,
-        begun: Session | None = None,
+        session: Session | None = None,
         proofs: FrameProofs | None = None,
         set_aside_events: tuple[EventLine, ...] = (),
     ) -> None:
@@ -68,11 +68,11 @@ class SessionWriter:
         self._use = SharedUse(folder, self._release)
         self._order = threading.Lock()  # held while a line is written
         self._sound = True
-        self._shots = OpenShots(manifest.plan, begun)
-        self._version = manifest.format_version if begun is None else begun.format_version
+        self._shots = OpenShots(manifest.plan, session)
+        self._version = manifest.format_version if session is None else session.format_version
         self._proofs = proofs or FrameProofs(manifest.camera)
-        recorded = () if begun is None else begun.recorded
-        aside = () if begun is None else begun.set_aside
+        recorded = () if session is None else session.recorded
+        aside = () if session is None else session.set_aside
         frames = (*recorded, *(one.frame for one in aside))
         names = (Path(frame.line.file).name for frame in frames)
         self._names = FrameNames(folder / FRAMES, manifest.plan, names)

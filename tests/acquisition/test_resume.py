@@ -172,7 +172,7 @@ def test_another_rig_is_refused_with_its_differences(
 
 
 @pytest.mark.parametrize(
-    ("begun", "now", "said"),
+    ("stored", "current", "said"),
     [
         pytest.param(
             {"pixel_format": "Mono12"},
@@ -203,12 +203,12 @@ def test_another_rig_is_refused_with_its_differences(
     ],
 )
 def test_a_session_is_not_resumed_with_other_driver_options(
-    tmp_path: Path, begun: dict[str, Any], now: dict[str, Any], said: str | None
+    tmp_path: Path, stored: dict[str, Any], current: dict[str, Any], said: str | None
 ) -> None:
     first, second = Bench(), Bench()
-    with rig_on(first, options=begun) as rig:
+    with rig_on(first, options=stored) as rig:
         interrupted(rig, first, tmp_path / "s", 5)
-    with rig_on(second, options=now) as rig:
+    with rig_on(second, options=current) as rig:
         if said is None:
             assert resume(rig, tmp_path / "s").complete
             return

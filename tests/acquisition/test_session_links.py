@@ -69,7 +69,7 @@ def manifest() -> Manifest:
     )
 
 
-def begun(folder: Path, frames: int) -> Path:
+def started(folder: Path, frames: int) -> Path:
     """Start a session and write the given number of its three frames."""
     with SessionWriter.create(folder, manifest()) as writer:
         for index, shot in enumerate(PLAN.shots()[:frames]):
@@ -100,7 +100,7 @@ def whole(folder: Path) -> None:
     [".part-journal.jsonl", ".part-COMPLETE", "frames/.part-L00_E0.tif", "frames/L00_E0.tif"],
 )
 def test_reopening(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
-    folder = begun(tmp_path / "s", 1)
+    folder = started(tmp_path / "s", 1)
     plant(folder / name, victim)
     finish(folder)
     whole(folder)
@@ -111,7 +111,7 @@ def test_reopening(tmp_path: Path, victim: Path, name: str, plant: Plant) -> Non
 def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     (tmp_path / "s").mkdir()
     plant(tmp_path / "s" / ".part-session.toml", victim)
-    whole(begun(tmp_path / "s", 3))
+    whole(started(tmp_path / "s", 3))
     assert unharmed(victim)
 
 
@@ -128,7 +128,7 @@ def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     ],
 )
 def test_compacting(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     (folder / "derived").mkdir()
     plant(folder / name, victim)
     assert compact_session(folder).compacted == 3
@@ -141,7 +141,7 @@ def test_an_original_stays_until_its_copy_was_read_back(
     tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another program replaces the new file by a link right after its rename."""
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     originals = {path: path.read_bytes() for path in (folder / "frames").iterdir()}
     real = os.replace
 
@@ -165,7 +165,7 @@ def test_a_link_to_an_equal_file_is_not_a_copy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bytes are right, but they are in a file outside the session."""
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     real = os.replace
 
     def raced(old: Any, new: Any) -> None:
@@ -185,7 +185,7 @@ def test_the_target_of_a_link_at_derived_is_never_removed(tmp_path: Path) -> Non
     other = tmp_path / "other"
     other.mkdir()
     (other / "COMPLETE").write_bytes(b"theirs")
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     (folder / "derived").symlink_to(other)
     with pytest.raises(DataError, match="derived: is a link that leaves the session"):
         compact_session(folder)
@@ -202,7 +202,7 @@ def test_the_target_of_a_link_at_derived_is_never_removed(tmp_path: Path) -> Non
 def test_a_journal_that_becomes_a_link_while_it_is_opened_is_not_written(
     tmp_path: Path, victim: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = begun(tmp_path / "s", 1)
+    folder = started(tmp_path / "s", 1)
     real = os.replace
 
     def raced(old: Any, new: Any) -> None:

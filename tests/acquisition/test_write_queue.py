@@ -145,32 +145,32 @@ def test_a_slow_disk_is_not_stuck(queue: WriteQueue[int]) -> None:
 
 def test_the_end_discards_waiting_jobs(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
-    begun: list[int] = []
+    started: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
-        begun.append(number)
+        started.append(number)
         assert gate.wait(10)
         turn()
         return number
 
     for number in range(4):
         queue.put(lambda turn, number=number: job(number, turn))
-    while len(begun) < 2:
+    while len(started) < 2:
         time.sleep(0.001)
     threading.Timer(0.05, gate.set).start()
     assert queue.end(10)
-    assert begun == [0, 1]
+    assert started == [0, 1]
 
 
 @pytest.mark.parametrize("failing", [1, 2])
 def test_jobs_before_a_failure_finish(failing: int) -> None:
     """Jobs before the failed one finish in order; their results are returned before its error."""
     queue: WriteQueue[int] = WriteQueue(FOLDER, room=4, threads=3, stall_s=20)
-    failed, all_begun = threading.Event(), threading.Barrier(3, timeout=20)
+    failed, all_started = threading.Event(), threading.Barrier(3, timeout=20)
     written: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
-        all_begun.wait()
+        all_started.wait()
         if number == failing:
             failed.set()
             raise StorageError("disk full")
