@@ -103,7 +103,7 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         ),
         pytest.param(
             "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\nL07=[6]",
-            "'L07' is no LED",
+            "'L07' is not an LED",
             id="led-by-its-id",
         ),
         pytest.param("leds=[0", "is not TOML", id="not-toml"),
