@@ -1,4 +1,4 @@
-"""What can go wrong with data. Every message says what, where and what to do, in one line."""
+"""Errors about data. Every message says in one line what is wrong, where, and what to do."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rig import UnreadableError
 
 
 class MissingPathError(FileNotFoundError):
-    """A path that was named does not exist (exit code 2 at the front door)."""
+    """A path that the caller named does not exist (exit code 2 of the commands)."""
 
 
 class StorageError(OSError):
-    """The disk under a capture refused a write (exit code 3 at the front door)."""
+    """The disk refused a write (exit code 3 of the commands)."""
 
 
 class SessionInUseError(StorageError):
@@ -22,19 +22,19 @@ class SessionInUseError(StorageError):
 
 
 class DataError(ValueError):
-    """An input or session is damaged, incomplete, inconsistent or not understood (exit code 4)."""
+    """An input or session is damaged, incomplete, inconsistent or unknown (exit code 4)."""
 
 
 @contextmanager
 def declared(path: Path) -> Iterator[None]:
-    """Turn what the guard of the readers says of a file into the errors that readers declare.
+    """Turn the errors of the bounded readers into those that file readers declare.
 
     Raises
     ------
     MissingPathError
         If there is no such file.
     DataError
-        If the guard refuses it; the message names the file.
+        If the bounded reader refuses it; the message names the file.
     """
     try:
         yield

@@ -19,8 +19,8 @@ def parse_json(model: type[Model], text: str, path: Path, hint: str = "") -> Mod
     Raises
     ------
     DataError
-        If the text is not JSON, or holds a key or value that the model refuses; the message names
-        ``path`` and the key, and ends with ``hint``.
+        If the text is not JSON, or contains a key or value that the model refuses; the message
+        names ``path`` and the key, and ends with ``hint``.
     """
     with declared(path):
         check_text(text)

@@ -1,4 +1,4 @@
-"""Temporary files: always new ones, whatever lies under their names, and one writer at a time."""
+"""Temporary files: always newly created, one writer at a time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ else:
     import fcntl
 
     BINARY = 0
-    NO_WAIT = os.O_NONBLOCK  # a pipe has another end, which may never be opened
+    NO_WAIT = os.O_NONBLOCK  # opening a pipe would wait for its other end
     NO_LINK = os.O_NOFOLLOW | NO_WAIT
 
 _PART = ".part-"
@@ -29,38 +29,38 @@ _PAUSE_S = 0.01
 
 
 def part_path(path: Path) -> Path:
-    """Return the temporary name, in the same folder, of a file that is being written."""
+    """Return the temporary path, in the same folder, under which a file is written."""
     return path.with_name(_PART + path.name)
 
 
 def is_part(path: Path) -> bool:
-    """Tell whether a file is the rest of a write that never finished."""
+    """Return whether a file was left by a write that never finished."""
     return path.name.startswith(".")
 
 
 def is_rest(path: Path) -> bool:
-    """Tell whether a file has the name of a temporary one."""
+    """Return whether a file has the name of a temporary file."""
     return path.name.startswith(_PART)
 
 
 class Part:
     """The temporary file of a path: a new file that this process alone writes.
 
-    Whatever has its name is removed first: the rest of a write that was killed, a link, a pipe.
-    Nothing is followed or overwritten, not even what takes the name in the same moment. Another
-    process that is writing the same file holds a lock on it, and is waited for.
+    Anything else with its name is removed first: the file of a write that was killed, a link, a
+    pipe. Nothing is followed or overwritten, even if something takes the name at the same moment.
+    If another process is writing the same file, it holds a lock on it, and this one waits.
 
     Parameters
     ----------
     path
-        The file that is to be.
+        File to write.
 
     Raises
     ------
     StorageError
-        If a folder has the name, or the other process does not end.
+        If a folder has the name, or the other process does not finish.
     OSError
-        If the system refuses.
+        If the operating system refuses.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,11 +77,11 @@ class Part:
                 time.sleep(_PAUSE_S)
 
     def is_there(self) -> bool:
-        """Tell whether the file still has its name."""
+        """Return whether the file still has its name."""
         return self.descriptor >= 0 and _is_at(self.descriptor, self.path)
 
     def close(self) -> None:
-        """Close the file, which ends the lock; harmless when repeated."""
+        """Close the file and release the lock; harmless if repeated."""
         if self.descriptor >= 0:
             os.close(self.descriptor)
             self.descriptor = -1
@@ -92,7 +92,7 @@ class Part:
             self.descriptor = os.open(self.path, flags, 0o666)
         except FileExistsError:
             return False
-        # Another process may have taken it for a rest before it was locked.
+        # Another process may have removed it as abandoned before it was locked.
         if lock_file(self.descriptor) and self.is_there():
             return True
         self.close()
@@ -100,7 +100,7 @@ class Part:
 
 
 def clear(part: Path) -> bool:
-    """Remove what has the name of a temporary file; return False if a process is writing it."""
+    """Remove a temporary file; return False if a process is writing it."""
     with suppress(FileNotFoundError):
         kind = part.lstat().st_mode
         if stat.S_ISDIR(kind):
@@ -108,19 +108,19 @@ def clear(part: Path) -> bool:
                 f"{part}: this folder is in the way of a temporary file: move it away"
             )
         if stat.S_ISREG(kind):
-            return _clear_rest(part)
+            return _clear_abandoned(part)
         part.unlink()
     return True
 
 
-def _clear_rest(part: Path) -> bool:
+def _clear_abandoned(part: Path) -> bool:
     try:
         descriptor = os.open(part, os.O_WRONLY | NO_LINK | BINARY)
-    except PermissionError:  # to remove it takes a permission of the folder alone
+    except PermissionError:  # removing a file requires permission on its folder only
         part.unlink()
         return True
     try:
-        # The name is another file's now if a third process was faster.
+        # If a third process was faster, the name now belongs to another file.
         free = lock_file(descriptor)
         if free and _is_at(descriptor, part):
             part.unlink()
@@ -130,7 +130,7 @@ def _clear_rest(part: Path) -> bool:
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
-    """Tell whether a name is that of an open file."""
+    """Return whether a path refers to an open file."""
     with suppress(FileNotFoundError):
         return os.path.samestat(os.fstat(descriptor), path.lstat())
     return False
@@ -138,7 +138,7 @@ def _is_at(descriptor: int, path: Path) -> bool:
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Part]:
-    """Give the temporary file of a path to write to, and remove it in the end.
+    """Provide a temporary file to write to, and remove it at the end.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def temporary(path: Path) -> Iterator[Part]:
     try:
         yield part
     finally:
-        # Of a process that is killed here the rest is removed when the path is written again.
+        # If the process is killed here, the next write to the same path removes the file.
         with suppress(OSError):
             if part.is_there():
                 part.path.unlink()
@@ -157,12 +157,12 @@ def temporary(path: Path) -> Iterator[Part]:
 
 
 def lock_file(descriptor: int) -> bool:
-    """Lock a file for this process alone; False if another one holds it."""
+    """Lock a file for this process alone; return False if another process holds it."""
     if sys.platform != "win32":
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             return False
-        except OSError:  # a file system that knows no locks
+        except OSError:  # the file system does not support locks
             pass
     return True

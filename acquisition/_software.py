@@ -1,4 +1,4 @@
-"""Which software, and which version of it, wrote a file."""
+"""Name and version of the software that writes a file."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SOFTWARE = "surface-geometry-processing"
 
 
 def software_version() -> str:
-    """Return the installed version, or ``unknown`` when run from files that were not installed."""
+    """Return the installed version, or ``unknown`` if the package is not installed."""
     try:
         return version(SOFTWARE)
     except PackageNotFoundError:

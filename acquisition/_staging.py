@@ -1,4 +1,4 @@
-"""Folders whose files appear together, and are refused until they all have."""
+"""Folders whose files appear together; readers refuse them until all files are there."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ _WRITING: Final = "writing files into it"
 
 @contextmanager
 def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
-    """Give a hidden folder to write files in; at the end they move into ``folder``.
+    """Provide a hidden folder to write files to; at the end they move into ``folder``.
 
-    While the hidden folder is there, because the files are being written or because that was cut
-    off, `check_whole` refuses ``folder``. It lies inside it: a rename reaches no other disk, and
-    ``folder`` may exist, hold other files, or be a disk of its own. What a killed process left is
-    removed by the next.
+    While the hidden folder exists, because the files are being written or because the write was
+    interrupted, `check_whole` refuses ``folder``. The hidden folder is inside ``folder``, because a
+    rename cannot move files to another disk; ``folder`` may exist, contain other files, or be the
+    root of a disk. The next call removes the files that a killed process left.
 
     Parameters
     ----------
     folder
-        Created with its parents where it does not exist. Files of the same names are replaced.
+        Created with its parents if it does not exist. Files of the same names are replaced.
     replaced
-        Files to remove when the new ones are whole, before they appear.
+        Files to remove once the new ones are complete, before they appear.
 
     Raises
     ------
     StorageError
-        If the disk refuses, or another process is writing files into the same folder.
+        If the disk refuses a write, or another process is writing files into the same folder.
     """
     make_folder(folder)
     place = folder / _STAGING
@@ -68,22 +68,22 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
 
 
 def check_whole(folder: Path) -> None:
-    """Refuse a folder into which files are being written, or were until that was cut off.
+    """Refuse a folder if its files are still being written or writing them was interrupted.
 
     Raises
     ------
     DataError
-        If it is one.
+        If its files are not all there.
     """
     if os.path.lexists(folder / _STAGING) or folder.absolute().name == _STAGING:
         raise DataError(
-            f"{folder}: is not whole: its files are still being written, or that was cut off: "
-            "wait, or make them again"
+            f"{folder}: is incomplete: its files are still being written, or writing was "
+            "interrupted: wait, or create them again"
         )
 
 
 def _clear(place: Path) -> None:
-    """Remove what a killed process left, or whatever else has its name."""
+    """Remove the hidden folder of a killed process, or anything else with its name."""
     with suppress(FileNotFoundError):
         if not stat.S_ISDIR(place.lstat().st_mode):
             place.unlink()

@@ -1,8 +1,8 @@
-"""The disk under a capture: writes that survive a power cut, one writer per folder, clear errors.
+"""Disk access: writes that survive a power cut, one writer per folder, clear errors.
 
-All that is particular to a system is here and in `acquisition._part_files`: locks, the fsync of a
-folder and opening without following links, which Windows does not have in this form and where they
-are left out, and the flag of files that are no text.
+All code that depends on the operating system is here and in `acquisition._part_files`: locks, the
+fsync of a folder, opening without following links (Windows has none of these in this form, so they
+are left out there), and the flag for binary files.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ _HINTS = {
     errno.EDQUOT: "the quota is used up: free space, then try again",
     errno.EFBIG: "the limit on file sizes is reached: raise it, then try again",
     errno.EROFS: "the disk is read-only: mount it writable or choose another folder",
-    errno.EACCES: "permission is missing: choose a folder you may write to",
-    errno.EPERM: "permission is missing: choose a folder you may write to",
-    errno.EIO: "the disk fails: copy what is there and use another disk",
+    errno.EACCES: "permission is missing: choose a folder that you can write to",
+    errno.EPERM: "permission is missing: choose a folder that you can write to",
+    errno.EIO: "the disk fails: copy its files and use another disk",
     errno.ENOENT: "the folder does not exist: create it or choose another one",
-    errno.ENOTDIR: "a file stands where a folder is needed: choose another folder",
+    errno.ENOTDIR: "part of the path is a file, not a folder: choose another folder",
     errno.EISDIR: "a folder has this name: move it away or choose another name",
-    errno.EEXIST: "something else has this name: move it away or choose another name",
+    errno.EEXIST: "another file has this name: move it away or choose another name",
     errno.ELOOP: "a link has this name: move it away or choose another name",
     errno.ENAMETOOLONG: "the name is too long: choose a shorter one",
 }
 
 
 def refusal(path: Path, action: str, error: OSError) -> StorageError:
-    """Return what the system refused as an error that names path, action, reason and remedy."""
+    """Return a StorageError that names path, action, reason and remedy of an OSError."""
     hint = _HINTS.get(error.errno or 0, "check the disk and the folder")
     return StorageError(f"{path}: cannot {action}: {error.strerror or error}; {hint}")
 
@@ -61,11 +61,11 @@ def disk(path: Path, action: str) -> Iterator[None]:
 
 @contextmanager
 def published(path: Path) -> Iterator[Part]:
-    """Give a temporary file to write to; then it is made durable and gets its own name.
+    """Provide a temporary file to write to; at the end make it durable and rename it.
 
-    fsync, rename, fsync of the folder: there is the old file, or none, or the new one, never a
-    part of it. After an error inside the block nothing new is there. Where the name is a link, the
-    link is replaced, not the file that it points to.
+    fsync, rename, fsync of the folder: at any time the path holds the complete old file, no file,
+    or the complete new file. After an error inside the block the new file does not appear. If the
+    path is a link, the link is replaced, not its target.
     """
     with ExitStack() as kept:
         with disk(path, "write"):
@@ -75,26 +75,26 @@ def published(path: Path) -> Iterator[Part]:
             os.fsync(part.descriptor)
             if not part.is_there():
                 raise StorageError(f"{part.path}: was replaced by another program: try again")
-            if sys.platform == "win32":  # where no file that is open can be renamed
+            if sys.platform == "win32":  # Windows cannot rename an open file
                 part.close()
             os.replace(part.path, path)
             sync_folder(path.parent)
 
 
 def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
-    """Write a whole file, or leave what was there.
+    """Write a complete file, or leave the old one unchanged.
 
     Parameters
     ----------
     path
-        File to create or replace; a link is replaced, not followed. Its folder exists.
+        File to create or replace; a link is replaced, not followed. Its folder must exist.
     pieces
-        What it is to hold, one after the other.
+        Content of the file, in order.
 
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If the disk refuses the write.
     """
     with published(path) as part, disk(path, "write"):
         for piece in pieces:
@@ -102,14 +102,14 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
 
 
 def remove_rests(folder: Path) -> None:
-    """Remove the temporary files in a folder that no process is writing any more.
+    """Remove the temporary files in a folder that no process is writing.
 
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If the disk refuses to remove one.
     """
-    with disk(folder, "clear up"):
+    with disk(folder, "remove temporary files"):
         for path in folder.iterdir():
             if is_rest(path) and (path.is_symlink() or not path.is_dir()):
                 clear(path)
@@ -123,40 +123,40 @@ def read_file(path: Path, *, follow: bool = True) -> bytes:
     path
         The file.
     follow
-        False refuses a link.
+        If False, refuse a link.
 
     Raises
     ------
     OSError
-        If it cannot be read; also where reading might never end, as of pipes and devices.
+        If it cannot be read, or is not a regular file: reading a pipe or device might never end.
     """
-    if follow and not stat.S_ISREG(path.stat().st_mode):  # to open a device may set it off
+    if follow and not stat.S_ISREG(path.stat().st_mode):  # opening a device may trigger it
         raise _irregular(path)
     with os.fdopen(_open(path, os.O_RDONLY | (NO_WAIT if follow else NO_LINK)), "rb") as file:
         return file.read()
 
 
 def read_back(path: Path) -> bytes:
-    """Return the bytes of a file that was just written: from the disk, where one can ask for that.
+    """Return the bytes of a file that was just written, from the disk if the system allows it.
 
     Raises
     ------
     OSError
-        If it cannot be read, or is no regular file but a link, a pipe or a device.
+        If it cannot be read, or is a link, a pipe or a device.
     """
     with os.fdopen(open_binary(path, os.O_RDONLY), "rb") as file:
-        if hasattr(os, "posix_fadvise"):  # the system forgets its copy of what is on the disk
+        if hasattr(os, "posix_fadvise"):  # the system drops its cached copy
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
         return file.read()
 
 
 def open_binary(path: Path, flags: int) -> int:
-    """Open a regular file as `os.open` does, for bytes: Windows would put a 13 before each 10.
+    """Open a regular file as `os.open` does, in binary mode on Windows, too.
 
     Raises
     ------
     OSError
-        If it cannot be opened, also where it is a link, a pipe or a device.
+        If it cannot be opened, or is a link, a pipe or a device.
     """
     return _open(path, flags | NO_LINK)
 
@@ -174,33 +174,33 @@ def _irregular(path: Path) -> OSError:
 
 
 def append_durably(descriptor: int, path: Path, data: bytes) -> None:
-    """Append to an open file and fsync it. After an error the end of the file is not known."""
+    """Append to an open file and fsync it. After an error the end of the file is unknown."""
     with disk(path, "append"):
         write_whole(descriptor, data)
         os.fsync(descriptor)
 
 
 def write_whole(descriptor: int, data: bytes | memoryview) -> None:
-    """Write all of the bytes: a system may take them in pieces."""
+    """Write all bytes: the system may accept only some of them per call."""
     view = memoryview(data)
     while view:
         view = view[os.write(descriptor, view) :]
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and its parents durably; one that exists is fine."""
+    """Create a folder and its parents durably; do nothing if it exists."""
     with disk(folder, "create the folder"):
         new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         folder.mkdir(parents=True, exist_ok=True)
-        for made in new:
-            sync_folder(made.parent)
+        for created in new:
+            sync_folder(created.parent)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make names in a folder durable (on POSIX a rename is not, until its folder is synced).
+    """Make names in a folder durable: on POSIX a rename is durable only after this.
 
-    Some file systems, mostly of networks, know no fsync of a folder and say so: there is nothing
-    more to ask of them.
+    Some file systems, mostly network file systems, report that they do not support fsync of a
+    folder; this is ignored.
     """
     if sys.platform == "win32":
         return
@@ -215,17 +215,17 @@ def sync_folder(folder: Path) -> None:
 
 
 def lock_folder(folder: Path, doing: str = "recording into this session") -> int:
-    """Take a folder for this process alone until the descriptor returned is closed.
+    """Lock a folder for this process alone until the returned descriptor is closed.
 
-    The lock is advisory, on the folder itself, and ends with the process however it dies. ``doing``
-    is what the message says that another process does.
+    The lock is advisory and on the folder itself; it ends with the process even if that is killed.
+    ``doing`` is the activity that the error message attributes to the other process.
 
     Raises
     ------
     SessionInUseError
-        If another writer holds it.
+        If another process holds the lock.
     StorageError
-        If the file system knows no locks.
+        If the file system does not support locks.
     """
     if sys.platform == "win32":
         return os.open(os.devnull, os.O_RDONLY)
@@ -245,12 +245,12 @@ def lock_folder(folder: Path, doing: str = "recording into this session") -> int
 
 
 def library_path(path: Path) -> str:
-    """Return a path as the image libraries take it: as text in UTF-8.
+    """Return a path as text that can be encoded in UTF-8, as the image libraries require it.
 
     Raises
     ------
     DataError
-        If it is none, as names from old disks may be.
+        If it cannot be encoded, which happens with names from old disks.
     """
     text = str(path)
     try:

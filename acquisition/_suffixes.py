@@ -1,4 +1,4 @@
-"""Suffixes of the files that hold pictures: what is read as an image, and what a name may lose."""
+"""Suffixes of image files."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ IMAGE_SUFFIXES = frozenset(
     {".bmp", ".dpx", ".exr", ".hdr", ".jp2", ".jpeg", ".jpg", ".jxl", ".pgm", ".png", ".pnm"}
     | {".ppm", ".tga", ".tif", ".tiff", ".webp"}
 )
-# By suffix, not by content: many RAW files are also valid TIFF files that hold a thumbnail.
+# By suffix, not by content: many RAW files are also valid TIFF files that contain a thumbnail.
 RAW_SUFFIXES = frozenset(
     {".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".iiq", ".k25"}
     | {".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2"}

@@ -1,4 +1,4 @@
-"""Text files written by other people's programs: byte order marks, line ends, old encodings."""
+"""Text files written by other programs: byte order marks, line ends, old encodings."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from rig import read_bounded
 
 
 def read_text(path: Path) -> str:
-    """Read a text file, UTF-8 with or without a byte order mark, else Latin-1.
+    """Read a text file: UTF-8 with or without a byte order mark, otherwise Latin-1.
 
     Raises
     ------
     MissingPathError
         If there is no such file.
     DataError
-        If it cannot be read, is not text, or has more than 16 MB.
+        If it cannot be read, is not text, or is larger than 16 MB.
     """
     with declared(path):
         data = read_bounded(path)
@@ -26,7 +26,7 @@ def read_text(path: Path) -> str:
 
 
 def text_of(data: bytes) -> str:
-    """Decode UTF-8 with or without a byte order mark, else Latin-1."""
+    """Decode UTF-8 with or without a byte order mark, otherwise Latin-1."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -34,6 +34,6 @@ def text_of(data: bytes) -> str:
 
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
-    """Return (line number from 1, text without outer space) of the lines that are not blank."""
+    """Return (line number from 1, stripped text) of the lines that are not blank."""
     stripped = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
     return [(number, line) for number, line in stripped if line]

@@ -16,7 +16,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
-    """Parse TOML bytes; a DataError names ``path`` and the line that is not understood."""
+    """Parse TOML bytes; a DataError names ``path`` and the invalid line."""
     with declared(path):
         return rig.parse_toml(data)
 
@@ -38,7 +38,7 @@ def read_toml(model: type[Model], path: Path) -> Model:
     MissingPathError
         If the file does not exist.
     DataError
-        If it cannot be read, is not TOML, or holds a key or value the model refuses.
+        If it cannot be read, is not TOML, or contains a key or value that the model refuses.
     """
     with declared(path):
         data = read_bounded(path, MAX_TOML_BYTES)
@@ -46,12 +46,13 @@ def read_toml(model: type[Model], path: Path) -> Model:
 
 
 def to_toml(model: BaseModel) -> bytes:
-    """Return a model as TOML; what is None is left out, as TOML has no null.
+    """Return a model as TOML without its None fields, because TOML has no null.
 
     Raises
     ------
     DataError
-        If a text holds half a character, as arguments that are not UTF-8 do.
+        If a text cannot be encoded in UTF-8, for instance a command-line argument in another
+        encoding.
     """
     text = tomli_w.dumps(model.model_dump(exclude_none=True))
     try:

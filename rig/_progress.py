@@ -1,4 +1,4 @@
-"""How long-running functions report their progress."""
+"""Progress reports of long operations."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Receives the progress of a long-running function. An exception it raises ends the work."""
+    """Callback that receives the progress of a long operation. An error it raises ends it."""
 
     def __call__(self, stage: str, done: int, total: int, /) -> None:
         """Report that ``done`` of ``total`` steps of a stage are finished.
@@ -14,9 +14,9 @@ class Progress(Protocol):
         Parameters
         ----------
         stage
-            Name of the stage for the waiting user, such as ``reading``.
+            Name of the stage for the user, for instance ``reading``.
         done, total
-            Steps of this stage. ``total`` may grow while the stage runs.
+            Numbers of steps of this stage. ``total`` may grow while the stage runs.
         """
         ...
 

@@ -1,1 +1,1 @@
-"""A plan carried out on a rig, into a session."""
+"""Capture engine: runs a plan on a rig and records the session."""

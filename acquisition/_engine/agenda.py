@@ -1,4 +1,4 @@
-"""The shots that are still to be taken, each behind those that it is judged by."""
+"""The shots still to take, each after the shots that it is compared with."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from acquisition._plan.planned_shot import PlannedShot
 
 
 class Agenda:
-    """What is left of a plan, in order.
+    """Remaining shots of a plan, in order.
 
     Parameters
     ----------
     shots
-        In the order of the plan.
+        Shots in the order of the plan.
     """
 
     def __init__(self, shots: Iterable[PlannedShot]) -> None:
@@ -25,33 +25,33 @@ class Agenda:
 
     @property
     def first(self) -> PlannedShot:
-        """The next shot; there is one."""
+        """The next shot; at least one must be left."""
         return self._shots[0]
 
     def take(self, also: Callable[[PlannedShot], bool] = lambda shot: False) -> deque[PlannedShot]:
-        """Take the next shot off, and those right behind it that belong to it."""
+        """Remove and return the next shot and the shots right after it for which ``also`` holds."""
         taken = deque([self._shots.popleft()])
         while self._shots and also(self._shots[0]):
             taken.append(self._shots.popleft())
         return taken
 
     def put_back(self, shots: deque[PlannedShot]) -> None:
-        """Put shots that were taken off, and not taken, before all others."""
+        """Put shots that were removed but not taken back in front of all others."""
         self._shots.extendleft(reversed(shots))
 
     def again(self, shot: PlannedShot) -> None:
-        """Add a shot that was rejected: before those judged by it, else behind its kind.
+        """Add a rejected shot again: before the shots compared with it, otherwise at the end.
 
-        All but flats come before the white card.
+        All shots except flats stay before the flats, for which the white card covers the object.
         """
         flats = sum(left.role == "flat" for left in self._shots)
         end = len(self._shots) - (0 if shot.role == "flat" else flats)
-        judged = (i for i, left in enumerate(self._shots) if _judged_by(left, shot))
+        judged = (i for i, left in enumerate(self._shots) if _is_compared(left, shot))
         self._shots.insert(min(next(judged, end), end), shot)
 
 
-def _judged_by(shot: PlannedShot, other: PlannedShot) -> bool:
-    """Tell whether the other is the dark of a shot, or what its LED gave at a longer exposure."""
+def _is_compared(shot: PlannedShot, other: PlannedShot) -> bool:
+    """Return whether ``other`` is the dark frame, or a longer exposure of the LED, of a shot."""
     if shot.lit_led is None or shot.exposure_us is None or other.exposure_us is None:
         return False
     if other.lit_led is None:

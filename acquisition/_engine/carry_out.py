@@ -1,4 +1,4 @@
-"""A recording from its first missing shot to its end, dark and resumable whatever happens."""
+"""Run a recording from its first missing shot to its end; it stays resumable after any error."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._session.writer import SessionWriter
 from rig import Rig, RigError
 
-# How long the disk may take no frame at all.
+# Longest time without a finished write before the disk counts as stuck.
 STALL_S: Final = 30.0
-# How long writers may still take when the work has to end now.
+# Time that the writers get to finish when the recording must end immediately.
 _PATIENCE_S: Final = 1.0
 
 
@@ -35,31 +35,33 @@ def carry_out(
     references: References,
     stall_s: float,
 ) -> None:
-    """Take what a session is missing and complete it, or leave it dark and resumable.
+    """Take the missing shots of a session and complete it; after an error, leave it resumable.
+
+    The LEDs are off at the end in both cases.
 
     Parameters
     ----------
     rig
         Open rig.
     writer
-        The session.
+        Open writer of the session.
     plan
-        Its plan.
+        Plan of the session.
     hooks
-        Who is told.
+        Callbacks that report progress.
     events
-        Written first.
+        Events to write first.
     references
-        What was recorded before tells.
+        Figures of the frames that were recorded before.
     stall_s
-        How long the disk may take no frame at all.
+        Longest time without a finished write before the disk counts as stuck.
 
     Raises
     ------
     RigError, DataError, StorageError, KeyboardInterrupt
         As `record` does.
     """
-    # Its first call compiles: seconds, in which no light may burn.
+    # The first call compiles, which takes seconds; no LED may be on meanwhile.
     measure_quality(np.zeros((1, 1), np.uint16), white_level_dn=1)
     with StopRequest(hooks.on_stop) as stop:
         queue: WriteQueue[Stored | None] = WriteQueue(
@@ -76,29 +78,29 @@ def carry_out(
             recording.run(stop)
             recording.wait_for_checks(stop)
         except BaseException as error:
-            # Dark first, then the disk, then words.
-            confirmed = _go_dark(rig, error)
-            if _settle(queue, error):
-                _note_end(writer, error, leds_confirmed_off=confirmed)
+            # LEDs off first, then finish the writes, then write the event.
+            confirmed = _turn_leds_off(rig, error)
+            if _finish_writes(queue, error):
+                _write_end(writer, error, leds_confirmed_off=confirmed)
             raise
         queue.end(_PATIENCE_S)
     writer.complete()
 
 
-def _go_dark(rig: Rig, error: BaseException) -> bool:
-    """Turn the LEDs off and tell whether the board confirmed it; hides no error."""
+def _turn_leds_off(rig: Rig, error: BaseException) -> bool:
+    """Turn the LEDs off; return whether the board confirmed it. A failure becomes a note."""
     try:
         rig.off()
     except RigError as failure:
         note = f"LEDs not confirmed off: {failure}"
-        if note not in getattr(error, "__notes__", ()):  # the rig may have tried in vain already
+        if note not in getattr(error, "__notes__", ()):  # the rig may have added it already
             error.add_note(note)
         return False
     return True
 
 
-def _settle(queue: WriteQueue[Stored | None], error: BaseException) -> bool:
-    """Let the disk have what was taken, unless the work has to end now; tell whether it rests."""
+def _finish_writes(queue: WriteQueue[Stored | None], error: BaseException) -> bool:
+    """Write the frames that were taken if there is time; return whether no write is running."""
     if not isinstance(error, StorageError):
         can_wait = isinstance(error, Exception | StoppedError)
         with suppress(KeyboardInterrupt):  # the next Ctrl-C
@@ -109,10 +111,10 @@ def _settle(queue: WriteQueue[Stored | None], error: BaseException) -> bool:
     return queue.end(_PATIENCE_S)
 
 
-def _note_end(writer: SessionWriter, error: BaseException, *, leds_confirmed_off: bool) -> None:
+def _write_end(writer: SessionWriter, error: BaseException, *, leds_confirmed_off: bool) -> None:
     event = "failed" if isinstance(error, Exception) else "interrupted"
     reason = str(error) or type(error).__name__
     if isinstance(error, SystemExit):
-        reason = f"the program was told to end, exit code {error.code}"
+        reason = f"the program was ended, exit code {error.code}"
     with suppress(StorageError, DataError):
         writer.write_event(event, reason=reason, leds_confirmed_off=leds_confirmed_off)

@@ -1,4 +1,4 @@
-"""The capture engine: carry a plan out on a rig and leave a session, whatever happens."""
+"""The capture engine: run a plan on a rig and record a session."""
 
 from __future__ import annotations
 
@@ -48,56 +48,56 @@ def record(
     before_flats: Callable[[], None] | None = None,
     stall_s: float = STALL_S,
 ) -> Session:
-    """Record one object: every shot of the plan, stored and verified while the next are taken.
+    """Record one object: take every shot of the plan and store it while the next is taken.
 
     Parameters
     ----------
     rig
         Open rig. It stays open.
     plan
-        What to capture. LEDs that the rig file lists as dead are left out, which is an event.
+        Capture plan. LEDs that the rig file lists as dead are left out, and an event records this.
     folder
         New or empty folder for the session.
     operator, object_name, place, notes, rights
-        Who records what, for people.
+        Descriptive texts for people.
     camera_model, sensor, lights
-        Calibrations to store with the recording, where known. The camera model is that of the
-        upright image where the camera is mounted otherwise. The sensor gives black and white
-        level; without it black is 0 and white the greatest value of the camera's bit depth. The
-        lights are those of the LEDs by their ids, ``L07`` for LED 7; there may be more of them.
+        Calibrations to store with the recording, if known. The camera model describes the upright
+        image, however the camera is mounted. The sensor defines black and white level; without it
+        black is 0 and white is the maximum of the camera's bit depth. The lights are matched with
+        the LEDs by their ids, ``L07`` for LED 7; there may be more lights than LEDs.
     events
-        What happened before, such as metering: written first.
+        Earlier events, for instance metering; they are written first.
     on_frame, on_progress, on_event, on_stop, before_flats
         See `Hooks`.
     stall_s
-        How long the disk may take no frame at all.
+        Longest time without a finished write before the disk counts as stuck, seconds.
 
     Returns
     -------
     Session
-        Complete.
+        The complete session.
 
     Raises
     ------
     DataError
         If the plan does not fit the rig, a calibration does not fit the camera, lights are missing
-        for an LED of the plan, an event is not as the format has it, a frame is not what the
-        camera announced, or too much of it is clipped.
+        for an LED of the plan, an event does not follow the format, a frame differs from the
+        camera's description, or too much of it is clipped.
     StorageError
-        If the folder is not empty or is being recorded into, or the disk refuses or is stuck.
+        If the folder is not empty or is in use, or the disk refuses a write or is stuck.
     RigError
         If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
     KeyboardInterrupt
-        After Ctrl-C: the first one lets the shot end and everything be written, the second ends at
-        once.
+        After Ctrl-C. The first Ctrl-C lets the current shot and all writes finish, the second ends
+        the recording immediately.
 
     Notes
     -----
-    The calling thread takes the shots, two others write; when the disk is slower than the camera,
-    the shooting pauses, in the dark. On any error, KeyboardInterrupt too, the LEDs are turned off
-    first, then the disk gets what was taken, and then the error goes on to the caller. The session
-    stays behind whole and incomplete, with an ``interrupted`` or ``failed`` event where the disk
-    still takes one; `resume` finishes it.
+    The calling thread takes the shots, and two other threads write them. If the disk is slower than
+    the camera, the recording pauses with all LEDs off. After any error, including
+    KeyboardInterrupt, the LEDs are turned off first, then the frames taken so far are written, and
+    then the error is raised. The session stays intact but incomplete, with an ``interrupted`` or
+    ``failed`` event if the disk still accepts one; `resume` completes it.
     """
     _check_events(events, folder)
     plan, left_out = plan.without(rig.config.dead_leds)
@@ -144,24 +144,24 @@ def resume(
     before_flats: Callable[[], None] | None = None,
     stall_s: float = STALL_S,
 ) -> Session:
-    """Take the shots that a session is missing, and no others.
+    """Take the missing shots of a session, and no others.
 
-    Shots of LEDs that the rig file lists as dead by now are left out, which is an event; the
+    Shots of LEDs that the rig file now lists as dead are left out, and an event records this; the
     session becomes complete without them. Frames that were recorded before are read back while the
-    writers have nothing else to do: a session with a damaged frame does not become complete.
+    writers are idle; a session with a damaged frame does not become complete.
 
     Parameters
     ----------
     rig
-        Open rig, the one that the session was begun with.
+        Open rig, the same as when the session was started.
     folder
         An incomplete session.
     plan
-        If given, refuse a session of another one.
+        If given, refuse a session with a different plan.
     retake_damaged
         Read all frames back first, set damaged and lost ones aside (their files are kept in
-        ``derived/set_aside/``), and take their shots again; each is an event. The object must lie
-        as it did. A complete session with such a frame is gone on with too.
+        ``derived/set_aside/``), and take their shots again; each is recorded as an event. The
+        object must not have moved. A complete session with such a frame is resumed, too.
     events, on_frame, on_progress, on_event, on_stop, before_flats, stall_s
         As for `record`.
     on_damage
@@ -170,16 +170,16 @@ def resume(
     Returns
     -------
     Session
-        Complete.
+        The complete session.
 
     Raises
     ------
     MissingPathError
-        If there is no such folder.
+        If the folder does not exist.
     DataError
-        If it is no session, is damaged or complete, was imported, or was begun with another rig,
-        camera or plan; the message says what differs. If every LED of its plan is dead. If a frame
-        is damaged; what was missing has been taken then.
+        If it is not a session, is damaged or complete, was imported, or was started with another
+        rig, camera or plan; the message names the differences. If every LED of its plan is dead.
+        If a frame is damaged; in this case the missing shots have been taken.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
     """
@@ -192,7 +192,7 @@ def resume(
         set_aside_damaged=retake_damaged,
         on_progress=on_progress,
     ) as writer:
-        # Now that no other process can add to it.
+        # Read it again now that no other process can add to it.
         session = Session.open(folder)
         references = References.of(session)
         if on_event is not None:
@@ -215,52 +215,52 @@ def check_resume(
     *,
     damaged: Iterable[Damage] | None = None,
 ) -> tuple[Session, CapturePlan, tuple[PlannedShot, ...]]:
-    """Check that a session can be gone on with on this rig, and change nothing.
+    """Check that a session can be resumed on this rig, without changing anything.
 
     Parameters
     ----------
     rig, folder, plan
         As for `resume`.
     damaged
-        What `damaged_frames` found, where these frames are to be retaken.
+        Result of `damaged_frames` if these frames should be retaken.
 
     Returns
     -------
     Session, CapturePlan, PlannedShots
-        The session, its plan, and the shots to take: those that are missing, or would be without
-        the damaged frames, and whose LED works.
+        The session, its plan, and the shots to take: those whose LED works and that are missing or
+        have a damaged frame.
 
     Raises
     ------
     MissingPathError, DataError
         As `resume`.
     """
-    begun, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
-    missing = begun.missing_without(one.frame for one in damaged or ())
+    session, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
+    missing = session.missing_without(one.frame for one in damaged or ())
     dead = rig.config.dead_leds
-    return begun, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
+    return session, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
 
 
 def _fitting(
     rig: Rig, folder: Path, plan: CapturePlan | None, *, retake_damaged: bool
 ) -> tuple[Session, CapturePlan]:
-    """Return a session and its plan, once it is known that this rig can go on with it."""
-    begun = Session.open(folder, damaged_frames=retake_damaged)
-    manifest, recorded = begun.manifest, begun.manifest.plan
-    if begun.complete and not retake_damaged:
+    """Return a session and its plan after checking that this rig can resume it."""
+    session = Session.open(folder, damaged_frames=retake_damaged)
+    manifest, recorded = session.manifest, session.manifest.plan
+    if session.complete and not retake_damaged:
         raise DataError(f"{folder}: is complete, nothing is missing; record into a new folder")
     if manifest.rig is None or recorded is None:
         raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
     manifest.check_current(folder)
     if plan is not None:
         plan, _ = plan.without(manifest.rig.dead_leds)
-    check_same(folder, manifest, _manifest_like(rig, folder, begun), plan)
+    check_same(folder, manifest, _manifest_like(rig, folder, session), plan)
     recorded.without(rig.config.dead_leds)
-    return begun, recorded
+    return session, recorded
 
 
 def _check_events(events: Iterable[tuple[str, Mapping[str, Any]]], folder: str | Path) -> None:
-    """Refuse events that could not be written, before anything is recorded."""
+    """Refuse invalid events before anything is recorded."""
     for event, details in events:
         check_event(event, details, FORMAT_VERSION, Path(folder))
 
@@ -275,7 +275,7 @@ def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others:
     )
 
 
-def _manifest_like(rig: Rig, folder: Path, begun: Session) -> Manifest:
-    """Describe this rig as if the session began now."""
-    known = begun.manifest
-    return _manifest(rig, folder, begun.sensor, operator=known.operator, object=known.object)
+def _manifest_like(rig: Rig, folder: Path, session: Session) -> Manifest:
+    """Return the manifest that the session would have if it started now with this rig."""
+    old = session.manifest
+    return _manifest(rig, folder, session.sensor, operator=old.operator, object=old.object)

@@ -1,4 +1,4 @@
-"""Who is told while a recording goes on."""
+"""Callbacks of a recording."""
 
 from __future__ import annotations
 
@@ -15,25 +15,27 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class Hooks:
-    """Who is told what; all are called on the thread that takes the shots, between two of them.
+    """Callbacks that report progress.
+
+    All except ``on_stop`` are called on the thread that takes the shots, between two shots.
 
     Parameters
     ----------
     on_frame
-        A frame that counts is safe on the disk: its line.
+        Called with its line when a frame that counts is safe on disk.
     on_progress
-        Receives the stage ``recording``, one step per frame that counts, and the stage ``checking
-        recorded frames`` while frames of earlier processes are still read back at the end.
+        Receives the stage ``recording``, one step per frame that counts, and after the last shot
+        the stage ``checking recorded frames`` while earlier frames are read back.
     on_event
-        An event that goes to the journal: its name and details.
+        Called for each event that is written to the journal, with its name and details.
     on_stop
-        Ctrl-C was pressed once. Called in a signal handler.
+        Called inside the signal handler when Ctrl-C is pressed once.
     on_damage
-        One of them is damaged: what is wrong, as one line. The shots that are missing are taken all
-        the same; then the recording ends with this error.
+        Called when one of these frames is damaged, with a description in one line. The missing
+        shots are still taken; then the recording ends with this error.
     before_flats
-        The white card must lie under the camera when this returns, unless Ctrl-C was pressed
-        meanwhile. Called once.
+        Called once before the first flat. When it returns, the white card must be under the camera,
+        unless Ctrl-C was pressed meanwhile.
     """
 
     on_frame: OnFrame | None = None

@@ -1,4 +1,4 @@
-"""The loop of a recording: shots are taken here, and written by others meanwhile."""
+"""The loop of a recording: this thread takes the shots while others write them."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from acquisition._session.light_proof import BOARD, RIG, wrong_light
 from acquisition._session.writer import SessionWriter
 from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
 
-# Frames that may wait for the disk, beside those in the camera's buffers.
+# Frames that may wait for the disk, in addition to those in the camera's buffers.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
 THREADS: Final = WRITERS
-# How often a shot is taken again whose frame was lost, whatever the plan says: the object and the
-# light have nothing to do with it.
+# Retakes of a shot whose frame was lost, even if the plan allows fewer: the loss has nothing to do
+# with the object or the light.
 LOST_RETAKES: Final = 3
-# How often is looked whether a check is done or Ctrl-C was pressed.
+# Interval between looks at the checks and at Ctrl-C.
 _LOOK_S: Final = 0.2
 
 
 class StoppedError(KeyboardInterrupt):
-    """Ctrl-C was pressed once: the last shot is whole, and the disk may finish."""
+    """Ctrl-C was pressed once: the last shot is complete, and pending writes may finish."""
 
 
 @dataclass(frozen=True)
 class Stored:
-    """A frame that is on disk, and why it does not count, if so."""
+    """A frame that is on disk, and the reason why it was rejected, if it was."""
 
     shot: PlannedShot
     line: FrameLine
@@ -52,22 +52,22 @@ class Stored:
 
 
 class Recording:
-    """Takes the shots that a session is missing.
+    """Takes the missing shots of a session.
 
     Parameters
     ----------
     rig
         Open rig.
     writer
-        The session.
+        Open writer of the session.
     plan
-        Its plan.
+        Plan of the session.
     queue
-        For what is to be written.
+        Queue for the frames and events to write.
     hooks
-        Who is told.
+        Callbacks that report progress.
     references
-        What was recorded before tells.
+        Figures of the frames that were recorded before.
     """
 
     def __init__(
@@ -85,32 +85,32 @@ class Recording:
         self._queue = queue
         self._hooks = hooks
         self._references = references
-        # Exposures of which a frame is kept that shows no light, so short it is.
+        # Exposure times so short that a frame without visible light was kept.
         self._unseen_us: set[float] = set()
         self._todo = Agenda(writer.missing)
         self._total = writer.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
         self._losses: Counter[ShotKey] = Counter()
-        # A frame has come: where none has, the trigger may lack its wire.
+        # If no frame ever arrived, the trigger wire may be missing.
         self._delivered = False
         self._sequenced = plan.sequence and rig.config.trigger == "board"
-        self._card_is_there = False
+        self._card_in_place = False
         self._damaged: set[int] = set()
 
     def run(self, stop: StopRequest) -> None:
-        """Take every shot, and wait until each is safe.
+        """Take every shot, and wait until all are safe on disk.
 
         Raises
         ------
         StoppedError
-            When ``stop`` was asked for and shots are left.
+            If a stop was requested and shots are left.
         RigError, DataError, StorageError
             If a shot cannot be taken, is rejected too often, or cannot be written.
         """
         if self._plan.sequence and not self._sequenced:
             trigger = self._rig.config.trigger
-            self.event("not_sequenced", reason=f"the rig file says trigger = {trigger!r}")
+            self.event("not_sequenced", reason=f"the rig file has trigger = {trigger!r}")
         while self._todo or not self._queue.settled:
             if not self._todo:
                 self._queue.drain()
@@ -123,26 +123,26 @@ class Recording:
                 self._take(stop)
 
     def wait_for_checks(self, stop: StopRequest) -> None:
-        """Wait until the frames of earlier processes were read back, which writers do when idle.
+        """Wait until idle writers have read back all frames of earlier processes.
 
         Raises
         ------
         StoppedError
-            When ``stop`` was asked for meanwhile.
+            If a stop was requested meanwhile.
         DataError
             If one is damaged.
         StorageError
-            If the disk does not answer.
+            If the disk does not respond.
         """
         while not self._queue.rests(_LOOK_S):
-            self._tell_of_damage()
+            self._report_damage()
             self._hooks.on_progress(CHECKING, *self._writer.checked)
             if stop.asked:
                 raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
-        self._tell_of_damage()
+        self._report_damage()
         self._writer.check_undamaged()
 
-    def _tell_of_damage(self) -> None:
+    def _report_damage(self) -> None:
         for damage in self._writer.damage:
             if damage.frame.line.seq not in self._damaged:
                 self._damaged.add(damage.frame.line.seq)
@@ -150,8 +150,8 @@ class Recording:
                     self._hooks.on_damage(damage.text)
 
     def collect(self) -> None:
-        """Tell of what was written since, and let rejected shots be taken again."""
-        self._tell_of_damage()
+        """Report the frames written since the last call, and queue rejected shots again."""
+        self._report_damage()
         for stored in self._queue.results():
             if stored is None:
                 continue
@@ -160,13 +160,13 @@ class Recording:
                 self._todo.again(stored.shot)
                 continue
             self._done += 1
-            self._look_at_light(stored)
+            self._note_light(stored)
             if self._hooks.on_frame is not None:
                 self._hooks.on_frame(stored.line)
             self._hooks.on_progress("recording", self._done, self._total)
 
-    def _look_at_light(self, stored: Stored) -> None:
-        """Remember what an LED gave, and tell of the first of an exposure that shows nothing."""
+    def _note_light(self, stored: Stored) -> None:
+        """Note the light of a frame; report the first frame of an exposure that shows none."""
         shot = stored.shot
         if shot.lit_led is None or self._references.note(shot, quality_of(stored.line)):
             return
@@ -176,26 +176,26 @@ class Recording:
             self.event("no_light_seen", led=shot.lit_led, exposure_us=exposure_us)
 
     def event(self, name: str, **details: Any) -> None:
-        """Have an event written in its turn, and tell of it."""
+        """Queue an event for writing, and report it."""
         self._queue.put(partial(self._write_event, name, details))
         if self._hooks.on_event is not None:
             self._hooks.on_event(name, details)
 
     def _take(self, stop: StopRequest) -> None:
         first = self._todo.first
-        if first.role == "flat" and not self._card_is_there:
+        if first.role == "flat" and not self._card_in_place:
             self._rig.off()
             if not self._queue.settled:
-                # A shot that is rejected yet is taken before the card hides the object.
+                # Shots that may still be rejected are retaken before the card hides the object.
                 self._queue.drain()
                 return
             if self._hooks.before_flats is not None:
                 self._hooks.before_flats()
             if stop.asked:
                 return
-            self._card_is_there = True
-        known = self._dark_is_known(first) and self._longer_is_known(first)
-        if not known and not self._queue.settled:
+            self._card_in_place = True
+        can_be_judged = self._dark_is_known(first) and self._longer_is_known(first)
+        if not can_be_judged and not self._queue.settled:
             self._queue.drain()
         elif self._sequenced:
             self._take_many(stop)
@@ -207,12 +207,12 @@ class Recording:
         return self._plan.dark or self._plan.ambient
 
     def _dark_is_known(self, shot: PlannedShot) -> bool:
-        """Tell whether the dark frame that a shot is judged by is known, where there is one."""
+        """Return whether the dark frame for comparison is known, or none is planned."""
         unjudged = shot.lit_led is None or not self._has_darks
         return unjudged or self._references.dark(shot) is not None
 
     def _longer_is_known(self, shot: PlannedShot) -> bool:
-        """Tell whether it is known what its LED gave at a longer exposure, where there is one."""
+        """Return whether the LED was seen at a longer exposure, or none is planned."""
         if shot.lit_led is None or not self._has_darks or self._references.light(shot) is not None:
             return True
         brackets = range(len(self._plan.exposures_us))
@@ -231,7 +231,7 @@ class Recording:
                 self._keep(planned, shot)
 
     def _take_many(self, stop: StopRequest) -> None:
-        """Take all shots that one sequence can hold, or as many as the disk has room for."""
+        """Take all shots that fit one sequence, or as many as fit into the queue."""
         first = self._todo.first
         group = self._todo.take(lambda shot: self._may_follow(first, shot))
         leds = [shot.lit_led for shot in group]
@@ -247,11 +247,11 @@ class Recording:
         self._todo.put_back(group)
 
     def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
-        """Tell whether a shot may be of one sequence with its first: it can be judged by then."""
+        """Return whether a shot may be in the same sequence as the first one."""
         flats = first.role == "flat", shot.role == "flat"
         if shot.exposure_us != first.exposure_us or flats[0] != flats[1]:
             return False
-        # Dark frames are looked at as they come.
+        # Frames without light are measured as soon as they arrive.
         dark = first.lit_led is None or self._dark_is_known(shot)
         return dark and self._longer_is_known(shot)
 
@@ -263,7 +263,7 @@ class Recording:
             return None
 
     def _is_of(self, planned: PlannedShot, shot: Shot) -> bool:
-        """Tell whether a frame was lit as planned; one that was not is noted, and not kept."""
+        """Return whether a frame was lit as planned; if not, note the failure and drop it."""
         lit = {RIG: shot.led} | ({} if shot.echo is None else {BOARD: shot.echo.led})
         conflict = wrong_light(planned, lit)
         if conflict is not None:
@@ -275,11 +275,11 @@ class Recording:
         return conflict is None
 
     def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
-        """Have a frame written; False where it is known by now that it does not count."""
+        """Queue a frame for writing; return False if it is already known to be rejected."""
         self._delivered = True
         quality, counts = None, True
         if planned.lit_led is None:
-            # At once, as later frames are judged by it.
+            # Measured now, because later frames are compared with it.
             quality = self._writer.measure(planned, shot.frame.pixels)
             counts = self._rejection(planned, quality) is None
             if counts:
@@ -296,23 +296,23 @@ class Recording:
         self.event("resumed", seconds=round(time.monotonic() - began_s, 3))
 
     def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
-        """Note that a shot has to be taken again, or raise the error."""
-        failed, most = self._failures, self._plan.retakes
+        """Note that a shot must be taken again, or raise the error after too many failures."""
+        counts, most = self._failures, self._plan.retakes
         if isinstance(error, FrameLostError):
             self.event("frames_lost", file=shot.file, led=shot.lit_led, **error.counts)
-            failed = self._losses
-            if self._came(error):
+            counts = self._losses
+            if self._frames_arrive(error):
                 most = max(most, LOST_RETAKES)
-        failed[shot.key] += 1
-        failures = failed[shot.key]
+        counts[shot.key] += 1
+        failures = counts[shot.key]
         if failures > most:
             if failures > 1:
                 error.add_note(f"{shot.file} was taken {failures} times")
             raise error
         self.event("retake", file=shot.file, led=shot.lit_led, reason=str(error), failures=failures)
 
-    def _came(self, error: FrameLostError) -> bool:
-        """Tell whether frames come at all, so that only some were lost."""
+    def _frames_arrive(self, error: FrameLostError) -> bool:
+        """Return whether frames arrive at all, so that only some were lost."""
         waited = isinstance(error, FrameTimeoutError)
         return not waited or self._delivered or error.counts.get("delivered", 0) > 0
 

@@ -1,4 +1,4 @@
-"""What earlier frames of a recording tell about later ones."""
+"""Figures of earlier frames of a recording that later ones are compared with."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from acquisition._session.session import Session
 
 
 class References:
-    """Frames with all LEDs off, and what each LED gave.
+    """Figures of the frames with all LEDs off, and the light of each LED.
 
-    Used by the thread that takes the shots alone; what it returns is frozen.
+    Only the thread that takes the shots may use it; the values it returns are frozen.
 
     Parameters
     ----------
     camera
-        Of the session.
+        Camera record of the session.
     """
 
     def __init__(self, camera: CameraRecord) -> None:
         self.range_dn = camera.white_dn - camera.black_level_dn
         self._dark: dict[tuple[Role, float], FrameQuality] = {}
-        # A white card under an LED is another thing than the object under it.
+        # Keyed by role, too: the white card reflects more light than the object.
         self._light: dict[tuple[Role, int], SeenLight] = {}
 
     @classmethod
     def of(cls, session: Session) -> References:
-        """Return what the frames of an interrupted session tell."""
+        """Return the references from the frames of an interrupted session."""
         references = cls(session.manifest.camera)
         plan = session.manifest.plan
         planned = {} if plan is None else {shot.key: shot for shot in plan.shots()}
         lines = [frame.line for frame in session.frames if frame.line.key in planned]
-        # Lit frames are compared with those of all LEDs off, which may have been taken again later.
+        # Unlit frames first: lit ones are compared with them, and they may have been retaken later.
         for line in sorted(lines, key=lambda line: planned[line.key].lit_led is not None):
             references.note(planned[line.key], quality_of(line))
         return references
 
     def note(self, shot: PlannedShot, quality: FrameQuality) -> bool:
-        """Take a frame that counts into account, and tell whether it shows its light.
+        """Add a frame that counts, and return whether it shows the light of its LED.
 
-        Where there is neither an ambient nor a dark frame of its exposure, light cannot be missed.
+        Without an ambient or dark frame of the same exposure this cannot be judged: return True.
         """
         if shot.exposure_us is None:
             return True
@@ -60,10 +60,10 @@ class References:
         return light is not None
 
     def dark(self, shot: PlannedShot) -> FrameQuality | None:
-        """Return the figures of the frame of its exposure with all LEDs off.
+        """Return the figures of the frame with all LEDs off at the exposure of a shot.
 
-        An ambient frame comes before a dark one, whichever was taken last: lit frames have the
-        ambient light too.
+        An ambient frame is preferred to a dark frame, whichever was taken last: lit frames contain
+        the ambient light, too.
         """
         if shot.exposure_us is None:
             return None
@@ -71,10 +71,10 @@ class References:
         return ambient or self._dark.get(("dark", shot.exposure_us))
 
     def light(self, shot: PlannedShot) -> SeenLight | None:
-        """Return what its LED gave at the longest exposure that showed it."""
+        """Return the light of the LED of a shot at the longest exposure that showed it."""
         return None if shot.lit_led is None else self._light.get((shot.role, shot.lit_led))
 
 
 def quality_of(line: FrameLine) -> FrameQuality:
-    """Return the figures that a line of the journal has of its frame."""
+    """Return the figures of a frame from its journal line."""
     return FrameQuality(line.clipped_fraction, line.percentiles_dn, line.sharpness, line.mean_dn)

@@ -1,4 +1,4 @@
-"""A dry run: every shot of a plan with all LEDs off, and nothing kept."""
+"""A dry run: take every shot of a plan with all LEDs off and store nothing."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ def rehearse(
     on_progress: Progress = no_progress,
     shots: Sequence[PlannedShot] | None = None,
 ) -> float:
-    """Take every shot of a plan with all LEDs off, as a recording would, and keep nothing.
+    """Take every shot of a plan as a recording would, but with all LEDs off, and store nothing.
 
     Parameters
     ----------
     rig
-        Open rig. It stays open, and dark.
+        Open rig. It stays open, with all LEDs off.
     plan
-        What to rehearse, without LEDs that are listed as dead.
+        Plan to rehearse, without LEDs that are listed as dead.
     on_progress
         Receives the stage ``dry run``, one step per shot.
     shots
-        Only these shots of the plan.
+        If given, take only these shots of the plan.
 
     Returns
     -------
     float
-        Seconds that the shots took, without writing, metering or retakes.
+        Duration of the shots in seconds, without writing, metering or retakes.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Why a frame does not count: too much of it is clipped, or its LED gave no light.
+"""Reasons to reject a frame: too much of it is clipped, or its LED gave no light.
 
-A short exposure may show no light although its LED burned. What the LED gave at a longer one then
-tells how much there could be to see.
+A short exposure may show no light although the LED was on. The light of the same LED at a longer
+exposure then shows how much light can be expected.
 """
 
 from __future__ import annotations
@@ -15,23 +15,22 @@ from acquisition._pixels.quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
 
-# Percentiles that rise where light falls on a large part of the frame, or on a thousandth of it.
+# Percentiles that rise if light falls on a large part of the frame, or on a thousandth of it.
 _RISING: Final = ("50", "99", "99.9")
-# By how much of the dark frame's spread, and at least by how many grey values.
+# Smallest rise that counts: this multiple of the dark frame's spread, and this many grey values.
 _SPREADS: Final = 0.5
 _LEAST_DN: Final = 1.0
-# By how much of the sensor's range a highlight smaller than that must stand out: single samples
-# that come and go by themselves are weaker.
+# A smaller highlight must rise by this share of the sensor's range: single samples fluctuate less.
 _HIGHLIGHT: Final = 0.05
-# How many times the margin must be expected before light that is not seen is missing.
+# Light counts as missing if the expected rise is at least this multiple of the smallest rise.
 _SURELY: Final = 3.0
 
 
 @dataclass(frozen=True)
 class SeenLight:
-    """How far a frame of an LED was above the dark one, on the percentiles that light raises.
+    """Rise of the percentiles of an LED's frame above those of the dark frame.
 
-    Samples that were clipped make it less than it was.
+    Clipped samples make the rise smaller than that of the light.
     """
 
     exposure_us: float
@@ -45,14 +44,14 @@ class SeenLight:
         dark_dn: Mapping[str, int],
         range_dn: float,
     ) -> SeenLight | None:
-        """Return it, from the percentiles of both frames; None where the frame shows no light."""
+        """Compute it from the percentiles of both frames; None if the frame shows no light."""
         if not is_lit(light_dn, dark_dn, range_dn):
             return None
         names = (*_RISING, "100")
         return cls(exposure_us, {name: light_dn[name] - dark_dn[name] for name in names})
 
     def must_show(self, exposure_us: float, dark_dn: Mapping[str, int], range_dn: float) -> bool:
-        """Tell whether the same LED must be seen at another exposure too."""
+        """Return whether the light of the same LED must be visible at another exposure."""
         share = exposure_us / self.exposure_us
         rise = {name: share * dn for name, dn in self.rise_dn.items()}
         margin_dn = _SURELY * _margin_dn(dark_dn)
@@ -76,30 +75,29 @@ def rejection(
     Parameters
     ----------
     shot
-        What was planned.
+        The planned shot.
     quality
-        Of the frame.
+        Figures of the frame.
     dark
-        Of a frame of the same exposure with all LEDs off; None where there is none, and then
-        nothing is said about light.
+        Figures of a frame of the same exposure with all LEDs off; if None, the light is not judged.
     seen
-        What the LED gave at a longer exposure. A frame without light counts where so short an
-        exposure need not show any.
+        Light of the LED at a longer exposure. A frame without light counts if the exposure is too
+        short to show any.
     range_dn
-        White level less black level.
+        White level minus black level.
     max_clipped_fraction
-        Largest share of clipped samples.
+        Largest allowed share of clipped samples.
 
     Returns
     -------
     RigError, DataError or None
-        What to raise if the shot cannot be taken again; None for a frame that counts.
+        Error to raise if the shot cannot be taken again; None for a frame that counts.
     """
     exposure = "" if shot.exposure_us is None else f" at {shot.exposure_us:g} us"
     if quality.clipped_fraction > max_clipped_fraction:
         return DataError(
             f"{shot.file}: {quality.clipped_fraction:.3%} of the samples are clipped{exposure}, "
-            f"the plan allows {max_clipped_fraction:.3%}; expose shorter, or allow more as "
+            f"the plan allows {max_clipped_fraction:.3%}; shorten the exposure, or raise "
             "max_clipped_fraction"
         )
     if shot.lit_led is None or dark is None:
@@ -114,18 +112,19 @@ def rejection(
         return None
     if _is_darker(quality.percentiles_dn, dark.percentiles_dn):
         return RigError(
-            f"{shot.file}: with LED {shot.lit_led} is darker{exposure} than the frame with all "
-            "LEDs off: light fell on that one; darken the room, then record into a new folder"
+            f"{shot.file}: the frame of LED {shot.lit_led} is darker{exposure} than the frame with "
+            "all LEDs off: other light fell on that one; darken the room, then record into a new "
+            "folder"
         )
     return RigError(
         f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "
-        "the one with all LEDs off; check the LED and the lens, expose longer, or list it in "
-        "dead_leds of the rig file"
+        "the one with all LEDs off; check the LED and the lens, lengthen the exposure, or list the "
+        "LED in dead_leds of the rig file"
     )
 
 
 def is_lit(light_dn: Mapping[str, int], dark_dn: Mapping[str, int], range_dn: float) -> bool:
-    """Tell whether light fell on a frame, from its percentiles and those of a dark one."""
+    """Return whether light fell on a frame, from its percentiles and those of a dark frame."""
     margin_dn = _margin_dn(dark_dn)
     if any(light_dn[name] >= dark_dn[name] + margin_dn for name in _RISING):
         return True
@@ -133,7 +132,7 @@ def is_lit(light_dn: Mapping[str, int], dark_dn: Mapping[str, int], range_dn: fl
 
 
 def _is_darker(light_dn: Mapping[str, int], dark_dn: Mapping[str, int]) -> bool:
-    """Tell whether a frame lacks light that the dark one has."""
+    """Return whether a frame is darker than the dark frame."""
     margin_dn = _margin_dn(light_dn)
     return any(light_dn[name] < dark_dn[name] - margin_dn for name in _RISING)
 

@@ -1,4 +1,4 @@
-"""What is checked before a folder is made: exposures, calibrations and lights fit the rig."""
+"""Checks before a session is created: exposures, calibrations and lights must fit the rig."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from rig import CameraError, CameraInfo, Rig
 
 
 def check_exposures(info: CameraInfo, plan: CapturePlan) -> None:
-    """Refuse exposures that the camera cannot do.
+    """Refuse exposure times outside the camera's range.
 
     Raises
     ------
     CameraError
-        If there is one; the message says the range.
+        If an exposure time is outside; the message names the range.
     """
     low, high = info.exposure_min_us, info.exposure_max_us
     for exposure_us in plan.distinct_exposures_us:
         if not low <= exposure_us <= high:
             raise CameraError(
-                f"the plan asks for {exposure_us:g} us, camera {info.model} {info.serial} exposes "
+                f"the plan requires {exposure_us:g} us, camera {info.model} {info.serial} exposes "
                 f"for {low:g} to {high:g} us: correct exposures_us in the plan"
             )
 
@@ -30,34 +30,35 @@ def check_exposures(info: CameraInfo, plan: CapturePlan) -> None:
 def check_calibrations(
     rig: Rig, camera_model: CameraModel | None, sensor: NoiseModel | None
 ) -> None:
-    """Refuse calibrations of another image size or bit depth.
+    """Refuse calibrations for another image size or bit depth.
 
     Raises
     ------
     DataError
-        If one is; the message says what to do.
+        If size or bit depth differ; the message says what to do.
     """
     info = rig.camera.info
     size = rig.config.mounting.upright_shape((info.height, info.width))
     if camera_model is not None and camera_model.size != size:
         raise DataError(
             f"the camera model is for {camera_model.width} x {camera_model.height} pixels, the "
-            f"camera delivers upright images of {size[1]} x {size[0]}; calibrate it at this size"
+            f"camera delivers upright images of {size[1]} x {size[0]} pixels; calibrate the camera "
+            "at this size"
         )
     if sensor is not None and sensor.bit_depth != info.bit_depth:
         raise DataError(
             f"the sensor model is for {sensor.bit_depth} bits, the camera delivers "
-            f"{info.bit_depth}; measure it in this pixel format"
+            f"{info.bit_depth} bits; measure the sensor in this pixel format"
         )
 
 
 def check_lights(lights: Lights, plan: CapturePlan) -> None:
-    """Refuse lights that would be found missing, or be matched by order, when it is too late.
+    """Refuse lights that lack an LED of the plan or cannot be matched with the LEDs by name.
 
     Raises
     ------
     DataError
-        If they are not those of the plan's LEDs.
+        If they are not the lights of the plan's LEDs.
     """
     wanted = [led_id(led) for led in plan.leds]
     try:
@@ -66,6 +67,6 @@ def check_lights(lights: Lights, plan: CapturePlan) -> None:
         raise DataError(f"the lights do not fit the plan: {error}") from error
     if not by_name:
         raise DataError(
-            f"the lights are called {lights.ids[0]} and so on, the plan lights {wanted[0]} and so "
-            "on: give the lights of this rig, called after its LEDs"
+            f"the lights are named {lights.ids[0]} and so on, the LEDs of the plan {wanted[0]} and "
+            "so on: give the lights of this rig, named after its LEDs"
         )

@@ -7,8 +7,8 @@ from typing import Any, Final
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraInfo, Mounting, Rig
 
-# Options of a rig file that say which board and camera are meant, by ports and files that may
-# change; what was found there is in the record.
+# Options of a rig file that select the board and camera by ports and files, which may change; the
+# record names the devices themselves.
 _WHERE: Final = ("board", "camera", "cti", "model", "port")
 
 
@@ -35,7 +35,7 @@ def rig_record(rig: Rig) -> dict[str, Any]:
 
 
 def camera_record(info: CameraInfo, sensor: NoiseModel | None) -> dict[str, Any]:
-    """Return the fields of `CameraRecord`; black and white level are the sensor's, where known."""
+    """Return the fields of `CameraRecord`; black and white level are the sensor's, if known."""
     return {
         "vendor": info.vendor,
         "model": info.model,

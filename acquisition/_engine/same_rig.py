@@ -1,4 +1,4 @@
-"""Whether a session can be gone on with: the plan, rig and camera are those it was begun with."""
+"""Check that a session is resumed with the plan, rig and camera that it was started with."""
 
 from __future__ import annotations
 
@@ -13,45 +13,45 @@ from acquisition._session.manifest import Manifest, RigRecord
 
 
 def check_same(
-    folder: Path, begun: Manifest, now: Manifest, plan: CapturePlan | None = None
+    folder: Path, stored: Manifest, current: Manifest, plan: CapturePlan | None = None
 ) -> None:
-    """Refuse to mix what two rigs, two cameras or two plans gave.
+    """Refuse to mix frames of different rigs, cameras or plans in one session.
 
-    LEDs may have died since: more of them may be listed as dead, but none less.
+    More LEDs may be listed as dead than before, but not fewer.
 
     Parameters
     ----------
     folder
         The session, for the message.
-    begun
-        What it says.
-    now
-        What it would say if it began now.
+    stored
+        Manifest of the session.
+    current
+        Manifest that the session would have if it started now.
     plan
-        The plan that was asked for, where one was.
+        The requested plan, if there is one.
 
     Raises
     ------
     DataError
-        If anything differs; the message says what, and how.
+        If anything differs; the message names each difference.
     """
     differences = [
-        *_differences("rig", begun.rig, _with_dead_of(begun.rig, now.rig)),
-        *_differences("camera", begun.camera, now.camera),
-        *(() if plan is None else _differences("plan", begun.plan, plan)),
+        *_differences("rig", stored.rig, _with_dead_of(stored.rig, current.rig)),
+        *_differences("camera", stored.camera, current.camera),
+        *(() if plan is None else _differences("plan", stored.plan, plan)),
     ]
     if differences:
         raise DataError(
-            f"{folder}: was begun with another {' and another '.join(_kinds(differences))}: "
-            f"{'; '.join(text for _, text in differences)}; use those it was begun with, or record "
-            "into a new folder"
+            f"{folder}: was started with another {' and another '.join(_kinds(differences))}: "
+            f"{'; '.join(text for _, text in differences)}; use the original ones, or record into "
+            "a new folder"
         )
 
 
-def _with_dead_of(begun: RigRecord | None, now: RigRecord | None) -> RigRecord | None:
-    if begun is None or now is None or not set(begun.dead_leds) <= set(now.dead_leds):
-        return now
-    return now.model_copy(update={"dead_leds": begun.dead_leds})
+def _with_dead_of(stored: RigRecord | None, current: RigRecord | None) -> RigRecord | None:
+    if stored is None or current is None or not set(stored.dead_leds) <= set(current.dead_leds):
+        return current
+    return current.model_copy(update={"dead_leds": stored.dead_leds})
 
 
 def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
@@ -59,16 +59,16 @@ def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
 
 
 def _differences(
-    kind: str, begun: BaseModel | None, now: BaseModel | None
+    kind: str, stored: BaseModel | None, current: BaseModel | None
 ) -> Iterator[tuple[str, str]]:
-    before = {} if begun is None else begun.model_dump()
-    after = {} if now is None else now.model_dump()
+    before = {} if stored is None else stored.model_dump()
+    after = {} if current is None else current.model_dump()
     options = before.pop("options", None) or {}, after.pop("options", None) or {}
     for what, one, other in ((kind, before, after), (f"{kind} option", *options)):
         for name in dict.fromkeys((*one, *other)):
             if one.get(name) != other.get(name):
-                said = f"was {_text(one.get(name))} and is {_text(other.get(name))}"
-                yield kind, f"{what} {name} {said}"
+                change = f"was {_text(one.get(name))} and is {_text(other.get(name))}"
+                yield kind, f"{what} {name} {change}"
 
 
 def _text(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Ctrl-C while shots are taken: once ends the work after this shot, twice ends it now."""
+"""Ctrl-C while shots are taken: once stops after the current shot, twice stops immediately."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any, Self
 
 
 class StopRequest:
-    """Takes SIGINT inside its ``with``; on the main thread, and unless SIGINT is ignored.
+    """Handles SIGINT inside its ``with`` block, on the main thread, unless SIGINT is ignored.
 
     Parameters
     ----------
     on_stop
-        Called at the first Ctrl-C, inside the signal handler: it must be brief and safe there.
+        Called at the first Ctrl-C inside the signal handler, so it must be brief and safe there.
     """
 
     def __init__(self, on_stop: Callable[[], None] | None = None) -> None:
@@ -44,7 +44,7 @@ class StopRequest:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self.asked:
             self._before(number, frame)
-            # Whoever had SIGINT before may do something else; here it ends the work.
+            # The previous handler may return; the recording ends in any case.
             raise KeyboardInterrupt
         self.asked = True
         if self._on_stop is not None:

@@ -1,4 +1,4 @@
-"""Work for the disk, done beside the thread that holds the light."""
+"""Background threads that write to the disk while the main thread takes shots."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ _TICK_S = 0.5
 
 
 class WriteQueue(Generic[Result]):
-    """A bounded queue of jobs and the threads that do them, several at a time.
+    """A bounded queue of jobs and the threads that run them in parallel.
 
-    A job is called with a function that returns when it is its turn: every job before it is done.
-    So what follows that call is done in order. Each job calls it once.
+    Each job is called with a function that blocks until all earlier jobs are done, and must call it
+    exactly once. The code after that call therefore runs in the order of the jobs.
 
-    Nothing is ever dropped: the owner looks whether it is full, and waits for room, before each
-    `put`. A job that fails ends the work: no later one gets its turn, those before it are done as
-    if nothing had happened. Its error comes out wherever the owner asks next. The threads do not
-    keep the program alive, so that a disk that never answers cannot either.
+    No job is dropped: before each `put` the owner checks whether the queue is full and waits for
+    room. If a job fails, no later job gets its turn, and the earlier ones finish normally. The
+    owner receives its error at the next call that reports results or waits. The threads are
+    daemons: a disk that never responds cannot keep the program alive.
 
-    While no job waits or is under way, one thread does other work, a piece at a time; a job that
-    comes meanwhile finds another thread free.
+    While no job waits or runs, one thread does idle work, one piece at a time; other threads stay
+    free for a job that arrives meanwhile.
 
     Parameters
     ----------
     folder
-        Where the jobs write, for messages.
+        Folder that the jobs write to, for messages.
     room
-        Jobs that may be under way or waiting, at least one.
+        Number of jobs that may run or wait, at least one.
     threads
-        How many work at once.
+        Number of threads.
     stall_s
-        Longest time without any job being done before the disk counts as stuck.
+        Longest time without a finished job before the disk counts as stuck, seconds.
     when_idle
-        Does a piece of the other work; False where none was left. It only reads.
+        Does one piece of idle work, which only reads; returns False if nothing was left to do.
     """
 
     def __init__(
@@ -62,12 +62,12 @@ class WriteQueue(Generic[Result]):
         self._stall_s = stall_s
         self._changed = threading.Condition()
         self._waiting: deque[Callable[[Turn], Result]] = deque()
-        self._begun = 0
+        self._started = 0
         self._finished = 0
         self._ended = False
         self._results: deque[Result] = deque()
-        # Jobs done well are the first ones without a gap, as each waits for those before it.
-        self._well = 0
+        # Successful jobs have consecutive numbers from 0, because each waits for the earlier ones.
+        self._succeeded = 0
         self._failed: float = math.inf
         self._error: BaseException | None = None
         self._moved_s = 0.0
@@ -83,19 +83,19 @@ class WriteQueue(Generic[Result]):
 
     @property
     def full(self) -> bool:
-        """True where one more job would be one too many."""
+        """Whether there is no room for another job."""
         return self._waits >= self._room
 
     @property
     def settled(self) -> bool:
-        """True where nothing waits or is under way, and `results` has nothing to tell."""
+        """Whether no job waits or runs, and `results` has nothing to return or raise."""
         with self._changed:
             return not (self._waits or self._results or self._error)
 
     def put(self, job: Callable[[Turn], Result]) -> None:
-        """Add a job at once, even to a full queue: the caller has waited for room before.
+        """Add a job immediately, even to a full queue: the caller waits for room before.
 
-        After a failure it is forgotten, as it would never get its turn.
+        After a failure the job is discarded, because it would never get its turn.
         """
         with self._changed:
             if not self._ended:
@@ -103,17 +103,17 @@ class WriteQueue(Generic[Result]):
                 self._changed.notify_all()
 
     def results(self) -> list[Result]:
-        """Return what jobs gave since this was asked last.
+        """Return the results of the jobs that finished since the last call.
 
-        Where there is nothing to tell, the error of a job that failed is raised; jobs before it may
-        still be under way, for which `drain` waits.
+        If no job finished and one failed, raise its error; earlier jobs may still be running, and
+        `drain` waits for them.
         """
         with self._changed:
-            found = list(self._results)
+            results = list(self._results)
             self._results.clear()
-            if not found and self._error is not None:
+            if not results and self._error is not None:
                 raise self._error
-            return found
+            return results
 
     def wait_for_room(self) -> None:
         """Wait until half of the room is free, or a job has failed.
@@ -121,27 +121,27 @@ class WriteQueue(Generic[Result]):
         Raises
         ------
         StorageError
-            If nothing is done for too long.
+            If no job finishes for too long.
         """
         self._wait(lambda: self._waits <= self._room // 2 or self._error is not None)
 
     def drain(self, patience_s: float = math.inf) -> None:
-        """Wait until every job is done, or for so long; after a failure, those under way.
+        """Wait at most ``patience_s`` until every job is done; after a failure, the running ones.
 
-        Raises as `wait_for_room`.
+        Raises the same errors as `wait_for_room`.
         """
         ends_s = time.monotonic() + patience_s
         self._wait(lambda: self._waits == 0 or time.monotonic() >= ends_s)
 
     def rests(self, patience_s: float) -> bool:
-        """Wait for so long at most; tell whether all jobs and all of the other work are done.
+        """Wait at most ``patience_s``; return whether all jobs and all idle work are done.
 
         Raises
         ------
         StorageError
-            If a piece of it takes too long.
+            If a piece of idle work takes too long.
         BaseException
-            What a job or the other work raised.
+            The error of a job or of the idle work.
         """
         ends_s = time.monotonic() + patience_s
         with self._changed:
@@ -149,8 +149,9 @@ class WriteQueue(Generic[Result]):
                 now_s = time.monotonic()
                 if self._idle_since_s is not None and now_s - self._idle_since_s > self._stall_s:
                     raise StorageError(
-                        f"{self._folder}: the disk has not given back a frame for "
-                        f"{now_s - self._idle_since_s:.1f} s; find out what blocks it, then resume"
+                        f"{self._folder}: reading a frame back has taken "
+                        f"{now_s - self._idle_since_s:.1f} s; find out what blocks the disk, then "
+                        "resume"
                     )
                 if now_s >= ends_s:
                     return False
@@ -160,35 +161,36 @@ class WriteQueue(Generic[Result]):
             return True
 
     def end(self, patience_s: float) -> bool:
-        """Forget jobs that wait, and give those under way so long to end.
+        """Discard waiting jobs, and wait at most ``patience_s`` for the running ones.
 
         Returns
         -------
         bool
-            False where one is still at it.
+            False if a job is still running.
         """
         ends_s = time.monotonic() + patience_s
         with self._changed:
             self._ended = True
             self._waiting.clear()
             self._changed.notify_all()
-            while self._begun > self._finished and (left_s := ends_s - time.monotonic()) > 0:
+            while self._started > self._finished and (left_s := ends_s - time.monotonic()) > 0:
                 self._changed.wait(left_s)
-            return self._begun == self._finished
+            return self._started == self._finished
 
     @property
     def _waits(self) -> int:
-        return len(self._waiting) + self._begun - self._finished
+        return len(self._waiting) + self._started - self._finished
 
     def _wait(self, until: Callable[[], bool]) -> None:
         began_s = time.monotonic()
         with self._changed:
             while not until():
-                stands_s = time.monotonic() - max(began_s, self._moved_s)
-                if stands_s > self._stall_s:
+                stalled_s = time.monotonic() - max(began_s, self._moved_s)
+                if stalled_s > self._stall_s:
                     raise StorageError(
-                        f"{self._folder}: the disk has taken no frame for {stands_s:.1f} s, "
-                        f"{self._waits} writes are waiting; find out what blocks it, then resume"
+                        f"{self._folder}: no write has finished for {stalled_s:.1f} s, "
+                        f"{self._waits} writes are waiting; find out what blocks the disk, then "
+                        "resume"
                     )
                 self._changed.wait(min(_TICK_S, self._stall_s))
 
@@ -200,16 +202,16 @@ class WriteQueue(Generic[Result]):
                 continue
             try:
                 result = job(partial(self._wait_for_turn, number))
-            except BaseException as error:  # noqa: BLE001 - raised again where it is asked for
+            except BaseException as error:  # noqa: BLE001 - raised again in the owner's thread
                 self._fail(number, error)
             else:
                 self._succeed(result)
                 del result
-            # A frame must go with its job, not with the next one.
+            # Free the frame with its job, not when the next one arrives.
             del job, taken
 
     def _next(self) -> tuple[int, Callable[[Turn], Result] | None] | None:
-        """Return a job, or None in its place where there is time for other work."""
+        """Return the next job, None in its place for idle work, or None at the end."""
         with self._changed:
             while not self._waiting and not self._ended:
                 if self._idle_left and self._idle_since_s is None and self._waits == 0:
@@ -218,34 +220,34 @@ class WriteQueue(Generic[Result]):
                 self._changed.wait()
             if self._ended:
                 return None
-            self._begun += 1
-            return self._begun - 1, self._waiting.popleft()
+            self._started += 1
+            return self._started - 1, self._waiting.popleft()
 
     def _idle(self) -> None:
         try:
             left, error = self._when_idle(), None
-        except BaseException as failure:  # noqa: BLE001 - raised again where it is asked for
+        except BaseException as failure:  # noqa: BLE001 - raised again in the owner's thread
             left, error = False, failure
         with self._changed:
             self._idle_left, self._idle_since_s = left, None
             if error is not None and self._error is None:
-                # Jobs under way may end.
-                self._failed, self._error = self._begun - 0.5, error
+                # Running jobs may finish.
+                self._failed, self._error = self._started - 0.5, error
                 self._ended = True
                 self._waiting.clear()
             self._changed.notify_all()
 
     def _wait_for_turn(self, number: int) -> None:
         with self._changed:
-            while self._well < number < self._failed:
+            while self._succeeded < number < self._failed:
                 self._changed.wait()
             if number > self._failed:
-                raise StorageError(f"{self._folder}: what came before could not be written")
+                raise StorageError(f"{self._folder}: an earlier write failed")
 
     def _succeed(self, result: Result) -> None:
         with self._changed:
             self._results.append(result)
-            self._well += 1
+            self._succeeded += 1
             self._end_one()
 
     def _fail(self, number: int, error: BaseException) -> None:

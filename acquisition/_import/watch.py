@@ -58,7 +58,7 @@ def watch_folder(
     out: str | Path,
     *,
     lights: Lights | None = None,
-    tell: Callable[[str], None] = lambda line: None,
+    on_message: Callable[[str], None] = lambda line: None,
     on_progress: Progress = no_progress,
     texts: dict[str, Any] | None = None,
 ) -> WatchResult:
@@ -77,10 +77,10 @@ def watch_folder(
         New folder, or the incomplete session of an earlier watch, which is then continued.
     lights
         Lights of the LEDs, matched by id (``L07``) or by order.
-    tell
+    on_message
         Called with each line of text for the user.
-    on_frame
-        Called after each frame with the number of recorded shots and the number of all shots.
+    on_progress
+        Receives the stage ``watching``, one step per image.
     texts
         ``operator``, ``object``, ``place``, ``notes``, ``rights`` of a new session.
 
@@ -101,7 +101,7 @@ def watch_folder(
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
-    watcher = _Watcher(watch, Path(out), lights, tell, on_progress, texts or {})
+    watcher = _Watcher(watch, Path(out), lights, on_message, on_progress, texts or {})
     try:
         return watcher.run()
     finally:
@@ -114,7 +114,7 @@ class _Watcher:
         watch: Watch,
         out: Path,
         lights: Lights | None,
-        tell: Callable[[str], None],
+        on_message: Callable[[str], None],
         on_progress: Progress,
         texts: dict[str, Any],
     ) -> None:
@@ -122,7 +122,7 @@ class _Watcher:
         self._out = out
         self._lights = lights_of_shots(watch.shots, lights)
         self._called = shots_by_name(watch.shots)
-        self._tell = tell
+        self._tell = on_message
         self._on_progress = on_progress
         self._texts = texts
         self._said: dict[str, None] = {}

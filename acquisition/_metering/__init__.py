@@ -1,1 +1,1 @@
-"""Exposures chosen by what the camera sees."""
+"""Metering: exposures chosen from trial frames."""

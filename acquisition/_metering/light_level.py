@@ -1,4 +1,4 @@
-"""How bright a frame is, and which exposure would make it as bright as wanted."""
+"""Light level of a frame, and the exposure that would bring it to the target level."""
 
 from __future__ import annotations
 
@@ -10,35 +10,36 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 
-# Within this, relative, a level is as wanted.
+# Relative deviation from the target level that is accepted.
 _TOLERANCE = 0.02
-# Where saturation limits the exposure, the tail of the histogram is put here, of full scale: noise
-# must not carry it over.
+# If saturation limits the exposure, the tail of the histogram is placed at this share of full
+# scale, so that noise does not saturate it.
 _TAIL = 0.95
-# Noise alone may look like light: an exposure from far below is gone towards in steps.
+# Noise alone may look like light, so the exposure grows by at most this factor per step.
 _LARGEST_STEP = 32.0
 _STEPS_PER_DECADE = 96
 
 
 @dataclass(frozen=True)
 class MeteringGoal:
-    """How bright frames are to be.
+    """Target of metering.
 
     Parameters
     ----------
     percentile
-        Of the raw values above black, over the full frame, above 0 to 100.
+        Percentile of raw values above black, over the full frame, to place at the target level;
+        above 0 to 100.
     fraction
-        Where it is to be, of the range from black to white, above 0 and at most 0.95.
+        Target level as a share of the range from black to white, above 0 and at most 0.95.
     max_clipped_fraction
-        Largest share of saturated samples, 0 to 1. Where it asks for a shorter exposure than the
-        percentile does, it wins.
+        Largest share of saturated samples, 0 to 1. It takes precedence if it requires a shorter
+        exposure than the percentile.
     each
-        True for an exposure for each light, False for one that suits the brightest.
+        True for a separate exposure per light, False for one exposure that suits the brightest.
     start_us
-        The first exposure that is tried, microseconds.
+        First exposure to try, microseconds.
     longest_us
-        Longest exposure to choose, microseconds. An LED without light up to here is dead.
+        Longest exposure to choose, microseconds. An LED without light up to this exposure is dead.
 
     Raises
     ------
@@ -61,24 +62,26 @@ class MeteringGoal:
             ("start_us", 0 < self.start_us < math.inf, "above 0"),
             ("longest_us", 0 < self.longest_us < math.inf, "above 0"),
         )
-        for name, fits, wanted in ranges:
+        for name, fits, allowed in ranges:
             if not fits:
-                raise DataError(f"metering: {name} is {getattr(self, name):g}, wanted is {wanted}")
+                raise DataError(
+                    f"metering: {name} is {getattr(self, name):g}, the range is {allowed}"
+                )
 
 
 @dataclass(frozen=True)
 class LightLevel:
-    """How bright one frame is, in grey values above black.
+    """Light level of one frame, in grey values above black.
 
     Parameters
     ----------
     exposure_us
-        What the frame was taken with.
+        Exposure time of the frame.
     level_dn
         The goal's percentile: the smallest value that at least this share of samples does not
         exceed.
     tail_dn
-        The same at 1 less the goal's ``max_clipped_fraction``.
+        Quantile at 1 minus the goal's ``max_clipped_fraction``.
     mean_dn
         Mean.
     clipped_fraction
@@ -118,7 +121,7 @@ def light_level(
 
 
 def reached(level: LightLevel, goal: MeteringGoal, span_dn: float) -> bool:
-    """Tell whether a frame is as bright as wanted; ``span_dn`` is white less black."""
+    """Return whether a frame is at the target level; ``span_dn`` is white minus black."""
     return (
         level.clipped_fraction <= goal.max_clipped_fraction
         and abs(level.level_dn / (goal.fraction * span_dn) - 1) <= _TOLERANCE
@@ -126,10 +129,11 @@ def reached(level: LightLevel, goal: MeteringGoal, span_dn: float) -> bool:
 
 
 def better_exposure_us(level: LightLevel, goal: MeteringGoal, span_dn: float) -> float:
-    """Return the exposure that should make a frame as bright as wanted.
+    """Return the exposure that should bring a frame to the target level.
 
-    Grey values above black grow with the exposure, so it follows from one frame; one that is
-    saturated only says that less is needed, and is halved, or divided by eight where most of it is.
+    Grey values above black are proportional to the exposure, so it follows from one frame. A
+    saturated frame only shows that less is needed: its exposure is halved, or divided by eight if
+    most of the frame is saturated.
     """
     if level.clipped_fraction > goal.max_clipped_fraction or level.level_dn >= span_dn:
         return level.exposure_us / (8 if level.clipped_fraction > 0.5 else 2)
@@ -139,9 +143,9 @@ def better_exposure_us(level: LightLevel, goal: MeteringGoal, span_dn: float) ->
 
 
 def stepped_us(exposure_us: float, low_us: float, high_us: float) -> float:
-    """Return the nearest of 96 exposures per decade (the series E96) within a range.
+    """Return the nearest of 96 exposures per decade (the E96 series) within a range.
 
-    Lights that differ by less than 2.4 % then share an exposure, and with it a dark frame.
+    Lights that differ by less than 2.4 % then share an exposure and so a dark frame.
     """
     if exposure_us <= low_us:
         return low_us

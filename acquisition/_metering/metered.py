@@ -1,4 +1,4 @@
-"""What metering found."""
+"""Results of metering."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from acquisition._plan.plan import CapturePlan
 
 @dataclass(frozen=True)
 class MeteredLight:
-    """What was found for one LED.
+    """Result of metering one LED.
 
     Parameters
     ----------
     led
         The LED.
     exposure_us
-        The exposure that suits it, as it is asked of the camera.
+        Chosen exposure as requested from the camera, microseconds.
     level
-        The percentile reached at it, as a fraction of the range from black to white.
+        Percentile reached at this exposure, as a fraction of the range from black to white.
     clipped_fraction
-        Share of saturated samples at it.
+        Share of saturated samples at this exposure.
     shots
-        How many frames it took.
+        Number of trial frames.
     state
-        ``ok``, ``too dark`` at the longest exposure, ``too bright`` at the shortest, ``coarse``
-        where the camera's steps leave none that fits, or ``dead``: no light of its own.
+        ``ok``, ``too dark`` at the longest exposure, ``too bright`` at the shortest, ``coarse`` if
+        the camera's exposure steps are too large to reach the target, or ``dead`` without light.
     """
 
     led: int
@@ -40,18 +40,18 @@ class MeteredLight:
 
 @dataclass(frozen=True)
 class Metered:
-    """What metering led to.
+    """Result of metering a plan.
 
     Parameters
     ----------
     plan
-        The plan with the exposures found and without dead LEDs.
+        The plan with the metered exposures and without dead LEDs.
     lights
-        What was measured, in the order of the plan it began with.
+        Results of all LEDs, in the order of the original plan.
     goal
-        What was wanted.
+        Target of the metering.
     black_dn, white_dn
-        The range of grey values that fractions are of.
+        Black and white level that fractions refer to.
     """
 
     plan: CapturePlan
@@ -62,18 +62,20 @@ class Metered:
 
     @property
     def dead_leds(self) -> tuple[int, ...]:
-        """LEDs that give no light."""
+        """LEDs that gave no light."""
         return tuple(light.led for light in self.lights if light.state == "dead")
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator should know, one line each."""
+        """Warnings for the operator, one line each."""
         lines = {
-            "dead": "gives no light up to {0:g} ms: left out; check its wire, then dead_leds",
+            "dead": "gives no light up to {0:g} ms: left out; check its wire, or list it in "
+            "dead_leds",
             "too dark": "reaches {1:.0%} of full scale at the longest exposure of {0:g} ms: raise "
             "the gain or the longest exposure, or open the lens",
             "too bright": "is saturated at the shortest exposure of {0:g} ms: close the lens",
-            "coarse": "is at {1:.0%} of full scale at {0:g} ms: no exposure tried came nearer",
+            "coarse": "is at {1:.0%} of full scale at {0:g} ms: no tested exposure is closer to "
+            "the target",
         }
         return tuple(
             f"LED {light.led} {lines[light.state].format(light.exposure_us / 1000, light.level)}"
@@ -82,7 +84,7 @@ class Metered:
         )
 
     def details(self) -> dict[str, Any]:
-        """Return what the event ``metered`` of a session says."""
+        """Return the details of the event ``metered`` of a session."""
         return {
             **asdict(self.goal),
             "black_dn": self.black_dn,

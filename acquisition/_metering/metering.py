@@ -1,4 +1,4 @@
-"""Metering: try exposures on a rig until every light is as bright as wanted."""
+"""Metering: try exposures on a rig until every light reaches the target level."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ from acquisition._plan.plan import CapturePlan
 from rig import Progress, Rig, RigError, no_progress
 
 _MOST_SHOTS = 16
-# With less light than this above the unlit frame, relative to it and in grey values, an LED is
-# dark; so little may come from a flickering room light.
+# An LED whose frame is above the unlit frame by less than this share and these grey values is dead:
+# a flickering room light may cause the same difference.
 _LEAST_SHARE = 0.02
 _LEAST_DN = 1.0
-# Of the longest time for which the board gives light; settling and repeated commands need the rest.
+# Share of the longest time for which the board keeps an LED on; settling and repeated commands
+# need the rest.
 _SHARE_OF_HOLD = 0.5
 
 
@@ -37,29 +38,29 @@ def meter(
     *,
     on_progress: Progress = no_progress,
 ) -> Metered:
-    """Choose the exposures of a plan by trying them on what lies under the camera now.
+    """Choose the exposures of a plan by trying them on the object under the camera.
 
     Parameters
     ----------
     rig
-        Open rig. It stays open, and dark.
+        Open rig. It stays open, with all LEDs off.
     plan
-        Which LEDs, at which gain. Its first bracket is metered; the others keep their ratio to it.
-        Its ``max_clipped_fraction`` holds where it is less than the goal's.
+        Plan with the LEDs and the gain. Its first bracket is metered; the others keep their ratio
+        to it. Its ``max_clipped_fraction`` applies if it is less than the goal's.
     goal
-        How bright frames are to be; default the 99.5th percentile at 0.7 of full scale.
+        Target; default the 99.5th percentile at 0.7 of full scale.
     on_progress
         Receives the stage ``metering``, one step per LED.
 
     Returns
     -------
     Metered
-        The level of each LED was measured at the exposure beside it, not worked out.
+        The level of each LED is measured at the chosen exposure, not extrapolated.
 
     Raises
     ------
     DataError
-        If two brackets of an LED would have the same exposure.
+        If two brackets of an LED would have the same exposure time.
     RigError
         If board or camera fail, or no LED gives any light.
     """
@@ -101,7 +102,7 @@ def meter(
 
 
 class _Trial:
-    """Takes trial shots and judges them."""
+    """Takes trial shots and evaluates them."""
 
     def __init__(self, rig: Rig, gain_db: float, goal: MeteringGoal) -> None:
         info = rig.camera.info
@@ -112,7 +113,7 @@ class _Trial:
         hold_us = _SHARE_OF_HOLD * rig.board.identity.max_hold_ms * 1000
         self.high_us = max(min(info.exposure_max_us, goal.longest_us, hold_us), self._low_us)
         self.white_dn = float(2**info.bit_depth - 1)
-        # The shortest exposure sees neither room light nor dark current: what is left is black.
+        # The shortest exposure collects hardly any room light or dark current: its level is black.
         unlit = rig.shoot(None, self._low_us, gain_db).frame
         self.black_dn = float(np.median(unlit.pixels))
         self._span_dn = self.white_dn - self.black_dn
@@ -125,7 +126,7 @@ class _Trial:
         self._unlit = {self._next_us: self._shoot(None, self._next_us)}
 
     def light(self, led: int) -> MeteredLight:
-        """Find the exposure of one LED, from that of the one before."""
+        """Find the exposure of one LED, starting from that of the previous LED."""
         goal, span_dn = self._goal, self._span_dn
         asked_us = self._next_us
         tried: dict[float, LightLevel] = {}
@@ -162,14 +163,14 @@ class _Trial:
         )
 
     def _best(self, tried: dict[float, LightLevel]) -> float:
-        """Return the exposure nearest to the goal of those that do not clip; else the shortest."""
-        wanted_dn = self._goal.fraction * self._span_dn
-        sound = {
-            us: abs(math.log(max(level.level_dn, 1e-9) / wanted_dn))
+        """Return the unclipped exposure closest to the target; if all clip, the shortest."""
+        target_dn = self._goal.fraction * self._span_dn
+        unclipped = {
+            us: abs(math.log(max(level.level_dn, 1e-9) / target_dn))
             for us, level in tried.items()
             if level.clipped_fraction <= self._goal.max_clipped_fraction
         }
-        return min(sound, key=lambda us: sound[us]) if sound else min(tried)
+        return min(unclipped, key=lambda us: unclipped[us]) if unclipped else min(tried)
 
     def _state(self, asked_us: float, level: LightLevel) -> str:
         goal = self._goal
@@ -180,13 +181,13 @@ class _Trial:
         if level.level_dn < goal.fraction * self._span_dn:
             if asked_us >= self.high_us:
                 return "too dark"
-            # Saturation of a small part is what keeps the exposure down.
+            # The exposure is limited by saturation of a small part of the frame.
             if level.tail_dn > 0.9 * self._span_dn:
                 return "ok"
         return "coarse"
 
     def _shines(self, asked_us: float, level: LightLevel) -> bool:
-        """Tell whether a frame has more light than one with all LEDs off."""
+        """Return whether a frame has more light than one with all LEDs off."""
         start_us, start = next(iter(self._unlit.items()))
         expected_dn = start.level_dn * max(1.0, asked_us / start_us)
         if level.level_dn > 2 * expected_dn + 10 * _LEAST_DN:
@@ -207,15 +208,15 @@ def _least_dn(unlit_dn: float) -> float:
 def _brackets(
     plan: CapturePlan, led: int, first_us: float, range_us: tuple[float, float]
 ) -> tuple[float, ...]:
-    """Return the exposures of all brackets of an LED, in the ratios that the plan has."""
+    """Return the exposures of all brackets of an LED, in the ratios of the plan."""
     planned, *others = [plan.exposure_us(led, b) for b in range(len(plan.exposures_us))]
     ratios = [us / planned for us in others]
     exposures = (first_us, *(stepped_us(first_us * ratio, *range_us) for ratio in ratios))
     for bracket, exposure_us in enumerate(exposures):
         if exposure_us in exposures[:bracket]:
             raise DataError(
-                f"metering: bracket {bracket} of LED {led} would be {exposure_us:g} us like "
-                f"another: the camera exposes for {range_us[0]:g} to {range_us[1]:g} us; change "
-                "the ratios of exposures_us in the plan"
+                f"metering: bracket {bracket} of LED {led} would have the same exposure as another "
+                f"bracket, {exposure_us:g} us: the camera exposes for {range_us[0]:g} to "
+                f"{range_us[1]:g} us; change the ratios of exposures_us in the plan"
             )
     return exposures

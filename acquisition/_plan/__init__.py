@@ -1,1 +1,1 @@
-"""Capture plans: what is shot, how long it takes, how many bytes it makes."""
+"""Capture plans: their shots, duration and size in bytes."""

@@ -1,4 +1,4 @@
-"""What a plan costs: shots, time and bytes."""
+"""Cost of a plan: shots, time and bytes."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from acquisition._plan.plan import CapturePlan
 
 @dataclass(frozen=True)
 class PlanEstimate:
-    """What a plan costs.
+    """Cost of a plan.
 
     Parameters
     ----------
     shots
-        Frames.
+        Number of frames.
     exposure_s
-        Sum of the exposures, seconds.
+        Sum of the exposure times, seconds.
     seconds
-        Exposures, and for each frame what it takes beside its exposure.
+        Total duration: exposure times plus the overhead of each frame.
     bytes
-        Of the frames, uncompressed.
+        Size of the uncompressed frames.
     """
 
     shots: int
@@ -32,16 +32,16 @@ class PlanEstimate:
 def estimate_plan(
     plan: CapturePlan, *, width: int, height: int, frame_s: float = 0.0
 ) -> PlanEstimate:
-    """Work out what a plan costs without retakes.
+    """Estimate the cost of a plan without retakes.
 
     Parameters
     ----------
     plan
         The plan.
     width, height
-        Of a frame of 16-bit samples, pixels.
+        Size of a frame of 16-bit samples, pixels.
     frame_s
-        What a frame takes beside its exposure, seconds: settling, readout, commands.
+        Overhead of a frame in addition to its exposure, seconds: settling, readout, commands.
     """
     shots = plan.shots()
     exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6
@@ -50,5 +50,5 @@ def estimate_plan(
 
 
 def frame_bytes(width: int, height: int) -> int:
-    """Bytes of a frame of 16-bit samples, uncompressed; cameras deliver grey or mosaics."""
+    """Return the bytes of an uncompressed frame with one 16-bit sample per pixel."""
     return 2 * width * height

@@ -1,4 +1,4 @@
-"""What to capture: a frozen plan that unrolls into single shots."""
+"""Capture plan: frozen settings that expand into single shots."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from acquisition._toml import read_toml, validated
 
 
 def _led_number(key: object) -> object:
-    """Return the LED that a key stands for: TOML has keys of text only."""
+    """Return the LED number of a TOML key, which is always text."""
     if not isinstance(key, str):
         return key
     if not re.fullmatch(r"0|[1-9][0-9]{0,5}", key):
-        raise ValueError(f"{key!r} is no LED: write its number, as 7 for LED 7")
+        raise ValueError(f"{key!r} is not an LED: write its number, for instance 7 for LED 7")
     return int(key)
 
 
-# Far more than a session of 36 LEDs has, and as many as a plan is quickly written out for.
+# Far more than a session of 36 LEDs has; expanding a plan of this size is still quick.
 _MOST_SHOTS: Final = 1_000_000
 _MOST_LEDS: Final = 65_536
 
@@ -45,33 +45,34 @@ _Flag = Annotated[bool, Field(strict=True)]
 
 
 class CapturePlan(BaseModel):
-    """What to capture. Frozen; written into the session it leads to.
+    """Settings of a recording. Frozen; stored in the session.
 
     Parameters
     ----------
     leds
-        LEDs in the order in which they are lit, counted from 0, each once.
+        LED numbers from 0, in the order of the shots, each once.
     exposures_us
         One exposure time per bracket, microseconds, all different.
     exposures_by_led
-        Exposure times of single LEDs, one per bracket, instead of those; keys of a TOML file are
-        LED numbers as text.
+        Exposure times of single LEDs, one per bracket, which replace ``exposures_us``; the keys of
+        a TOML file are LED numbers as text.
     repeats
         Shots of each LED and bracket, 1 to 1000.
     dark
-        Take one dark frame for each exposure, before the lights. The LEDs are off; that no other
-        light falls on the sensor is up to the operator.
+        Take one dark frame for each exposure time, before the lights. The LEDs are off; the
+        operator must keep all other light off the sensor.
     ambient
-        Take one frame with the LEDs off for each exposure, to measure the light in the room.
+        Take one frame with the LEDs off for each exposure time, to measure the light of the room.
     flats
-        Frames of a white card for each bracket, at the end, 0 to 1000. They are lit by LEDs spread
-        evenly over ``leds``, each frame by one; as many as there are LEDs are lit by each in turn.
+        Number of frames of a white card for each bracket, at the end, 0 to 1000. Each is lit by one
+        LED; the LEDs are spread evenly over ``leds``. With as many flats as LEDs, each LED lights
+        one.
     gain_db
         Analogue gain, the same for all shots.
     sequence
-        The board may run through the LEDs by itself where the rig can.
+        Let the board step through the LEDs by itself if the rig supports it.
     retakes
-        How often a shot that failed may be taken again, 0 to 100.
+        Number of times that a failed shot may be taken again, 0 to 100.
     max_clipped_fraction
         Largest share of saturated samples that a frame may have.
     """
@@ -95,7 +96,7 @@ class CapturePlan(BaseModel):
     def _each_once(cls, values: tuple[float, ...]) -> tuple[float, ...]:
         for value, count in Counter(values).items():
             if count > 1:
-                raise ValueError(f"{value:g} is there twice: each may be planned once")
+                raise ValueError(f"{value:g} appears twice: list each value once")
         return values
 
     @model_validator(mode="after")
@@ -104,7 +105,7 @@ class CapturePlan(BaseModel):
         shots = len(self.leds) * len(self.exposures_us) * self.repeats
         if shots > _MOST_SHOTS:
             raise ValueError(
-                f"leds, exposures_us and repeats make {shots} shots: {_MOST_SHOTS} are the most"
+                f"leds, exposures_us and repeats make {shots} shots: the limit is {_MOST_SHOTS}"
             )
         for led, exposures_us in self.exposures_by_led.items():
             if led not in leds:
@@ -120,7 +121,7 @@ class CapturePlan(BaseModel):
 
     @model_serializer(mode="wrap")
     def _written(self, values_of: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Write LEDs as TOML's keys, which are text, and no table where it would be empty."""
+        """Write LED numbers as text, as TOML keys require, and omit an empty table."""
         values: dict[str, Any] = values_of(self)
         by_led = values.pop("exposures_by_led", {})
         if by_led:
@@ -128,30 +129,30 @@ class CapturePlan(BaseModel):
         return values
 
     def exposure_us(self, led: int, bracket: int) -> float:
-        """Exposure of an LED of the plan in a bracket, microseconds."""
+        """Return the exposure time of an LED of the plan in a bracket, microseconds."""
         return self.exposures_by_led.get(led, self.exposures_us)[bracket]
 
     @property
     def distinct_exposures_us(self) -> tuple[float, ...]:
-        """Every exposure that an LED is taken with, once, in the order of brackets and LEDs."""
+        """All different exposure times of the plan, in the order of brackets and LEDs."""
         brackets = range(len(self.exposures_us))
         used = (self.exposure_us(led, bracket) for bracket in brackets for led in self.leds)
         return tuple(dict.fromkeys(used))
 
     def check(self, led_count: int, dead_leds: Iterable[int] = ()) -> None:
-        """Check the plan against the board that is to carry it out.
+        """Check that the board has all LEDs of the plan and that they work.
 
         Parameters
         ----------
         led_count
-            LEDs of the board.
+            Number of LEDs of the board.
         dead_leds
-            LEDs known not to work; `without` leaves them out.
+            LEDs that do not work; `without` leaves them out.
 
         Raises
         ------
         DataError
-            If the plan asks for an LED that the board lacks or that is dead.
+            If the plan contains an LED that the board lacks or that is dead.
         """
         for led in self.leds:
             if led >= led_count:
@@ -166,46 +167,48 @@ class CapturePlan(BaseModel):
             )
 
     def without(self, dead_leds: Iterable[int]) -> tuple[CapturePlan, tuple[int, ...]]:
-        """Leave out LEDs that are known not to work.
+        """Leave out LEDs that do not work.
 
         Returns
         -------
         plan
-            The plan for the others.
+            The plan with the other LEDs.
         left_out
-            The LEDs of this plan that are not in it, in its order.
+            The LEDs that were left out, in the order of the plan.
 
         Raises
         ------
         DataError
-            If none is left.
+            If no LED is left.
         """
         dead = set(dead_leds)
         left_out = tuple(led for led in self.leds if led in dead)
         if not left_out:
             return self, ()
         if len(left_out) == len(self.leds):
-            raise DataError("plan: every LED of leds is marked dead in the rig file; mend the rig")
+            raise DataError(
+                "plan: every LED of leds is marked dead in the rig file; repair the rig"
+            )
         kept = {led: own for led, own in self.exposures_by_led.items() if led not in dead}
         leds = tuple(led for led in self.leds if led not in dead)
         return self.changed(leds=leds, exposures_by_led=kept), left_out
 
     def changed(self, **values: Any) -> CapturePlan:
-        """Return a plan with other values of these fields.
+        """Return a plan with other values of the given fields.
 
         Raises
         ------
         DataError
-            If they make no plan.
+            If the result is not a valid plan.
         """
         return validated(CapturePlan, {**self.model_dump(), **values}, Path("plan"))
 
     def shots(self) -> tuple[PlannedShot, ...]:
         """Return the shots in the order in which they are taken: dark, ambient, lights, flats.
 
-        The exposure changes as seldom as can be, as cameras take time for it: each LED's longest
-        exposure, then its next, and within these the LEDs of one exposure together. So what an LED
-        gives is known when a frame comes that may be too short to show it.
+        The exposure time changes as rarely as possible, because cameras take time for it: first
+        each LED's longest exposure, then its next, and within these all LEDs of one exposure time
+        together. So the light of an LED is known before a frame that may be too short to show it.
         """
         roles: tuple[tuple[Role, bool], ...] = (("dark", self.dark), ("ambient", self.ambient))
         unlit = [
@@ -230,12 +233,12 @@ class CapturePlan(BaseModel):
         return (*unlit, *lit, *flats)
 
     def _from_longest(self, led: int) -> list[int]:
-        """Return the brackets by the exposure that the LED has in them, the longest first."""
+        """Return the brackets sorted by the LED's exposure time, longest first."""
         brackets = range(len(self.exposures_us))
         return sorted(brackets, key=lambda bracket: -self.exposure_us(led, bracket))
 
     def _by_exposure(self, rank: int) -> list[tuple[int, int]]:
-        """Return each LED with its bracket of this rank, those of one exposure together."""
+        """Return (LED, bracket of this rank) pairs, grouped by exposure time."""
         together: dict[float, list[tuple[int, int]]] = {}
         for led in self.leds:
             bracket = self._from_longest(led)[rank]

@@ -1,4 +1,4 @@
-"""One frame of a plan: which it is, and the file it goes to."""
+"""One planned frame: its identity and its file name."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ ShotKey = tuple[Role, int | None, int, int]
 
 @dataclass(frozen=True)
 class PlannedShot:
-    """One frame to take.
+    """One planned frame.
 
     Parameters
     ----------
     role
-        ``light`` (one LED burns), ``dark``, ``ambient`` (both with all LEDs off) or ``flat`` (a
+        ``light`` (one LED is on), ``dark``, ``ambient`` (both with all LEDs off) or ``flat`` (a
         white card).
     led
         LED number from 0 for a light, None otherwise.
     bracket
-        Index of the exposure from 0; for dark and ambient frames the place of their exposure
-        among all that the plan has.
+        Index of the bracket from 0; for dark and ambient frames the index of their exposure time
+        in `CapturePlan.distinct_exposures_us`.
     repeat
         0 for the first shot of this LED and bracket, then 1, 2 ...
     exposure_us
-        Exposure time asked for, microseconds; None where it is not known (imported images).
+        Requested exposure time, microseconds; None if it is unknown (imported images).
     flat_led
-        The LED that lights a flat, which does not identify it; None otherwise.
+        LED that lights a flat; not part of its identity. None for other roles.
     """
 
     role: Role
@@ -43,21 +43,21 @@ class PlannedShot:
 
     @property
     def lit_led(self) -> int | None:
-        """The LED that burns during the shot, None where all are dark."""
+        """The LED that is on during the shot, None if all LEDs are off."""
         return self.flat_led if self.led is None else self.led
 
     @property
     def key(self) -> ShotKey:
-        """What identifies the shot: a retake has the key of the shot it replaces."""
+        """Identity of the shot; a retake has the key of the shot that it replaces."""
         return self.role, self.led, self.bracket, self.repeat
 
     @property
     def file(self) -> str:
-        """File name inside ``frames/`` of the first take."""
+        """File name of the first take inside ``frames/``."""
         return self.take_file(self.repeat)
 
     def take_file(self, number: int) -> str:
-        """File name with the running number that tells repeats and retakes apart (0: none)."""
+        """Return the file name with the number of a repeat or retake (0: no number)."""
         return f"{self._stem()}{f'_R{number}' if number else ''}.tif"
 
     def _stem(self) -> str:
@@ -66,7 +66,7 @@ class PlannedShot:
         if self.role == "flat":
             return f"F_E{self.bracket}"
         if self.exposure_us is None:
-            raise DataError(f"a {self.role} frame needs its exposure: it is filed by it")
+            raise DataError(f"a {self.role} frame needs an exposure time: its file is named by it")
         exposure = float(self.exposure_us)
         text = str(int(exposure)) if exposure.is_integer() else repr(exposure)
         return f"{'D' if self.role == 'dark' else 'A'}_{text}us"

@@ -1,1 +1,1 @@
-"""What is checked before a capture."""
+"""Checks before a capture."""

@@ -1,4 +1,4 @@
-"""One line of a pre-flight: what was looked at, and how it is."""
+"""Result of one pre-flight check."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ State = Literal["ok", "warning", "failed", "not done"]
 
 @dataclass(frozen=True)
 class Check:
-    """What one check found.
+    """Result of one check.
 
     Parameters
     ----------
     name
-        What was looked at.
+        Name of the check.
     state
-        ``ok``; ``warning``, where a recording is possible; ``failed``; or ``not done``, because a
-        check before it failed or the scene does not allow it.
+        ``ok``; ``warning`` if a recording is still possible; ``failed``; or ``not done`` because an
+        earlier check failed or the scene does not allow it.
     text
-        What was found and, where it is not ok, what to do; one line.
+        One line with the finding and, unless the state is ``ok``, what to do.
     values
-        The figures behind it, units in their names.
+        The measured values, with units in their names.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Pre-flight of the disk: room for the recording, and writes that are durable."""
+"""Pre-flight of the disk: free space for the recording, and durable writes."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from acquisition._preflight.check import Check
 from acquisition._storage import disk, read_back, sync_folder, write_whole
 
 NAME = "disk"
-# Room asked for, relative to the estimate: retakes, and what else writes to the disk.
+# Required space relative to the estimate: retakes and other programs need some, too.
 MARGIN = 1.25
 _PROBE_BYTES = 4_000_000
 
 
 def check_disk(folder: Path, estimate_bytes: int) -> Check:
-    """Check the disk on which a session is to lie.
+    """Check the disk of a planned session.
 
-    A probe file is written into the nearest folder that exists, flushed, read back and removed.
+    A probe file is written into the nearest existing folder, flushed, read back and removed.
 
     Parameters
     ----------
     folder
-        Of the session; it need not exist.
+        Folder of the session; it need not exist.
     estimate_bytes
-        What the recording takes; 1.25 times as much must be free.
+        Estimated size of the recording; 1.25 times as much must be free.
     """
     place = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
     try:
         rate_mb_s = _probe(place)
-        with disk(place, "ask for free space"):
+        with disk(place, "read the free space"):
             free_bytes = shutil.disk_usage(place).free
     except StorageError as error:
         return Check(NAME, "failed", str(error))
@@ -43,14 +43,14 @@ def check_disk(folder: Path, estimate_bytes: int) -> Check:
         "needed_bytes": needed_bytes,
         "write_mb_per_s": round(rate_mb_s, 1),
     }
-    said = (
-        f"{place}: {free_bytes / 1e6:.0f} MB free, {needed_bytes / 1e6:.0f} MB wanted "
+    finding = (
+        f"{place}: {free_bytes / 1e6:.0f} MB free, {needed_bytes / 1e6:.0f} MB required "
         f"({MARGIN:g} x the estimate)"
     )
     if free_bytes < needed_bytes:
-        text = f"{said}: free space, choose another disk, or plan fewer shots"
+        text = f"{finding}: free space, choose another disk, or plan fewer shots"
         return Check(NAME, "failed", text, values)
-    return Check(NAME, "ok", f"{said}; writes durably at {rate_mb_s:.0f} MB/s", values)
+    return Check(NAME, "ok", f"{finding}; writes durably at {rate_mb_s:.0f} MB/s", values)
 
 
 def _probe(place: Path) -> float:
@@ -65,6 +65,6 @@ def _probe(place: Path) -> float:
         same = read_back(part.path) == data
     if not same:
         raise StorageError(
-            f"{place}: a file read back differs from what was written: do not use this disk"
+            f"{place}: a file read back differs from the data written: do not use this disk"
         )
     return len(data) / 1e6 / max(seconds, 1e-6)

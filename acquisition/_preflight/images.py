@@ -1,4 +1,4 @@
-"""Pre-flight of the picture: what trial frames say about light, focus and the camera's honesty."""
+"""Pre-flight of the image: light, focus and linearity of trial frames."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from acquisition._preflight.check import Check
 
 Pixels = npt.NDArray[np.uint16]
 
-_NEAR, _FAR = 2, 8  # even, so that samples compared have the same colour under a Bayer filter
-# The detail of an image without any structure finer than the far distance is 0.0625.
+_NEAR, _FAR = 2, 8  # even, so that compared samples have the same colour under a Bayer filter
+# An image without structure finer than the far distance has a detail of 0.0625.
 _BLURRED = 0.08
 _CONTRAST = 0.002
 _CLIPPED = 0.01
@@ -26,7 +26,7 @@ PWM_PERIOD_US = 1024.0
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Trial frames of one LED, with the exposures that the camera reported.
+    """Trial frames of one LED, with the exposure times that the camera reported.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ class Trials:
     lit
         Two frames under the LED at its longest exposure.
     unlit
-        One with all LEDs off at the same exposure.
+        Frame with all LEDs off at the same exposure.
     half
-        One under the LED at about half of it.
+        Frame under the LED at about half that exposure.
     half_unlit
-        One with all LEDs off at that.
+        Frame with all LEDs off at about half that exposure.
     lit_us, half_us
-        The exposures.
+        The two exposure times, microseconds.
     """
 
     led: int
@@ -60,29 +60,29 @@ class Trials:
 
 
 def check_response(trials: Trials) -> Check:
-    """Check that twice the exposure gives twice the light: no automatic, no gamma at work."""
+    """Check that twice the exposure gives twice the signal: no auto exposure, no gamma."""
     name = "response"
-    sound = (trials.lit[0] < 0.9 * trials.white_dn) & (trials.half < 0.9 * trials.white_dn)
-    if sound.mean() < 0.01:
-        return Check(name, "not done", "nearly every sample is saturated: expose shorter")
-    long_dn = _mean(trials.lit[0], sound) - _mean(trials.unlit, sound)
-    short_dn = _mean(trials.half, sound) - _mean(trials.half_unlit, sound)
+    valid = (trials.lit[0] < 0.9 * trials.white_dn) & (trials.half < 0.9 * trials.white_dn)
+    if valid.mean() < 0.01:
+        return Check(name, "not done", "nearly every sample is saturated: shorten the exposure")
+    long_dn = _mean(trials.lit[0], valid) - _mean(trials.unlit, valid)
+    short_dn = _mean(trials.half, valid) - _mean(trials.half_unlit, valid)
     if short_dn < _LEAST_LIGHT_DN:
         return Check(
-            name, "not done", f"LED {trials.led} gives too little light: expose longer", {}
+            name, "not done", f"LED {trials.led} gives too little light: lengthen the exposure", {}
         )
     bend = (long_dn / short_dn) / (trials.lit_us / trials.half_us) - 1
     values: dict[str, float | int | str | None] = {"deviation": round(bend, 4), "led": trials.led}
-    said = (
-        f"from {trials.half_us:g} to {trials.lit_us:g} us the light of LED {trials.led} grows "
-        f"{long_dn / short_dn:.3f} times instead of {trials.lit_us / trials.half_us:.3f}"
+    finding = (
+        f"from {trials.half_us:g} to {trials.lit_us:g} us the light of LED {trials.led} grows by "
+        f"a factor of {long_dn / short_dn:.3f}, expected {trials.lit_us / trials.half_us:.3f}"
     )
     if abs(bend) <= _BENT:
-        return Check(name, "ok", f"{said}: linear", values)
+        return Check(name, "ok", f"{finding}: linear", values)
     return Check(
         name,
         "failed" if abs(bend) > _STRONGLY_BENT else "warning",
-        f"{said}: turn off what the camera does by itself (auto exposure, auto gain, gamma, "
+        f"{finding}: turn off the camera's automatic functions (auto exposure, auto gain, gamma, "
         "black-level and shading correction), or let the LEDs warm up",
         values,
     )
@@ -91,18 +91,18 @@ def check_response(trials: Trials) -> Check:
 def check_exposure(
     frames: list[tuple[float, Pixels]], black: float, white_dn: float, limit: float
 ) -> Check:
-    """Check the frames of all brackets: none black, the shortest not saturated.
+    """Check the frames of all brackets: the longest is not too dark, the shortest not saturated.
 
     Parameters
     ----------
     frames
-        Exposure and frame of each bracket under one LED.
+        Exposure time and frame of each bracket under one LED.
     black
         Grey value without light.
     white_dn
         Grey value from which a sample is saturated.
     limit
-        The plan's ``max_clipped_fraction``; frames beyond it are rejected.
+        The plan's ``max_clipped_fraction``; frames above it are rejected.
     """
     name = "exposure"
     clipped = {us: float(np.mean(pixels >= white_dn)) for us, pixels in frames}
@@ -114,30 +114,30 @@ def check_exposure(
         "clipped_fraction": clipped[short_us],
         "most_clipped_fraction": max(clipped.values()),
     }
-    said = f"{level:.0%} of full scale at {long_us:g} us, {clipped[short_us]:.2%} saturated"
+    finding = f"{level:.0%} of full scale at {long_us:g} us, {clipped[short_us]:.2%} saturated"
     if len(frames) > 1:
-        said += f" at {short_us:g} us"
+        finding += f" at {short_us:g} us"
     if max(clipped.values()) > limit:
         text = (
             f"{max(clipped.values()):.2%} of a frame is saturated, the plan allows {limit:.2%} and "
-            "the recording would end there: expose shorter, or meter"
+            "the recording would end there: shorten the exposure, or meter"
         )
         return Check(name, "failed", text, values)
     if clipped[short_us] > _CLIPPED:
-        text = f"{said}: expose shorter, add a shorter bracket, or meter"
+        text = f"{finding}: shorten the exposure, add a shorter bracket, or meter"
         return Check(name, "warning", text, values)
     if level < _DIM:
-        return Check(name, "warning", f"{said}: expose longer, or meter", values)
-    return Check(name, "ok", said, values)
+        return Check(name, "warning", f"{finding}: lengthen the exposure, or meter", values)
+    return Check(name, "ok", finding, values)
 
 
 def detail(one: Pixels, other: Pixels) -> tuple[float, float]:
-    """Return how fine the structures of an image are, and its contrast.
+    """Return the detail and the contrast of an image.
 
-    The mean squared difference of samples 2 apart over that of samples 8 apart: 1 where there is
-    structure down to single pixels, 0.0625 where there is none finer than 8 pixels. Two frames of
-    the same are multiplied, so that their noise does not count. The contrast is the root of the
-    latter over the mean.
+    Detail is the mean squared difference of samples 2 apart divided by that of samples 8 apart: 1
+    for structure down to single pixels, 0.0625 without structure finer than 8 pixels. The
+    differences of two frames of the same scene are multiplied, so that their noise averages out.
+    Contrast is the square root of the value for samples 8 apart, divided by the mean.
     """
     first, second = (pixels.astype(np.float32) for pixels in (one, other))
     near, far = _energy(first, second, _NEAR), _energy(first, second, _FAR)
@@ -156,51 +156,54 @@ def check_focus(trials: Trials) -> Check:
     if contrast < _CONTRAST:
         text = "there is nothing to focus on: put the object, or a ruler, under the camera"
         return Check(name, "warning", text, values)
-    said = f"detail {value:.2f} (1: down to single pixels, 0.06: none finer than 8 pixels)"
+    finding = f"detail {value:.2f} (1: down to single pixels, 0.06: none finer than 8 pixels)"
     if value < _BLURRED:
-        text = f"{said}: focus the lens; an object without fine structure looks like this too"
+        text = f"{finding}: focus the lens; an object without fine structure gives the same value"
         return Check(name, "warning", text, values)
-    return Check(name, "ok", said, values)
+    return Check(name, "ok", finding, values)
 
 
 def check_room(trials: Trials) -> Check:
-    """Check the light in the room against that of an LED."""
+    """Compare the light of the room with that of an LED."""
     name = "room light"
     room_dn = float(trials.unlit.mean()) - trials.black
     light_dn = float(trials.lit[0].mean()) - float(trials.unlit.mean())
     if light_dn <= 0:
-        text = f"LED {trials.led} gives no light to compare with: check the LED, expose longer"
+        text = (
+            f"LED {trials.led} gives no light to compare with: check the LED, or lengthen the "
+            "exposure"
+        )
         return Check(name, "failed", text)
     share = room_dn / light_dn
-    said = f"{max(share, 0.0):.1%} of the light of LED {trials.led}"
+    finding = f"{max(share, 0.0):.1%} of the light of LED {trials.led}"
     values: dict[str, float | int | str | None] = {"share": round(share, 4), "room_dn": room_dn}
     if share > _ROOM:
-        text = f"{said}: darken the room; dark or ambient frames take off only what is steady"
+        text = f"{finding}: darken the room; dark or ambient frames correct steady light only"
         return Check(name, "warning", text, values)
-    return Check(name, "ok", said, values)
+    return Check(name, "ok", finding, values)
 
 
 def check_steadiness(led: int, frames: list[Pixels], unlit: Pixels, exposure_us: float) -> Check:
-    """Check that equal shots give equal light, at the shortest exposure of the plan."""
+    """Check that equal shots at the shortest exposure of the plan give equal light."""
     name = "steadiness"
     off_dn = float(unlit.mean())
     light_dn = np.array([float(pixels.mean()) - off_dn for pixels in frames])
     if light_dn.mean() < _LEAST_LIGHT_DN / 4:
-        text = f"LED {led} gives too little light at {exposure_us:g} us to tell"
+        text = f"LED {led} gives too little light at {exposure_us:g} us to measure"
         return Check(name, "not done", text)
     spread = float(light_dn.std(ddof=1) / light_dn.mean())
     values: dict[str, float | int | str | None] = {
         "spread": round(spread, 5),
         "exposure_us": exposure_us,
     }
-    said = f"{len(frames)} shots of LED {led} at {exposure_us:g} us vary by {spread:.2%}"
+    finding = f"{len(frames)} shots of LED {led} at {exposure_us:g} us vary by {spread:.2%}"
     if spread <= _UNSTEADY:
-        return Check(name, "ok", said, values)
+        return Check(name, "ok", finding, values)
     periods = max(1, round(exposure_us / PWM_PERIOD_US))
     text = (
-        f"{said}: where LEDs are dimmed by pulses expose for a multiple of their period "
-        f"({PWM_PERIOD_US:g} us for a TLC5947: {periods * PWM_PERIOD_US:g} us here), or drive them "
-        "fully; else check their supply"
+        f"{finding}: if the LEDs are dimmed by PWM, expose for a multiple of its period "
+        f"({PWM_PERIOD_US:g} us for a TLC5947: {periods * PWM_PERIOD_US:g} us here), or set full "
+        "brightness; otherwise check their power supply"
     )
     return Check(name, "warning", text, values)
 

@@ -1,4 +1,4 @@
-"""Pre-flight: what would spoil a recording is found before it begins."""
+"""Pre-flight: find problems that would spoil a recording before it starts."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _Step = tuple[str, Callable[[], Check]]
 
 @dataclass(frozen=True)
 class Preflight:
-    """What was checked, in order."""
+    """Results of all checks, in order."""
 
     checks: tuple[Check, ...]
 
     @property
     def ok(self) -> bool:
-        """Whether nothing speaks against recording; warnings do not."""
+        """Whether no check failed; warnings are allowed."""
         return not self.failed
 
     @property
@@ -46,7 +46,7 @@ class Preflight:
         return tuple(check for check in self.checks if check.state == "failed")
 
     def details(self) -> dict[str, Any]:
-        """Return what the event ``checked`` of a session says."""
+        """Return the details of the event ``checked`` of a session."""
         return {
             "checks": [
                 {"name": check.name, "state": check.state, "text": check.text, **check.values}
@@ -64,40 +64,41 @@ def preflight(
     self_test: bool = True,
     on_progress: Progress = no_progress,
 ) -> Preflight:
-    """Check disk, board, camera, picture and every LED against a plan.
+    """Check disk, board, camera, image and every LED for a plan.
 
-    The object lies under the camera as it is to be recorded. Some twenty frames are taken, and
-    with the self-test some more of each LED; nothing is kept. The brightness of the plan's LEDs is
-    set to full scale.
+    The object must be under the camera, in place for the recording. About twenty frames are taken,
+    and with the self-test some more of each LED; none is stored. The brightness of the plan's LEDs
+    is set to full scale.
 
     Parameters
     ----------
     rig
-        Open rig. It stays open, and dark.
+        Open rig. It stays open, with all LEDs off.
     plan
-        What is to be recorded, without LEDs that are listed as dead.
+        Plan of the recording, without LEDs that are listed as dead.
     folder
-        Of the session to come.
+        Folder of the planned session.
     white_level_dn
-        Grey value from which a sample is clipped; default the greatest of the camera's bits.
+        Grey value from which a sample is clipped; default the maximum of the camera's bit depth.
     self_test
-        Whether every LED of the rig is tried.
+        Whether to test every LED of the rig.
     on_progress
         Receives the stage ``checking``, one step per check.
 
     Returns
     -------
     Preflight
-        A rig that fails is a failed check, not an error; what needs it is then ``not done``.
+        A rig error becomes a failed check and is not raised; the checks that need the rig are then
+        ``not done``.
     """
-    picture = _Picture(rig, plan, white_level_dn)
+    trial_frames = _TrialFrames(rig, plan, white_level_dn)
     steps = [
         *_rig_steps(rig, plan),
-        ("response", lambda: check_response(picture.trials)),
-        ("exposure", picture.exposure),
-        ("focus", lambda: check_focus(picture.trials)),
-        ("room light", lambda: check_room(picture.trials)),
-        ("steadiness", picture.steadiness),
+        ("response", lambda: check_response(trial_frames.trials)),
+        ("exposure", trial_frames.exposure),
+        ("focus", lambda: check_focus(trial_frames.trials)),
+        ("room light", lambda: check_room(trial_frames.trials)),
+        ("steadiness", trial_frames.steadiness),
     ]
     if self_test:
         steps.append(("LEDs", lambda: check_leds(rig, plan)))
@@ -114,21 +115,21 @@ def preflight_resume(
     *,
     on_progress: Progress = no_progress,
 ) -> Preflight:
-    """Check disk, board and camera before a session is gone on with.
+    """Check disk, board and camera before a session is resumed.
 
-    Shorter than `preflight`: the picture was checked when it began. Two frames are taken, in the
-    dark, and the brightness of the plan's LEDs is set to full scale.
+    Shorter than `preflight`, because the image was checked when the session started. Two frames are
+    taken with all LEDs off, and the brightness of the plan's LEDs is set to full scale.
 
     Parameters
     ----------
     rig, on_progress
         As for `preflight`.
     plan
-        Of the session, without LEDs that are listed as dead by now.
+        Plan of the session, without LEDs that are now listed as dead.
     folder
         The session.
     shots
-        How many are to be taken.
+        Number of shots to take.
 
     Returns
     -------
@@ -148,18 +149,18 @@ def _rig_steps(rig: Rig, plan: CapturePlan) -> list[_Step]:
 
 
 def _carried_out(steps: Sequence[_Step], first: Check, on_progress: Progress) -> Preflight:
-    """Take the steps after the first check; what needs a rig that failed is not done."""
+    """Run the steps after the first check; after the rig failed, the others are not done."""
     done: list[Check] = []
 
-    def tell(check: Check) -> None:
+    def report(check: Check) -> None:
         done.append(check)
         on_progress("checking", len(done), len(steps) + 1)
 
-    tell(first)
+    report(first)
     broken = ""
     for name, step in steps:
         if broken:
-            check = Check(name, "not done", f"the check of the {broken} failed")
+            check = Check(name, "not done", f"the {broken} check failed")
         else:
             try:
                 check = step()
@@ -169,7 +170,7 @@ def _carried_out(steps: Sequence[_Step], first: Check, on_progress: Progress) ->
                 broken = name
             if check.state == "failed" and name in ("board", "camera"):
                 broken = name
-        tell(check)
+        report(check)
     return Preflight(tuple(done))
 
 
@@ -178,8 +179,8 @@ def _bytes(rig: Rig, shots: int) -> int:
     return shots * frame_bytes(info.width, info.height)
 
 
-class _Picture:
-    """Trial frames under the middle LED of the plan, taken when first asked for."""
+class _TrialFrames:
+    """Trial frames under the middle LED of the plan, taken when first needed."""
 
     def __init__(self, rig: Rig, plan: CapturePlan, white_level_dn: float | None) -> None:
         info = rig.camera.info

@@ -1,4 +1,4 @@
-"""Pre-flight of board, camera and LEDs: what they say of themselves, and what the camera sees."""
+"""Pre-flight of board, camera and LEDs: their reports, and the light that the camera sees."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from rig import Rig, selftest
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0
-# What cameras round exposures to.
+# Relative difference by which cameras may round exposure times.
 _STEP = 0.02
 
 
 def check_board(rig: Rig, plan: CapturePlan) -> Check:
-    """Check that the board answers, is the one of the rig file, and can carry the plan out."""
+    """Check that the board responds, agrees with the rig file, and can run the plan."""
     board, config = rig.board, rig.config
     identity, status = board.identity, board.status()
     values: dict[str, float | int | str | None] = {
@@ -30,18 +30,22 @@ def check_board(rig: Rig, plan: CapturePlan) -> Check:
         return Check("board", "failed", f"board on {board.port}: {text}", values)
 
     if identity.leds != config.leds:
-        return failed(f"has {identity.leds} LEDs, the rig file says {config.leds}: correct it")
+        return failed(
+            f"has {identity.leds} LEDs, the rig file has {config.leds}: correct the rig file"
+        )
     try:
         plan.check(config.leds, config.dead_leds)
     except DataError as error:
         return failed(str(error))
     if status.led is not None:
-        return failed(f"LED {status.led} burns although none should: turn the board off and on")
+        return failed(
+            f"LED {status.led} is on although all should be off: turn the board off and on"
+        )
     longest_ms = max(plan.distinct_exposures_us) / 1000 + config.settle_ms
     if longest_ms > identity.max_hold_ms:
         return failed(
-            f"gives light for {identity.max_hold_ms} ms, the plan wants {longest_ms:g}: expose "
-            "shorter"
+            f"keeps an LED on for at most {identity.max_hold_ms} ms, the plan requires "
+            f"{longest_ms:g} ms: shorten the exposure"
         )
     text = f"{identity.name} {identity.firmware} on {board.port}, {identity.leds} LEDs, all off"
     if status.temperature_c is not None and status.temperature_c > _HOT_C:
@@ -51,10 +55,10 @@ def check_board(rig: Rig, plan: CapturePlan) -> Check:
 
 
 def check_camera(rig: Rig, plan: CapturePlan) -> Check:
-    """Check that the camera takes the plan's exposures and gain, and says so in its frames.
+    """Check that the camera applies the plan's exposures and gain and reports them in its frames.
 
-    What it did to its pictures by itself was turned off and read back when it was opened; that is
-    told, with the names of what was on: such a camera was set up by something else before.
+    Automatic image processing was turned off and read back when the camera was opened. The text
+    names the functions that had been on, because another program had then configured the camera.
     """
     info = rig.camera.info
     who = f"{info.vendor} {info.model} {info.serial}".strip()
@@ -84,16 +88,16 @@ def check_camera(rig: Rig, plan: CapturePlan) -> Check:
     turned_off = f" (on when it was opened: {values['turned_off']})" if info.turned_off else ""
     text = f"{who}, {info.width} x {info.height}, {info.pixel_format}, automatics off{turned_off}"
     if off:
-        text += f": took {', '.join(sorted(set(off)))}: plan what the camera can"
+        text += f": used {', '.join(sorted(set(off)))}: plan values that the camera supports"
         return Check("camera", "warning", text, values)
     return Check("camera", "ok", text, values)
 
 
 def check_brightness(rig: Rig, plan: CapturePlan) -> Check:
-    """Set the plan's LEDs to full brightness, so that no pulses cut an exposure short.
+    """Set the plan's LEDs to full brightness, so that PWM does not affect the exposure.
 
-    Below full scale an LED is dimmed by pulses, and an exposure that is no multiple of their
-    period gets more or less light than its share.
+    Below full scale an LED is dimmed by PWM, and an exposure that is not a multiple of the PWM
+    period receives more or less light than its share.
     """
     for led in plan.leds:
         rig.board.level(led, FULL_LEVEL)
@@ -102,17 +106,17 @@ def check_brightness(rig: Rig, plan: CapturePlan) -> Check:
 
 
 def check_leds(rig: Rig, plan: CapturePlan) -> Check:
-    """Try every LED and judge it by what the camera sees."""
+    """Test every LED by the light that the camera sees."""
     tested = selftest(rig)
     values: dict[str, float | int | str | None] = {
         "tried": len(tested.leds),
         "exposure_us": tested.exposure_us,
     }
     wrong = [finding for finding in tested.findings if finding.fault]
-    told = "; ".join(finding.text for finding in wrong or tested.findings)
+    findings = "; ".join(finding.text for finding in wrong or tested.findings)
     if not wrong:
-        text = f"{len(tested.leds)} LEDs tried, nothing wrong" + (f"; {told}" if told else "")
+        text = f"{len(tested.leds)} LEDs tested, no fault" + (f"; {findings}" if findings else "")
         return Check("LEDs", "ok", text, values)
-    # What is wrong with LEDs that the plan does not light spoils nothing.
+    # Faults of LEDs that the plan does not use are warnings only.
     concerned = any(not finding.leds or set(finding.leds) & set(plan.leds) for finding in wrong)
-    return Check("LEDs", "failed" if concerned else "warning", told, values)
+    return Check("LEDs", "failed" if concerned else "warning", findings, values)

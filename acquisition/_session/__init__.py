@@ -1,1 +1,1 @@
-"""Sessions on disk: written, read, verified, compacted."""
+"""Sessions: writing, reading, verification and compaction."""

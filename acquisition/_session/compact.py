@@ -1,4 +1,4 @@
-"""Sessions made smaller without loss, so that a crash at any moment costs nothing."""
+"""Lossless compaction of sessions that survives a crash at any moment."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ from rig import Progress, no_progress
 
 @dataclass(frozen=True)
 class Compaction:
-    """What a compaction did.
+    """Result of a compaction.
 
     Parameters
     ----------
     folder
         The session.
     frames
-        Frames of the session, retaken and rejected ones too.
+        Number of frames of the session, including retaken and rejected ones.
     compacted
-        Those stored anew by this call.
+        Number of frames that this call compressed.
     bytes_before, bytes_after
         Size of all frame files.
     complete
-        True where the session was brought to its end, before as after.
+        True if the session is complete; compaction does not change this.
     """
 
     folder: Path
@@ -70,13 +70,13 @@ def compact_session(
     *,
     on_progress: Progress = no_progress,
 ) -> Compaction:
-    """Store the frames of a session anew as compressed TIFF, pixel for pixel the same.
+    """Replace the frame files of a session by compressed TIFF files with identical pixels.
 
-    Every frame is checked against its hashes, compressed, read back and compared; it gets a new
-    file, then its ``compacted`` event, and only then the old file goes. COMPLETE is set aside
-    before the journal grows and written again at the end, after an error too. A compaction that
-    was killed leaves a session that verifies as whole and incomplete; compacting it again takes up
-    where it ended and makes it complete again.
+    Every frame is checked against its hashes, compressed, read back and compared. The new file is
+    written first, then the ``compacted`` event, and only then the old file is removed. COMPLETE is
+    set aside before the journal grows and written again at the end, even after an error. A
+    compaction that was killed leaves a session that verifies as intact but incomplete; the next
+    compaction continues and makes it complete again.
 
     Parameters
     ----------
@@ -88,23 +88,24 @@ def compact_session(
     Returns
     -------
     Compaction
-        Frames that do not get smaller keep their file, and are not counted.
+        Frames that do not get smaller keep their file and are not counted.
 
     Raises
     ------
     MissingPathError
         If the folder does not exist.
     DataError
-        If it is no session, or is damaged; the message names the file.
+        If it is not a session, or is damaged; the message names the file.
     StorageError
-        If another process records into the session, or the disk refuses. What was recorded is
-        whole in either case.
+        If another process records into the session, or the disk refuses. The recorded frames are
+        intact in either case.
     """
     folder = Path(folder)
     lock = lock_session(folder)
     try:
-        found = examine(folder)
-        return _Compactor(folder, found.journal, found.sound()).run(on_progress)
+        examination = examine(folder)
+        session = examination.sound()
+        return _Compactor(folder, examination.journal, session).run(on_progress)
     finally:
         os.close(lock)
 
@@ -112,7 +113,7 @@ def compact_session(
 class _Compactor:
     def __init__(self, folder: Path, journal: Journal, session: Session) -> None:
         self._folder = folder
-        self._found = journal
+        self._old_journal = journal
         self._complete = session.complete or (
             not session.missing and _was_complete(folder, journal)
         )
@@ -122,7 +123,7 @@ class _Compactor:
         self._journal: JournalFile | None = None
 
     def run(self, on_progress: Progress) -> Compaction:
-        """Compact frame by frame; then, and after an error, make a complete session so again."""
+        """Compact every frame; at the end, even after an error, write COMPLETE again."""
         frames = self._frames
         after = [frame.bytes for frame in frames]
         compacted = 0
@@ -142,7 +143,7 @@ class _Compactor:
             if self._journal is None:
                 error.add_note(f"{self._folder}: the compaction changed nothing")
             elif self._complete and not (self._folder / COMPLETE).is_file():
-                error.add_note(f"{self._folder}: whole, but compact it again to make it complete")
+                error.add_note(f"{self._folder}: intact; compact it again to make it complete")
             raise
         finally:
             if self._journal is not None:
@@ -157,7 +158,7 @@ class _Compactor:
         )
 
     def _compact(self, frame: SessionFrame) -> int | None:
-        """Store one frame anew; return the size of its file, None where it would not shrink."""
+        """Compress one frame; return the size of its new file, None if it would not be smaller."""
         _check_file(frame)
         pixels = frame.read()
         data = deflate_tiff(pixels)
@@ -167,7 +168,7 @@ class _Compactor:
         with published(new) as part:
             with disk(new, "write"):
                 write_whole(part.descriptor, data)
-            # What counts is that the reader gives the pixels back, not that the writer meant to.
+            # Decode the file with the reader, which must return the same pixels.
             if not holds(part.path, pixels):
                 raise _unlike(new)
             journal = self._open_journal()
@@ -187,7 +188,7 @@ class _Compactor:
         return len(data)
 
     def _drop_original(self, frame: SessionFrame) -> None:
-        """Remove the old file of a frame whose compaction was cut off after its event."""
+        """Remove the old file of a frame whose compaction was interrupted after its event."""
         original = self._folder / frame.line.file
         if not os.path.lexists(original) or leaves(original, self._folder):
             return
@@ -196,7 +197,7 @@ class _Compactor:
             original.unlink()
 
     def _free_path(self, path: Path) -> Path:
-        """Return the name for a compressed file: one that no line has ever named."""
+        """Return a path for a compressed file that no journal line names."""
         name, number = f"{path.stem}.z.tif", 1
         while name in self._names:
             number += 1
@@ -204,7 +205,7 @@ class _Compactor:
         return path.with_name(name)
 
     def _open_journal(self) -> JournalFile:
-        """Take COMPLETE away, which a longer journal would contradict, and open the journal."""
+        """Set COMPLETE aside, because the journal is about to grow, and open the journal."""
         if self._journal is not None:
             return self._journal
         mark, aside = self._folder / COMPLETE, self._folder / ASIDE
@@ -217,11 +218,12 @@ class _Compactor:
                 mark.unlink()
                 sync_folder(self._folder)
         details = {"software_version": software_version(), "unrecorded": []}
-        self._journal = JournalFile.resume(self._folder / JOURNAL, self._found, utc_now, details)
+        path = self._folder / JOURNAL
+        self._journal = JournalFile.resume(path, self._old_journal, utc_now, details)
         return self._journal
 
     def _finish(self) -> None:
-        """Write COMPLETE again where it was."""
+        """Write COMPLETE again if the session was complete."""
         if not self._complete:
             return
         if not (self._folder / COMPLETE).is_file():
@@ -230,24 +232,24 @@ class _Compactor:
             self._sweep()
             write_durably(self._folder / COMPLETE, mark)
         aside = self._folder / ASIDE
-        # A disk that is read-only refuses to remove even what is not there.
+        # A read-only disk refuses even to remove a file that does not exist.
         if os.path.lexists(aside) and not leaves(aside.parent, self._folder):
             with disk(aside, "remove"):
                 aside.unlink()
 
     def _sweep(self) -> None:
-        """Remove compressed files whose event was never written: they belong to no line."""
-        with disk(self._folder / FRAMES, "clear up"):
+        """Remove compressed files whose event was never written."""
+        with disk(self._folder / FRAMES, "remove unused files"):
             for frame in self._frames:
                 self._free_path(frame.path).unlink(missing_ok=True)
 
 
 def _unlike(path: Path) -> StorageError:
-    return StorageError(f"{path}: does not read back as written: check the disk")
+    return StorageError(f"{path}: the data read back differ from those written: check the disk")
 
 
 def _check_file(frame: SessionFrame, *, follow: bool = True) -> None:
-    """Raise DataError unless a frame's file is, byte for byte, the one recorded."""
+    """Raise DataError unless the file of a frame is byte for byte the recorded one."""
     try:
         data = read_file(frame.path, follow=follow)
     except OSError as error:
@@ -261,10 +263,10 @@ def _check_file(frame: SessionFrame, *, follow: bool = True) -> None:
 
 
 def _was_complete(folder: Path, journal: Journal) -> bool:
-    """Tell whether a session without COMPLETE had one that a compaction set aside.
+    """Return whether a session without COMPLETE had one that a compaction set aside.
 
-    It had if the mark that was set aside fits a beginning of the journal after which nothing but
-    compactions were written.
+    It had one if the mark that was set aside is the hash of a first part of the journal that is
+    followed by compactions only.
     """
     aside = folder / ASIDE
     if not aside.is_file() or leaves(aside, folder):

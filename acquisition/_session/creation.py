@@ -1,4 +1,4 @@
-"""A session begun: its folder, ``session.toml`` and the first line of its journal."""
+"""Creation of a session: its folder, ``session.toml`` and the first line of its journal."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from acquisition._toml import to_toml
 
 
 def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, int]:
-    """Make a session in a new or empty folder and take it for this process alone.
+    """Create a session in a new or empty folder and lock it for this process.
 
     Returns
     -------
     journal
-        Open.
+        The open journal.
     lock
         Descriptor that holds the lock until it is closed.
 
     Raises
     ------
     DataError, StorageError
-        As `SessionWriter.create`. The lock is free then.
+        As for `SessionWriter.create`. The lock is released.
     """
     manifest.check_current(folder)
-    library_path(folder)  # else its frames could not be read
+    library_path(folder)  # the image libraries require a UTF-8 path
     data = to_toml(manifest)
     make_folder(folder)
     lock = lock_folder(folder)
     try:
         with disk(folder, "list the folder"):
-            found = sorted(path.name for path in folder.iterdir())
-        # The rest of a creation that was killed is no content.
-        if set(found) - {part_path(Path(MANIFEST)).name}:
+            names = sorted(path.name for path in folder.iterdir())
+        # A temporary file of a creation that was killed does not count.
+        if set(names) - {part_path(Path(MANIFEST)).name}:
             raise StorageError(
-                f"{folder}: is not empty (it holds {found[-1]}); choose a new folder"
+                f"{folder}: is not empty (it contains {names[-1]}); choose a new folder"
             )
         write_durably(folder / MANIFEST, data)
         make_folder(folder / FRAMES)

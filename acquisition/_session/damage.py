@@ -1,4 +1,4 @@
-"""What is wrong with one frame."""
+"""Damage of one frame."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from acquisition._session.session_frame import SessionFrame
 
 @dataclass(frozen=True, eq=False)
 class Damage:
-    """A frame that is not as it was recorded, or that the journal contradicts.
+    """A frame that differs from its recording, or that contradicts the journal.
 
     Parameters
     ----------
     frame
         The frame.
     reason
-        What is wrong, as the end of a sentence that begins with ``where``.
+        Description of the damage, as the end of a sentence that begins with ``where``.
     where
-        The file that shows it, of the frame or the journal.
+        The damaged file: the frame's file or the journal.
     """
 
     frame: SessionFrame
@@ -28,7 +28,7 @@ class Damage:
 
     @property
     def text(self) -> str:
-        """One line: where, what, and what to do."""
+        """One line with the file, the damage, and what to do."""
         in_file = self.where == self.frame.path
         remedy = "restore the file or retake the shot" if in_file else "retake the shot"
         return f"{self.where}: {self.reason}; {remedy}"

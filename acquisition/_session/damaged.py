@@ -1,4 +1,4 @@
-"""The frames of a session that are not what was recorded."""
+"""Damaged frames of a session."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rig import Progress, no_progress
 def damaged_frames(
     folder: str | Path, *, on_progress: Progress = no_progress
 ) -> tuple[Damage, ...]:
-    """Read every frame of a session back and return those that are damaged; nothing is changed.
+    """Read back every frame of a session and return the damaged ones; nothing is changed.
 
     Parameters
     ----------
@@ -33,17 +33,18 @@ def damaged_frames(
     MissingPathError
         If the folder does not exist.
     DataError
-        If it is no session, or more is wrong with it than single frames.
+        If it is not a session, or has damage other than single frames.
     """
-    found = examine(Path(folder))
-    session = found.sound(but_for_frames=True)
+    examination = examine(Path(folder))
+    session = examination.sound(but_for_frames=True)
     proofs = FrameProofs(session.manifest.camera, session.recorded)
-    return damaged_frames_of(found, proofs, on_progress)
+    return damaged_frames_of(examination, proofs, on_progress)
 
 
 def damaged_frames_of(
-    found: Examination, proofs: FrameProofs, on_progress: Progress
+    examination: Examination, proofs: FrameProofs, on_progress: Progress
 ) -> tuple[Damage, ...]:
-    """Return the same for a session that was examined already."""
-    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_progress)} | dict(found.flaws)
+    """Return the damaged frames of an examined session."""
+    by_seq = {one.frame.line.seq: one for one in proofs.check_all(on_progress)}
+    by_seq |= dict(examination.flaws)
     return tuple(by_seq[seq] for seq in sorted(by_seq))

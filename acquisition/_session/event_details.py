@@ -1,4 +1,4 @@
-"""What the details of an event must hold: one schema for each event that the format knows."""
+"""Details of events: one schema for each event of the format."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from acquisition._session.journal import (
 )
 from rig import complaints
 
-# Events that change what the lines before them mean. They are written by the parts of the program
-# that make them true, and by nobody else.
+# Events that change the meaning of earlier lines. Only the code that performs the change writes
+# them.
 RESERVED: Final = frozenset({COMPACTED, REOPENED, SET_ASIDE, UPGRADED})
 
 _Fraction = Annotated[float, Field(ge=0, le=1)]
@@ -32,19 +32,19 @@ _KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-
 
 
 class _Exactly(BaseModel):
-    """Details that readers act on: nothing may be in them that a reader might overlook."""
+    """Details that readers act on: unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class _AtLeast(BaseModel):
-    """Details for people; there may be more."""
+    """Details for people: additional keys are allowed."""
 
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Compacted(_Exactly):
-    """A frame's file was stored anew without loss."""
+    """The file of a frame was compressed without loss."""
 
     frame_seq: _Count
     file: FramePath
@@ -53,7 +53,7 @@ class Compacted(_Exactly):
 
 
 class SetAside(_Exactly):
-    """A frame does not count any more; its file, where it is not lost, is kept elsewhere."""
+    """A frame no longer counts; its file, unless it is lost, is kept elsewhere."""
 
     frame_seq: _Count
     file: FramePath
@@ -149,24 +149,24 @@ class _Reopened(_AtLeast):
     unrecorded: list[str]
 
 
-class _Told(_AtLeast):
+class _FromFiles(_AtLeast):
     iso: float | None = None
     black_levels_dn: list[float] = []
     vendor: str = ""
     model: str = ""
 
 
-class _Imported(_Told):
+class _Imported(_FromFiles):
     source: str
 
 
-class _Watched(_Told):
+class _Watched(_FromFiles):
     shots: list[str]
 
 
-# Each with the first version in which it is checked. What readers act on is checked since it
-# exists. What is there for people alone is checked since version 3, whose writers check it too:
-# no session of an older version may become unreadable for it.
+# Each schema with the first format version in which it is checked. Details that readers act on are
+# checked in all versions that have the event. Details for people are checked from version 3, whose
+# writers check them, too: sessions of older versions must stay readable.
 _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     COMPACTED: (Compacted, 1),
     LEFT_OUT: (_LeftOut, 2),
@@ -189,16 +189,16 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
 
 
 def details_complaint(event: str, details: dict[str, Any], version: int) -> str | None:
-    """Return what is wrong with the details of an event; None where nothing is.
+    """Return a description of the error in the details of an event; None if they are valid.
 
     Parameters
     ----------
     event
-        Its name. One that the version does not know may hold anything.
+        Name of the event. The details of unknown events are not checked.
     details
-        As JSON has them.
+        Details as parsed from JSON.
     version
-        Of the session's format where the event stands.
+        Format version of the session at this event.
     """
     schema, since = _SCHEMAS.get(event, (None, 0))
     if schema is None or version < since:
@@ -211,7 +211,7 @@ def details_complaint(event: str, details: dict[str, Any], version: int) -> str 
 
 
 def check_event(event: str, details: Mapping[str, Any], version: int, folder: Path) -> None:
-    """Refuse an event that may not be written into a session, or not like this.
+    """Refuse an event that must not be written into a session, or has invalid details.
 
     Parameters
     ----------
@@ -223,11 +223,11 @@ def check_event(event: str, details: Mapping[str, Any], version: int, folder: Pa
     Raises
     ------
     DataError
-        If its details are not as the format says, or only a repair, a compaction or the reopening
-        of a session may write it.
+        If its details do not follow the format, or only a repair, a compaction or the reopening of
+        a session may write it.
     """
     if event in RESERVED:
-        raise DataError(f"{folder}: the event {event!r} is not one to be written by hand")
+        raise DataError(f"{folder}: the event {event!r} is reserved and cannot be written directly")
     complaint = details_complaint(event, dict(details), version)
     if complaint is not None:
-        raise DataError(f"{folder}: the event {event!r} does not fit: {complaint}")
+        raise DataError(f"{folder}: the event {event!r} is invalid: {complaint}")

@@ -1,4 +1,4 @@
-"""Whether a frame is still what its line says: its file, its pixels and their figures."""
+"""Check that file, pixels and figures of a frame agree with its journal line."""
 
 from __future__ import annotations
 
@@ -11,23 +11,28 @@ from acquisition._session.manifest import CameraRecord
 from acquisition._session.session_frame import SessionFrame
 from acquisition._storage import read_file, sha256_of
 
-# Figures are stored with four decimals and as shares.
+# Means are stored with four decimals, clipped fractions as shares.
 _MEAN_SLACK_DN: Final = 1e-3
 _SHARE_SLACK: Final = 1e-9
 
 
 def frame_damage(frame: SessionFrame, camera: CameraRecord) -> Damage | None:
-    """Read a frame back and compare it with its line.
+    """Read a frame back and compare it with its journal line.
 
-    Size, hash of the file, hash of the decoded pixels, and the figures that frames are judged by:
-    clipped share, percentiles and mean.
+    Compared are the size and the hash of the file, the hash of the decoded pixels, and the figures
+    that frames are judged by: clipped share, percentiles and mean.
 
     Parameters
     ----------
     frame
-        As the journal has it.
+        The frame as recorded in the journal.
     camera
-        Of the session.
+        Camera record of the session.
+
+    Returns
+    -------
+    Damage or None
+        The first difference; None if the frame is intact.
     """
     reason = _file_reason(frame) or _pixel_reason(frame, camera)
     return None if reason is None else Damage(frame, reason, frame.path)
@@ -56,16 +61,16 @@ def _pixel_reason(frame: SessionFrame, camera: CameraRecord) -> str | None:
     except DataError as error:
         return str(error).removeprefix(f"{frame.path}: ").partition("; ")[0]
     line = frame.line
-    found = measure_quality(
+    quality = measure_quality(
         pixels, white_level_dn=camera.white_dn, black_level_dn=camera.black_level_dn
     )
     differs = (
-        found.percentiles_dn != line.percentiles_dn
-        or abs(found.clipped_fraction - line.clipped_fraction) > _SHARE_SLACK
+        quality.percentiles_dn != line.percentiles_dn
+        or abs(quality.clipped_fraction - line.clipped_fraction) > _SHARE_SLACK
         or (
             line.mean_dn is not None
-            and found.mean_dn is not None
-            and abs(found.mean_dn - line.mean_dn) > _MEAN_SLACK_DN
+            and quality.mean_dn is not None
+            and abs(quality.mean_dn - line.mean_dn) > _MEAN_SLACK_DN
         )
     )
-    return "has other grey values than its line in the journal says" if differs else None
+    return "has other grey values than its journal line states" if differs else None

@@ -1,4 +1,4 @@
-"""The files that frames go to: every take has its own, and none is written twice."""
+"""File names of frames: each take has its own file, and no file is written twice."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from acquisition._plan.planned_shot import PlannedShot
 
 
 class FrameNames:
-    """Gives names out; safe to use from several threads.
+    """Assigns file names; safe to use from several threads.
 
     Parameters
     ----------
     folder
-        Of the frames.
+        Folder of the frames.
     plan
-        Of the session; the numbers of its repeats are kept for them.
+        Plan of the session; the numbers of its repeats are reserved for them.
     taken
-        Names that frames were recorded under, whether their files are still there or not.
+        Names of recorded frames, even if their files no longer exist.
     """
 
     def __init__(self, folder: Path, plan: CapturePlan | None, taken: Iterable[str] = ()) -> None:
@@ -32,7 +32,7 @@ class FrameNames:
 
     @contextmanager
     def reserve(self, shot: PlannedShot) -> Iterator[Path]:
-        """Give the path for the next take of a shot; after an error inside the block it is free."""
+        """Reserve a path for the next take of a shot; after an error in the block it is free."""
         number, retake = shot.repeat, self._first_retake
         with self._lock:
             while True:
@@ -44,7 +44,7 @@ class FrameNames:
         try:
             yield path
         except BaseException:
-            # The file may be there by now, without a line; then it keeps its name.
+            # If the file exists by now, without a line, its name is still not used again.
             with self._lock:
                 self._taken.discard(path.name)
             raise

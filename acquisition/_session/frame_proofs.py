@@ -1,4 +1,4 @@
-"""Which frames of a session that is being written are known to be whole."""
+"""Checks of recorded frames while a session is being written."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from rig import Progress, no_progress
 
 CHECKING: Final = "checking recorded frames"
 
-# Where the file lies on the disk, how long it is, and when it and its record were changed last.
+# Inode, size, and times of the last change of the content and of the inode.
 _Signature = tuple[int, int, int, int]
 
 
 class FrameProofs:
-    """Reads back what earlier processes recorded; safe to use from several threads.
+    """Reads back the frames that earlier processes recorded; safe to use from several threads.
 
-    A frame that this process wrote is not read again: its hashes are of what was handed to the disk
-    and flushed, and reading would give back the same memory, not what the disk holds. But size,
-    place and times of every file are remembered when it was written or read, and a file that was
-    touched since is read once more.
+    A frame that this process wrote is not read again: its hashes were computed from the data that
+    were written and flushed, and reading would return the cached memory, not the data on the disk.
+    But inode, size and times of every file are noted when it is written or read, and a file that
+    has changed since is read once more.
 
     Parameters
     ----------
     camera
-        Of the session.
+        Camera record of the session.
     earlier
         Frames recorded by earlier processes.
     """
@@ -41,19 +41,19 @@ class FrameProofs:
         self._unread = list(reversed(self._frames))
         self._total = len(self._unread)
         self._done = 0
-        self._whole: dict[int, _Signature | None] = {}
+        self._intact: dict[int, _Signature | None] = {}
         self._damage: dict[int, Damage] = {}
         self._lock = threading.Lock()
 
     @property
     def checked(self) -> tuple[int, int]:
-        """How many of the earlier frames were read back, and how many there are."""
+        """Number of earlier frames read back so far, and their total."""
         with self._lock:
             return self._done, self._total
 
     @property
     def damage(self) -> tuple[Damage, ...]:
-        """What was found damaged so far, in order of recording."""
+        """Damaged frames found so far, in order of recording."""
         with self._lock:
             return tuple(self._damage[seq] for seq in sorted(self._damage))
 
@@ -61,20 +61,20 @@ class FrameProofs:
         """Note a frame that this process has just stored."""
         with self._lock:
             self._frames[frame.line.seq] = frame
-            self._whole[frame.line.seq] = _signature(frame.path)
+            self._intact[frame.line.seq] = _signature(frame.path)
 
     def forget(self, frames: Iterable[SessionFrame]) -> None:
-        """Leave out frames that were set aside."""
+        """Remove frames that were set aside."""
         with self._lock:
             for seq in (frame.line.seq for frame in frames):
-                for known in (self._frames, self._whole, self._damage):
-                    known.pop(seq, None)
+                for by_seq in (self._frames, self._intact, self._damage):
+                    by_seq.pop(seq, None)
                 if seq in self._unread:
                     self._unread.remove(seq)
                     self._total -= 1
 
     def check_next(self) -> bool:
-        """Read one earlier frame back that was not yet; False where none is left."""
+        """Read back one more earlier frame; return False if none is left."""
         with self._lock:
             if not self._unread:
                 return False
@@ -85,7 +85,7 @@ class FrameProofs:
         return True
 
     def check_all(self, on_progress: Progress = no_progress) -> tuple[Damage, ...]:
-        """Read back every frame that was not yet or was touched since; return what is damaged.
+        """Read back every unread or changed frame; return the damaged ones.
 
         ``on_progress`` receives the stage `CHECKING`, one step per earlier frame.
         """
@@ -95,7 +95,7 @@ class FrameProofs:
             frames = list(self._frames.values())
         for frame in frames:
             now = _signature(frame.path)
-            if now is None or now != self._whole.get(frame.line.seq):
+            if now is None or now != self._intact.get(frame.line.seq):
                 self._check(frame)
         return self.damage
 
@@ -104,17 +104,17 @@ class FrameProofs:
         before = _signature(frame.path)
         damage = frame_damage(frame, self._camera)
         with self._lock:
-            self._whole.pop(seq, None)
+            self._intact.pop(seq, None)
             self._damage.pop(seq, None)
             if damage is None:
-                self._whole[seq] = before
+                self._intact[seq] = before
             else:
                 self._damage[seq] = damage
 
 
 def _signature(path: Path) -> _Signature | None:
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+    return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns

@@ -1,8 +1,8 @@
-"""The journal: one line per frame or event, chained by hashes over the very bytes of the lines.
+"""The journal: one line per frame or event, chained by hashes of the bytes of the lines.
 
-A line is a JSON object in ASCII whose last key is ``line_sha256``. With T the bytes of the line
-before ``,"line_sha256"`` and P the 64 digits of the line before (64 zeros for the first line), its
-value is SHA-256(P + T). A change of any byte therefore shows, and so does a line that is missing.
+A line is a JSON object in ASCII whose last key is ``line_sha256``. Its value is SHA-256(P + T),
+with T the bytes of the line before ``,"line_sha256"`` and P the 64 digits of the previous line (64
+zeros for the first line). This reveals a change of any byte and a missing line.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ UPGRADED = "upgraded"
 _SEAL = re.compile(rb'(.*),"line_sha256":"([0-9a-f]{64})"\}', re.DOTALL)
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-# One folder deep, no separators, no leading dot: a path that cannot leave the session.
+# Directly in frames/, no further separators, no leading dot: a path that cannot leave the session.
 FramePath = Annotated[str, Field(pattern=r"^frames/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 _TIME = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,6})?(Z|[+-]\d\d:\d\d)?")
 # The mean is stored with four decimals.
@@ -50,7 +50,7 @@ _MEAN_SLACK_DN = 1e-4
 
 def _checked_time(text: str) -> str:
     if _TIME.fullmatch(text) is None:
-        raise ValueError("is not a date and time as ISO 8601 writes them")
+        raise ValueError("is not a date and time in ISO 8601 format")
     try:
         datetime.fromisoformat(text)
     except ValueError as error:
@@ -60,14 +60,14 @@ def _checked_time(text: str) -> str:
 
 def _checked_percentiles(values: dict[str, int]) -> dict[str, int]:
     if set(values) != set(PERCENTILE_NAMES):
-        raise ValueError(f"must hold exactly {', '.join(PERCENTILE_NAMES)}")
+        raise ValueError(f"must have exactly the keys {', '.join(PERCENTILE_NAMES)}")
     ordered = [values[name] for name in PERCENTILE_NAMES]
     if sorted(ordered) != ordered:
         raise ValueError("must not decrease from 0 to 100 per cent")
     return values
 
 
-# Bounded so that no reader meets a number that its other libraries cannot hold.
+# Bounded so that every number fits the integer types of other libraries.
 Index = Annotated[int, Field(ge=0, lt=2**31)]
 _Wide = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 _Microseconds = Annotated[int, Field(ge=0, lt=2**63)]
@@ -78,7 +78,7 @@ _Percentiles = Annotated[dict[str, _Sample], AfterValidator(_checked_percentiles
 
 
 class _Part(BaseModel):
-    """Values are taken as JSON has them: the text "3", 3.0 and true are not the number 3."""
+    """Part of a line. Types are strict: the text "3", 3.0 and true are not the integer 3."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -89,17 +89,18 @@ class _Line(_Part):
 
 
 class StartLine(_Line):
-    """The first line: ties the journal to its ``session.toml``."""
+    """The first line; it links the journal to its ``session.toml``."""
 
     kind: Literal["session"] = "session"
     session_toml_sha256: Sha256
 
 
 class Echo(_Part):
-    """What the LED board answered: its sequence number and the LED it acted on.
+    """Reply of the LED board: its sequence number and the LED that was on.
 
-    ``lit_us`` is how long the LED was on and ``active_us`` how long the camera's exposure-active
-    output was up meanwhile, both by the board's clock and in microseconds; None where not measured.
+    ``lit_us`` is the time for which the LED was on, and ``active_us`` the time for which the
+    camera's exposure-active output was high meanwhile, both in microseconds by the board's clock;
+    None if not measured.
     """
 
     seq: _Wide
@@ -109,12 +110,13 @@ class Echo(_Part):
 
 
 class FrameLine(_Line):
-    """A frame that is safe on disk. A frame without a whole line does not exist.
+    """A frame that is safe on disk. A frame without a complete line does not exist.
 
-    ``exposure_us`` is what the camera reported, ``origin`` the file an imported frame came from.
-    A frame with status ``rejected`` is kept and does not count. ``mean_dn`` is the mean grey value;
-    ``above_dark``, of a lit frame, how far it is above the frame of its exposure with all LEDs off,
-    as a fraction of the range from black to white. None where not known.
+    ``exposure_us`` is the exposure time that the camera reported, ``origin`` the source file of an
+    imported frame. A frame with status ``rejected`` is kept but does not count. ``mean_dn`` is the
+    mean grey value. ``above_dark`` of a lit frame is the difference of its mean from that of the
+    frame with all LEDs off at the same exposure, as a fraction of the range from black to white.
+    None stands for unknown values.
     """
 
     kind: Literal["frame"] = "frame"
@@ -142,7 +144,7 @@ class FrameLine(_Line):
 
     @property
     def key(self) -> ShotKey:
-        """What identifies the shot, as in `PlannedShot.key`."""
+        """Identity of the shot, as in `PlannedShot.key`."""
         return self.role, self.led, self.bracket, self.repeat
 
     @model_validator(mode="after")
@@ -156,12 +158,12 @@ class FrameLine(_Line):
         if self.mean_dn is not None and not (
             low - _MEAN_SLACK_DN <= self.mean_dn <= high + _MEAN_SLACK_DN
         ):
-            raise ValueError(f"mean_dn {self.mean_dn:g} is not between the least and the greatest")
+            raise ValueError(f"mean_dn {self.mean_dn:g} is not between percentiles 0 and 100")
         return self
 
 
 class EventLine(_Line):
-    """Something that happened between frames; ``details`` depend on the event."""
+    """An event between frames; ``details`` depend on the event."""
 
     kind: Literal["event"] = "event"
     event: Annotated[str, Field(pattern=r"^[a-z][a-z_]*$")]
@@ -169,7 +171,7 @@ class EventLine(_Line):
 
     @property
     def left_out(self) -> frozenset[int]:
-        """LEDs whose shots are not demanded from this line on; of a ``left_out`` event only."""
+        """LEDs whose shots a ``left_out`` event no longer requires; empty for other events."""
         leds = self.details.get("leds") if self.event == LEFT_OUT else None
         if not isinstance(leds, list):
             return frozenset()
@@ -182,22 +184,22 @@ _LINE: TypeAdapter[Line] = TypeAdapter(Annotated[Line, Field(discriminator="kind
 
 @dataclass(frozen=True)
 class Journal:
-    """A journal as far as it can be trusted.
+    """The valid part of a journal.
 
     Parameters
     ----------
     lines
-        The whole lines up to the first damage.
+        Intact lines up to the first damage.
     text
-        Their bytes, each with its newline.
+        Bytes of these lines, each with its newline.
     last_sha256
-        Hash of the last whole line.
+        Hash of the last intact line.
     torn
-        Bytes of a last line whose writing was cut off; it never counted.
+        Bytes of a last line whose writing was interrupted; it does not count.
     unterminated
-        True where the last line is whole but for its newline.
+        True if the last line is intact except for its missing newline.
     damage
-        The first thing wrong, in words that start with the line number; None if all is well.
+        Description of the first damage, starting with the line number; None without damage.
     """
 
     lines: tuple[Line, ...]
@@ -209,14 +211,14 @@ class Journal:
 
 
 def encode_line(record: Mapping[str, Any], previous_sha256: str) -> tuple[bytes, str]:
-    """Seal a record into a line.
+    """Encode a record as a line with its hash.
 
     Returns
     -------
     line
         Bytes with the final newline.
     sha256
-        Its hash, which the next line is chained to.
+        Hash of the line, which the next line includes in its own.
     """
     text = json.dumps(record, separators=(",", ":"), allow_nan=False)[:-1].encode("ascii")
     own = _chained(previous_sha256, text)
@@ -224,7 +226,7 @@ def encode_line(record: Mapping[str, Any], previous_sha256: str) -> tuple[bytes,
 
 
 def parse_journal(data: bytes) -> Journal:
-    """Read a journal's bytes and tell what is whole, torn and damaged. Raises nothing."""
+    """Parse the bytes of a journal into intact, torn and damaged parts. Raises no errors."""
     lines: list[Line] = []
     kept: list[bytes] = []
     previous = GENESIS
@@ -237,7 +239,7 @@ def parse_journal(data: bytes) -> Journal:
     for number, piece in enumerate(pieces, 1):
         own = _seal_of(piece, previous)
         if own is None:
-            return journal(damage=f"line {number} is damaged: its hash does not hold")
+            return journal(damage=f"line {number} is damaged: its hash does not match")
         line = _understood(piece, len(lines))
         if isinstance(line, str):
             return journal(damage=f"line {number} is not understood: {line}")
@@ -256,8 +258,8 @@ def parse_journal(data: bytes) -> Journal:
         kept.append(tail + b"\n")
         previous = own
         return journal(unterminated=True)
-    # A write that was cut off is a beginning of a line. A whole line with one byte more was not
-    # cut off: its newline was changed afterwards.
+    # An interrupted write leaves the beginning of a line. A complete line followed by one other
+    # byte was not interrupted: its newline was changed afterwards.
     if _seal_of(tail[:-1], previous) is not None:
         return journal(damage=f"line {number} is damaged: its newline was changed")
     return journal(torn=tail)
@@ -268,7 +270,7 @@ def _chained(previous_sha256: str, text: bytes) -> str:
 
 
 def _seal_of(piece: bytes, previous_sha256: str) -> str | None:
-    """Return the hash a line carries if it holds."""
+    """Return the hash of a line if it matches the line, otherwise None."""
     match = _SEAL.fullmatch(piece)
     if match is None:
         return None
@@ -277,7 +279,7 @@ def _seal_of(piece: bytes, previous_sha256: str) -> str | None:
 
 
 def _understood(piece: bytes, seq: int) -> Line | str:
-    """Return the line, or why a line whose hash holds makes no sense."""
+    """Return the parsed line, or the reason why a line with a valid hash is invalid."""
     try:
         text = piece.decode("ascii")
         record = json.loads(text, object_pairs_hook=_each_once, parse_constant=_refuse)
@@ -292,7 +294,7 @@ def _understood(piece: bytes, seq: int) -> Line | str:
     if line.seq != seq:
         return f"its seq is {line.seq} and should be {seq}"
     if isinstance(line, StartLine) != (seq == 0):
-        return "a journal has one line of kind session, the first"
+        return "the first line, and no other, must be of kind session"
     return line
 
 
@@ -301,10 +303,10 @@ class _RefusedError(Exception):
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Build an object; programs differ in which of two equal keys they take."""
+    """Build an object; refuse repeated keys, because programs differ in which one they use."""
     record = dict(pairs)
     if len(record) < len(pairs):
-        raise _RefusedError("it has a key twice")
+        raise _RefusedError("a key appears twice")
     return record
 
 

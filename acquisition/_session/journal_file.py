@@ -1,4 +1,4 @@
-"""The journal file while a session is written: lines are appended, flushed, and never changed."""
+"""The journal file of an open session: lines are appended, flushed, and never changed."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ AnyLine = TypeVar("AnyLine", bound=Line)
 
 
 def utc_now() -> datetime:
-    """Return the time; it is for people, the order of lines is that of their numbers."""
+    """Return the current time. It is for people; the order of lines is given by ``seq``."""
     return datetime.now(UTC)
 
 
 class JournalFile:
-    """An open journal: `begin` a new one or `resume` one.
+    """An open journal: `begin` a new one or `resume` an existing one.
 
-    Every line gets the next number, the time of the clock, and the chain.
+    Every line gets the next number, the time of the clock, and its hash in the chain.
     """
 
     def __init__(self, path: Path, clock: Clock) -> None:
@@ -49,7 +49,7 @@ class JournalFile:
 
     @classmethod
     def begin(cls, path: Path, toml_sha256: str, clock: Clock) -> Self:
-        """Write the first line. The file appears with the line in it or not at all."""
+        """Create the file with its first line. It appears with the complete line or not at all."""
         file = cls(path, clock)
         _, sealed, own = file._seal(StartLine, {"session_toml_sha256": toml_sha256})
         write_durably(path, sealed)
@@ -57,35 +57,35 @@ class JournalFile:
         return file
 
     @classmethod
-    def resume(cls, path: Path, found: Journal, clock: Clock, details: Mapping[str, Any]) -> Self:
-        """Go on after the whole lines of ``found`` with a ``reopened`` event.
+    def resume(cls, path: Path, old: Journal, clock: Clock, details: Mapping[str, Any]) -> Self:
+        """Continue after the intact lines of ``old`` with a ``reopened`` event.
 
-        The file is replaced as a whole: a torn last line is in its place or in the event's
-        ``torn``, at every moment.
+        The file is replaced in one step: at every moment a torn last line is either still in the
+        file or in the event's ``torn``.
         """
         file = cls(path, clock)
-        file._seq, file._previous = len(found.lines), found.last_sha256
-        values = {"event": REOPENED, "details": {**details, "torn": found.torn.decode("latin-1")}}
+        file._seq, file._previous = len(old.lines), old.last_sha256
+        values = {"event": REOPENED, "details": {**details, "torn": old.torn.decode("latin-1")}}
         _, sealed, own = file._seal(EventLine, values)
-        write_durably(path, found.text + sealed)
+        write_durably(path, old.text + sealed)
         file._open(own)
         return file
 
     def append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
-        """Append a line; on return it is safe on disk.
+        """Append a line; when this returns, it is safe on disk.
 
         Raises
         ------
         DataError
-            If the values do not fit the line.
+            If the values are invalid for the line.
         StorageError
-            If the disk refuses, or refused before: the end of the file is not known then, and the
+            If the disk refuses, or refused before: the end of the file is then unknown, and the
             session must be reopened.
         """
         self.check_open()
         line, sealed, own = self._seal(kind, values)
-        # Cleared only when file and state agree again: after an error, or an interrupt in between,
-        # a further line would be chained to the wrong one.
+        # Cleared only when file and state agree again: after an error or interrupt in between, the
+        # next line would be chained to the wrong one.
         self._unsure = True
         append_durably(self._descriptor, self.path, sealed)
         self._seq, self._previous = self._seq + 1, own
@@ -94,28 +94,28 @@ class JournalFile:
 
     @property
     def sound(self) -> bool:
-        """False where the end of the file is not known: nothing more may be appended."""
+        """Whether the end of the file is known; if not, nothing more may be appended."""
         return not self._unsure
 
     def check_open(self) -> None:
-        """Raise StorageError where no line can be appended."""
+        """Raise StorageError if no line can be appended."""
         if self._descriptor < 0:
-            raise StorageError(f"{self.path}: is closed; reopen the session to go on")
+            raise StorageError(f"{self.path}: is closed; reopen the session to continue")
         if self._unsure:
-            raise StorageError(f"{self.path}: an earlier write was cut short; reopen the session")
+            raise StorageError(f"{self.path}: an earlier write was interrupted; reopen the session")
 
     def read_back(self) -> bytes:
-        """Return the file's bytes, checked to be what was written."""
+        """Return the bytes of the file after checking that they are the bytes written."""
         self.check_open()
         with disk(self.path, "read"):
             data = read_file(self.path)
-        found = parse_journal(data)
-        if found.text != data or found.last_sha256 != self._previous:
+        journal = parse_journal(data)
+        if journal.text != data or journal.last_sha256 != self._previous:
             raise StorageError(f"{self.path}: was changed by another program; verify the session")
         return data
 
     def close(self) -> None:
-        """Close the file; harmless when repeated."""
+        """Close the file; harmless if repeated."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
@@ -129,7 +129,7 @@ class JournalFile:
             reason = complaints(error)
         except ValueError as error:
             reason = str(error)
-        raise DataError(f"{self.path}: a line would not be understood: {reason}")
+        raise DataError(f"{self.path}: a line would be invalid: {reason}")
 
     def _open(self, own: str) -> None:
         with disk(self.path, "open"):

@@ -1,4 +1,4 @@
-"""Whether a frame was lit as planned, by the word of everything that knows."""
+"""Check that a frame was lit as planned, according to the board and the rig."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ RIG = "the rig"
 
 
 def wrong_light(planned: PlannedShot, lit: Mapping[str, int | None]) -> str | None:
-    """Compare the LED that was planned with those that are said to have been on.
+    """Compare the planned LED with the LEDs that were reported as on.
 
-    The engine asks when a frame is kept, the writer before it is stored, and every reader of a
-    session for each of its lines.
+    The engine checks each frame that it takes, the writer each frame before it is stored, and every
+    reader of a session each line.
 
     Parameters
     ----------
     planned
-        The shot. A flat of a session without a plan may be lit by any LED, but by one.
+        The shot. A flat of a session without a plan may be lit by any LED, but needs one.
     lit
-        The LED that was on during the exposure, None where all were off, by who says so (`BOARD`,
-        `RIG`); without an entry where nobody does, as in imported sessions.
+        The LED that was on during the exposure, None if all were off, by the device that reported
+        it (`BOARD`, `RIG`); no entry if there is no report, as in imported sessions.
 
     Returns
     -------
     str or None
-        What does not agree, as the end of a sentence; None where all is well.
+        The contradiction, as the end of a sentence; None if all reports agree with the plan.
     """
     any_led = planned.role == "flat" and planned.lit_led is None
-    for who, led in lit.items():
+    for reporter, led in lit.items():
         if (led is None) if any_led else (led != planned.lit_led):
-            wanted = "an LED" if any_led else _name(planned.lit_led)
-            return f"was planned with {wanted}, but {who} reports {_name(led)}"
+            expected = "an LED" if any_led else _name(planned.lit_led)
+            return f"was planned with {expected}, but {reporter} reports {_name(led)}"
     return None
 
 

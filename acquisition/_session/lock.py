@@ -1,4 +1,4 @@
-"""One process at a time writes into a session."""
+"""The lock of a session: only one process at a time may write."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from acquisition._storage import lock_folder
 
 
 def lock_session(folder: Path) -> int:
-    """Take a session that is there for this process alone.
+    """Lock an existing session for this process alone.
 
     Returns
     -------
@@ -23,7 +23,7 @@ def lock_session(folder: Path) -> int:
     DataError
         If it is a file.
     StorageError
-        If another process writes into it.
+        If another process is writing to it.
     """
     if not folder.exists():
         raise MissingPathError(f"{folder}: no such folder")

@@ -1,4 +1,4 @@
-"""``session.toml``: what a session is, written once before its first frame."""
+"""``session.toml``: description of a session, written once before its first frame."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from rig import Mounting
 
 FORMAT_VERSION: Final = 3
 _READ: Final = (1, 2, FORMAT_VERSION)
-# Versions whose lines this program writes: a session of version 2 stays one.
+# Versions that this program can write: a session of version 2 keeps its version.
 _WRITTEN: Final = (2, FORMAT_VERSION)
-# What version 2 has more than version 1, by table. Version 3 added events only.
+# Keys that version 2 added to version 1, by table. Version 3 only added events.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -51,11 +51,11 @@ class SoftwareRecord(Table):
 
 
 class RigRecord(Table):
-    """The rig: name and driver of the rig file, and how its board identified itself.
+    """The rig: name and driver of the rig file, and the identity that its board reported.
 
-    ``mounting`` is how the camera was mounted, where its frames do not stand upright; ``dead_leds``
-    are those that the rig file lists, ``trigger`` is who starts an exposure. ``options`` are those
-    of the rig file that say how, not where, the driver finds and sets camera and board.
+    ``mounting`` is the camera's mounting if its frames are not upright, ``dead_leds`` are the dead
+    LEDs of the rig file, and ``trigger`` is the device that starts an exposure. ``options`` are the
+    options of the rig file that configure camera and board; those that locate them are left out.
     """
 
     name: str
@@ -73,9 +73,10 @@ class RigRecord(Table):
 class CameraRecord(Table):
     """The camera as a device, and the frames it delivers.
 
-    ``bit_depth`` counts the significant low bits of each 16-bit sample. ``cfa`` names the colours
-    of the filter mosaic from the top left, row by row; absent for grey and RGB. ``channels`` is 1
-    (grey or mosaic) or 3 (RGB). Absent levels: black 0, white ``2 ** bit_depth - 1``.
+    ``bit_depth`` is the number of significant low bits of each 16-bit sample. ``cfa`` names the
+    colours of the filter mosaic from the top left, row by row; absent for grey and RGB.
+    ``channels`` is 1 (grey or mosaic) or 3 (RGB). Default levels: black 0, white
+    ``2 ** bit_depth - 1``.
     """
 
     width: Size
@@ -105,14 +106,14 @@ class CameraRecord(Table):
 
     @property
     def frame_bytes(self) -> int:
-        """Bytes of the samples of a frame."""
+        """Bytes of the uncompressed samples of a frame."""
         return 2 * self.width * self.height * self.channels
 
     @model_validator(mode="after")
     def _possible(self) -> CameraRecord:
         if self.frame_bytes >= 2**32:
             raise ValueError(
-                f"frames of {self.width} x {self.height} pixels fit into no TIFF file of 4 GiB"
+                f"frames of {self.width} x {self.height} pixels exceed the 4 GiB of a TIFF file"
             )
         if self.black_level_dn >= self.white_dn:
             raise ValueError("the black level is not below the white level")
@@ -120,13 +121,13 @@ class CameraRecord(Table):
 
 
 class Manifest(Table):
-    """What ``session.toml`` holds.
+    """Content of ``session.toml``.
 
-    Sessions of version 1 have the defaults of what version 2 added. ``format_version`` is the
-    version that the session began with; see `Session.format_version`.
-    ``plan`` and ``rig`` are absent in imported sessions. ``camera`` is the device and its frames as
-    stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present where known, and
-    the camera model is that of the upright image.
+    Sessions of version 1 have default values for the keys that version 2 added. ``format_version``
+    is the version with which the session was created; see `Session.format_version`. ``plan`` and
+    ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
+    stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
+    camera model describes the upright image.
     """
 
     format_version: Literal[1, 2, 3] = FORMAT_VERSION
@@ -146,22 +147,22 @@ class Manifest(Table):
 
     @property
     def mounting(self) -> Mounting:
-        """What has to be done to a stored frame until it stands upright; nothing, where unknown."""
+        """Mounting of the camera, from which stored frames are turned upright; default none."""
         mounting = None if self.rig is None else self.rig.mounting
         return mounting or Mounting()
 
     def check_current(self, folder: Path) -> None:
-        """Refuse to go on with a session whose lines this program does not write.
+        """Refuse to continue a session of a format version that this program does not write.
 
         Raises
         ------
         DataError
-            If it is of such a version; the message names ``folder``.
+            If it has another version; the message names ``folder``.
         """
         if self.format_version not in _WRITTEN:
             raise DataError(
-                f"{folder}: was begun in format version {self.format_version}, this program writes "
-                f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that began it "
+                f"{folder}: has format version {self.format_version}, this program writes "
+                f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that started it "
                 f"({self.software.name} {self.software.version}), or record again"
             )
 
@@ -176,23 +177,23 @@ class Manifest(Table):
         lights: Lights | None = None,
         **others: Any,
     ) -> Manifest:
-        """Describe a session that begins now.
+        """Return the manifest of a session that starts now.
 
         Parameters
         ----------
         folder
-            Of the session, for the message.
+            Folder of the session, for the message.
         camera
             Fields of `CameraRecord`.
         camera_model, sensor, lights
-            Calibrations to store, where known.
+            Calibrations to store, if known.
         others
             The remaining fields.
 
         Raises
         ------
         DataError
-            If a value is not what the field takes; the message names ``folder`` and the field.
+            If a value is invalid for its field; the message names ``folder`` and the field.
         """
         values = {
             "started_utc": datetime.now(UTC),
@@ -206,19 +207,19 @@ class Manifest(Table):
 
 
 def parse_manifest(data: bytes, path: Path) -> Manifest:
-    """Read ``session.toml``.
+    """Parse ``session.toml``.
 
     Raises
     ------
     DataError
-        If it is not TOML, of another format version, or holds a key or value that is not
-        understood; the message names ``path``.
+        If it is not TOML, has another format version, or contains an unknown key or an invalid
+        value; the message names ``path``.
     """
     values = parse_toml(data, path)
     version = values.get("format_version")
     if type(version) is not int or version not in _READ:
         raise DataError(
-            f"{path}: format version {version!r} is not understood, this program reads "
+            f"{path}: format version {version!r} is unknown, this program reads "
             f"{', '.join(map(str, _READ[:-1]))} and {_READ[-1]}; use the version that wrote it"
         )
     if version < 2:
@@ -236,9 +237,9 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
 def _refuse_added(values: dict[str, Any], path: Path) -> None:
     """Refuse keys that a session of version 1 cannot have."""
     for table, keys in _ADDED_2.items():
-        found = values.get(table)
-        added = [key for key in keys if isinstance(found, dict) and key in found]
+        entries = values.get(table)
+        added = [key for key in keys if isinstance(entries, dict) and key in entries]
         if added:
             raise DataError(
-                f"{path}: unknown key '{table}.{added[0]}': format version 1 has none of that name"
+                f"{path}: unknown key '{table}.{added[0]}': format version 1 does not have it"
             )

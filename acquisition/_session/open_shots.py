@@ -1,4 +1,4 @@
-"""Which shots of its plan a session has yet to get."""
+"""Planned shots that a session is still missing."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from acquisition._session.session import Session
 
 
 class OpenShots:
-    """The planned shots that are demanded and not recorded; safe to use from several threads.
+    """The planned shots that are required and not recorded; safe to use from several threads.
 
     Parameters
     ----------
     plan
-        Of the session; None for one without a plan, which demands nothing.
-    begun
-        The session as it was found, where it is gone on with.
+        Plan of the session; None for a session without a plan, which requires no shots.
+    session
+        The session as read from disk if it is resumed.
     """
 
-    def __init__(self, plan: CapturePlan | None, begun: Session | None = None) -> None:
+    def __init__(self, plan: CapturePlan | None, session: Session | None = None) -> None:
         shots = () if plan is None else plan.shots()
         self._planned = None if plan is None else {shot.key: shot for shot in shots}
-        self._missing = {shot.key: shot for shot in (shots if begun is None else begun.missing)}
-        self._demanded = len(shots) - (0 if begun is None else len(begun.left_out))
+        self._missing = {shot.key: shot for shot in (shots if session is None else session.missing)}
+        self._demanded = len(shots) - (0 if session is None else len(session.left_out))
         self._lock = threading.Lock()
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
-        """Planned shots that are demanded and not recorded yet, in plan order."""
+        """Planned shots that are required and not recorded yet, in plan order."""
         with self._lock:
             return tuple(self._missing.values())
 
     @property
     def demanded(self) -> int:
-        """How many shots there must be in the end: all of the plan, less those left out."""
+        """Number of shots of a complete session: all of the plan except those left out."""
         with self._lock:
             return self._demanded
 
     def planned(self, shot: PlannedShot, folder: Path) -> PlannedShot:
-        """Return the shot as the plan has it; without a plan every shot may be recorded.
+        """Return the planned shot with the same key; without a plan return the shot itself.
 
         Raises
         ------
         DataError
-            If it is not in the plan of the session, which is in ``folder``.
+            If it is not in the plan of the session in ``folder``.
         """
         if self._planned is None:
             return shot
@@ -57,7 +57,7 @@ class OpenShots:
         return self._planned[shot.key]
 
     def note(self, line: Line) -> None:
-        """Take a line of the journal into account that was written just now."""
+        """Update the missing shots after a line was written to the journal."""
         with self._lock:
             if isinstance(line, FrameLine) and line.status == "ok":
                 self._missing.pop(line.key, None)

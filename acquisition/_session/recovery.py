@@ -1,4 +1,4 @@
-"""A recording that was cut off, taken up again: nothing that was whole is lost."""
+"""Reopening of an interrupted recording without losing any intact frame."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from rig import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class TakenUp:
-    """A session ready to be gone on with.
+    """A reopened session, ready for new frames.
 
     Parameters
     ----------
     session
-        As it is now.
+        The session after reopening.
     journal
-        Open.
+        The open journal.
     lock
         Descriptor that holds the lock until it is closed.
     proofs
-        Which of its frames were read back.
+        Checks of its frames.
     events
-        Of the frames that were set aside now.
+        Events of the frames that were set aside now.
     """
 
     session: Session
@@ -51,36 +51,36 @@ def take_up(
     set_aside_damaged: bool = False,
     on_progress: Progress = no_progress,
 ) -> TakenUp:
-    """Take an incomplete session for this process alone and make it ready to be gone on with.
+    """Lock an incomplete session for this process alone and prepare it for new frames.
 
     Parameters
     ----------
     folder
         The session.
     set_aside_damaged
-        Read every frame back and set those aside that are damaged or lost. A complete session with
-        such a frame is taken up too.
+        Read back every frame and set damaged and lost ones aside. A complete session with such a
+        frame is reopened, too.
     on_progress
         Receives the stage ``checking recorded frames``, one step per frame.
 
     Raises
     ------
     MissingPathError, DataError, StorageError
-        As `SessionWriter.reopen`. The lock is free then.
+        As for `SessionWriter.reopen`. The lock is released.
     """
     lock = lock_session(folder)
     try:
-        found = examine(folder)
-        session = found.sound(but_for_frames=set_aside_damaged)
+        examination = examine(folder)
+        session = examination.sound(but_for_frames=set_aside_damaged)
         if session.complete and not set_aside_damaged:
             raise DataError(f"{folder}: is complete; record into a new folder")
         session.manifest.check_current(folder)
         proofs = FrameProofs(session.manifest.camera, session.recorded)
-        damaged = damaged_frames_of(found, proofs, on_progress) if set_aside_damaged else ()
+        damaged = damaged_frames_of(examination, proofs, on_progress) if set_aside_damaged else ()
         if session.complete and not damaged:
             raise DataError(f"{folder}: is complete and no frame is damaged; leave it as it is")
         events: tuple[EventLine, ...] = ()
-        journal = _reopened(found, session)
+        journal = _reopened(examination, session)
         if damaged:
             try:
                 events = set_frames_aside(session, journal, damaged)
@@ -95,19 +95,19 @@ def take_up(
     return TakenUp(session, journal, lock, proofs, events)
 
 
-def _reopened(found: Examination, session: Session) -> JournalFile:
-    """Clear up, and open the journal with a ``reopened`` event as its last line."""
+def _reopened(examination: Examination, session: Session) -> JournalFile:
+    """Move files without a line away, and open the journal with a new ``reopened`` event."""
     folder = session.folder
     if session.complete:
-        # The journal that it names is about to grow. Without it the session is incomplete, which it
-        # is, as frames of it have to be taken again.
+        # COMPLETE contains the hash of the journal, which is about to grow. Without COMPLETE the
+        # session is incomplete, which is right, because some frames must be taken again.
         with disk(folder / COMPLETE, "remove"):
             (folder / COMPLETE).unlink()
             sync_folder(folder)
     names = frozenset(frame.path.name for frame in session.recorded)
     aside = clear_frames(folder, names, session.set_aside)
     path = folder / JOURNAL
-    if not found.journal.lines:
-        return JournalFile.begin(path, found.toml_sha256, utc_now)
+    if not examination.journal.lines:
+        return JournalFile.begin(path, examination.toml_sha256, utc_now)
     details = {"software_version": software_version(), "unrecorded": aside}
-    return JournalFile.resume(path, found.journal, utc_now, details)
+    return JournalFile.resume(path, examination.journal, utc_now, details)

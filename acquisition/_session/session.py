@@ -1,4 +1,4 @@
-"""Sessions on disk, read: what was recorded, what counts, and what is missing."""
+"""Reading of sessions: recorded frames, frames that count, and missing shots."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, UnreadableError, read_bounded
 
-# Of a million frames.
+# Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30
 
 
@@ -42,32 +42,32 @@ class Session:
     Parameters
     ----------
     folder
-        Where it lies.
+        Folder of the session.
     manifest
-        ``session.toml``.
+        Content of ``session.toml``.
     format_version
-        Version of the format: the one it began with, or the one it was upgraded to.
+        Format version: that of ``session.toml``, or the one that the session was upgraded to.
     recorded
-        Every frame of the journal, in order of recording, retaken and rejected ones too, but for
-        those set aside.
+        All frames of the journal in order of recording, including retaken and rejected ones, but
+        not those set aside.
     set_aside
-        Frames that were found damaged, whose files are kept elsewhere.
+        Damaged frames whose files are kept elsewhere.
     frames
-        Those that count, one per shot: the last take that was not rejected, where it was not set
-        aside.
+        Frames that count, at most one per shot: the last take that was not rejected, unless it was
+        set aside.
     events
         Event lines in order.
     complete
-        True where the recording was brought to its end.
+        True if the recording was completed.
     missing
-        Planned shots without a frame that counts, but for those left out.
+        Planned shots without a frame that counts, except those left out.
     left_out
-        Planned shots without a frame that counts whose LED died: they are not demanded.
+        Planned shots without a frame that counts that are not required, because their LED is dead.
     warnings
-        What was tolerated, one line each.
+        Tolerated irregularities, one line each.
     lost_lines
-        Why the journal seems to have lost its last lines; empty where it does not. It is one of
-        the warnings.
+        The warning that the journal seems to have lost its last lines, which is also one of
+        ``warnings``; empty if it does not.
     """
 
     folder: Path
@@ -85,21 +85,22 @@ class Session:
 
     @classmethod
     def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
-        """Open a session, complete or not. Frames are read and checked when asked for.
+        """Open a session, complete or not. Frames are read and checked only when requested.
 
         Parameters
         ----------
         folder
             The session.
         damaged_frames
-            Open it also where single frames contradict their lines, or lines each other.
+            Open the session even if single frames contradict the plan, the board's report or other
+            lines.
 
         Raises
         ------
         MissingPathError
             If the folder does not exist.
         DataError
-            If it is no session, of another format version, or damaged.
+            If it is not a session, has another format version, or is damaged.
         """
         return examine(Path(folder)).sound(but_for_frames=damaged_frames)
 
@@ -114,41 +115,41 @@ class Session:
 
     @property
     def camera_model(self) -> CameraModel | None:
-        """The camera as geometry, where known."""
+        """The geometric camera model, if known."""
         record = self.manifest.camera_model
         return None if record is None else record.value()
 
     @property
     def sensor(self) -> NoiseModel | None:
-        """The sensor's noise model, where known."""
+        """The sensor's noise model, if known."""
         record = self.manifest.sensor
         return None if record is None else record.value()
 
     @property
     def lights(self) -> Lights | None:
-        """The calibrated lights stored with the session, where known."""
+        """The calibrated lights stored with the session, if known."""
         record = self.manifest.lights
         return None if record is None else record.value()
 
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A session as found, with everything wrong about it but the contents of its frame files.
+    """A session with all its errors, except those in the contents of its frame files.
 
     Parameters
     ----------
     session
-        None where too little can be read to make one.
+        The session; None if ``session.toml`` cannot be read.
     journal
-        As far as it can be trusted.
+        Valid part of the journal.
     names
-        Every file in ``frames/`` that a line of the journal names.
+        Names of all files in ``frames/`` that lines of the journal name.
     toml_sha256
-        Hash of ``session.toml`` as it is.
+        Current hash of ``session.toml``.
     problems
-        What is wrong with the session, a line each.
+        Errors of the session, one line each.
     flaws
-        What is wrong with single frames, by the ``seq`` of their lines.
+        Errors of single frames, by the ``seq`` of their lines.
     """
 
     session: Session | None
@@ -161,7 +162,7 @@ class Examination:
     def sound(self, *, but_for_frames: bool = False) -> Session:
         """Return the session, or raise its first problem as a DataError.
 
-        ``but_for_frames`` lets pass what is wrong with single frames: they can be set aside.
+        With ``but_for_frames``, errors of single frames are ignored: these can be set aside.
         """
         flaws = () if but_for_frames else self.flaws.values()
         problems = (*self.problems, *(flaw.text for flaw in flaws))
@@ -171,7 +172,7 @@ class Examination:
 
 
 def examine(folder: Path) -> Examination:
-    """Read a session and collect what is wrong instead of stopping at the first.
+    """Read a session and collect all errors instead of stopping at the first.
 
     Raises
     ------
@@ -193,7 +194,7 @@ def _examine(folder: Path) -> Examination:
     if not folder.exists():
         raise MissingPathError(f"{folder}: no such folder")
     if not is_session(folder):
-        raise DataError(f"{folder}: is not a session: it holds no {MANIFEST}")
+        raise DataError(f"{folder}: is not a session: it has no {MANIFEST}")
     problems = list(_links(folder))
     warnings: list[str] = []
     manifest, toml_sha256 = _manifest(folder, problems)
@@ -213,7 +214,7 @@ def _examine(folder: Path) -> Examination:
     missing = tuple(shot for shot in absent if shot.lit_led not in dead)
     if complete and missing and journal.damage is None:
         problems.append(
-            f"{folder / COMPLETE}: is there although {len(missing)} planned frames are not, "
+            f"{folder / COMPLETE}: exists although {len(missing)} planned frames are missing, "
             f"first {missing[0].file}"
         )
     lost_lines = ""
@@ -240,30 +241,30 @@ def _examine(folder: Path) -> Examination:
 
 
 def _dead_leds(events: Iterable[EventLine], manifest: Manifest) -> frozenset[int]:
-    """Return the LEDs whose missing shots are not demanded."""
-    # Version 1 knows no such event.
-    tells = events if manifest.format_version > 1 else ()
-    return frozenset[int]().union(*(line.left_out for line in tells))
+    """Return the LEDs whose missing shots are not required."""
+    # Version 1 does not have the event left_out.
+    lines = events if manifest.format_version > 1 else ()
+    return frozenset[int]().union(*(line.left_out for line in lines))
 
 
 def _links(folder: Path) -> Iterator[str]:
-    """Tell of parts of the session that lie elsewhere: what is there is not what was recorded."""
+    """Report files of the session that are links to other folders."""
     for path in (folder / name for name in (MANIFEST, JOURNAL, COMPLETE, FRAMES)):
         if path.is_symlink() and leaves(path, folder):
-            yield f"{path}: is a link that leaves the session; put what it names in its place"
+            yield f"{path}: is a link that leaves the session; replace the link by its target"
 
 
 def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[str, bool]:
-    """Tell of files without a line, and whether they are more than an interruption explains."""
+    """Return a warning about files without a line, and whether there are suspiciously many."""
     files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded]
     if not files:
         return "", False
     many = len(files) > WRITERS
-    explained = "written when the recording was interrupted; such a file does not count"
+    explained = "written when the recording was interrupted; files without a line do not count"
     lost = (
         f"an interruption leaves {WRITERS} at most, so the journal may have lost its last lines: "
-        f"restore {JOURNAL} and {COMPLETE} from a copy before going on; without their lines the "
-        "files do not count"
+        f"restore {JOURNAL} and {COMPLETE} from a copy before you continue; files without a line "
+        "do not count"
     )
     return (
         f"{folder / FRAMES}: {_counted(len(files), 'file')} without a line in the journal, first "
@@ -276,7 +277,7 @@ def _counted(number: int, noun: str) -> str:
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:
-    """Return a file's bytes, None where there is none."""
+    """Return the bytes of a file, None if it does not exist."""
     try:
         return read_bounded(path, most_bytes)
     except FileNotFoundError:
@@ -286,7 +287,7 @@ def _bytes(path: Path, most_bytes: int) -> bytes | None:
 
 
 def _journal_and_mark(folder: Path) -> tuple[bytes | None, bytes | None]:
-    """Return the journal and COMPLETE as they were together: somebody may be writing just now."""
+    """Return journal and COMPLETE in a consistent state, even while another process writes."""
     data = _bytes(folder / JOURNAL, _MAX_JOURNAL_BYTES)
     while True:
         mark = _bytes(folder / COMPLETE, MAX_TEXT_BYTES)
@@ -314,24 +315,24 @@ def _check_journal(
 ) -> None:
     path = folder / JOURNAL
     if journal.damage is not None:
-        problems.append(f"{path}: {journal.damage}; restore the file, its frames may be whole")
+        problems.append(f"{path}: {journal.damage}; restore the file, its frames may be intact")
     if journal.torn:
         warnings.append(
-            f"{path}: the last line was cut off while being written ({len(journal.torn)} bytes); "
-            "it does not count"
+            f"{path}: writing the last line was interrupted ({len(journal.torn)} bytes); it does "
+            "not count"
         )
     if journal.unterminated:
-        warnings.append(f"{path}: the last line lacks its newline but is whole; it counts")
+        warnings.append(f"{path}: the last line lacks its newline but is intact; it counts")
     if journal.lines:
         start = journal.lines[0]
         if isinstance(start, StartLine) and toml_sha256 != start.session_toml_sha256:
             problems.append(
-                f"{folder / MANIFEST}: is not the one the journal began with; restore it"
+                f"{folder / MANIFEST}: differs from the one that the journal belongs to; restore it"
             )
     elif journal.damage is None:
-        # Killed between the two first writes: nothing was recorded yet.
+        # The process was killed between the first two writes: nothing was recorded yet.
         if (folder / COMPLETE).exists() or any(_names(folder / FRAMES)):
-            problems.append(f"{path}: is missing or empty though frames are there; restore it")
+            problems.append(f"{path}: is missing or empty although frames exist; restore it")
         else:
             warnings.append(f"{path}: the recording ended before its first line")
 
@@ -347,18 +348,18 @@ def _completion(
     path = folder / COMPLETE
     if mark is None:
         if (folder / ASIDE).is_file():
-            warnings.append(f"{folder}: a compaction was cut off: run `capture compact` on it")
+            warnings.append(f"{folder}: a compaction was interrupted: compact the session again")
         return False
     if mark != completion_mark(data or b""):
-        problems.append(
-            f"{path}: does not name the journal beside it; one of the two was changed, restore it"
-        )
+        problems.append(f"{path}: does not match {JOURNAL}; one of the two was changed, restore it")
     elif journal.torn or journal.unterminated:
-        problems.append(f"{folder / JOURNAL}: ends in a part of a line though it was completed")
+        problems.append(
+            f"{folder / JOURNAL}: ends in an incomplete line although the session is complete"
+        )
     return True
 
 
 def _names(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder that are not rests of unfinished writes, if it exists."""
+    """Yield the files of a folder, if it exists, except those of unfinished writes."""
     if folder.is_dir():
         yield from sorted(path for path in folder.iterdir() if not is_part(path))

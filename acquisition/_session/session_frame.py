@@ -1,4 +1,4 @@
-"""One recorded frame: where it lies, what the journal says of it, and its pixels."""
+"""One recorded frame: its file, its journal line and its pixels."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class SessionFrame:
     line
         Its line in the journal.
     bytes, file_sha256
-        Size and hash of the file as it is now; they differ from the line's after compaction.
+        Current size and hash of the file; after compaction they differ from those of the line.
     shape
-        Array shape that the session states.
+        Array shape according to the session.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class SessionFrame:
 
     @property
     def led(self) -> int | None:
-        """LED number from 0, None where no LED identifies the frame."""
+        """LED number from 0, None for frames that are not identified by an LED."""
         return self.line.led
 
     @property
@@ -56,31 +56,31 @@ class SessionFrame:
 
     @property
     def bracket(self) -> int:
-        """Index of the exposure from 0."""
+        """Index of the bracket from 0."""
         return self.line.bracket
 
     @property
     def exposure_us(self) -> float | None:
-        """Exposure the camera reported, microseconds."""
+        """Exposure time that the camera reported, microseconds."""
         return self.line.exposure_us
 
     def read(self) -> npt.NDArray[np.uint16]:
-        """Return the pixels as the sensor gave them, ``(H, W)`` or ``(H, W, 3)`` uint16.
+        """Return the raw pixels of the sensor, ``(H, W)`` or ``(H, W, 3)`` uint16.
 
         Raises
         ------
         DataError
-            If the file is missing or unreadable, or its pixels are not those recorded.
+            If the file is missing or unreadable, or its pixels differ from those recorded.
         """
         if self.path.exists() and not self.path.is_file():
-            # Reading might never end, as of a pipe.
+            # Reading a pipe, for instance, might never end.
             raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
             stated = self.shape[0] * self.shape[1]
             shape, dtype = image_form(self.path, max_pixels=max(stated, MAX_PIXELS))
             if shape != self.shape or dtype != np.uint16:
                 raise DataError(
-                    f"{self.path}: holds {dtype} pixels of shape {shape}, the session states "
+                    f"{self.path}: has {dtype} pixels of shape {shape}, the session requires "
                     f"uint16 of {self.shape}; restore the file"
                 )
             pixels = read_image(self.path, max_pixels=stated)
@@ -96,5 +96,5 @@ class SessionFrame:
 
 
 def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:
-    """Hash samples as little-endian 16-bit, row by row from the top, channels innermost."""
+    """Return the hash of samples as 16-bit little-endian, row by row, channels innermost."""
     return sha256_of(np.ascontiguousarray(pixels, dtype="<u2").data.cast("B"))

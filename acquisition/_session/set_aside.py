@@ -1,4 +1,4 @@
-"""Files that must not count any more: kept elsewhere in the session, never deleted."""
+"""Files that no longer count: they are kept elsewhere in the session, never deleted."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from acquisition._storage import disk, is_part, make_folder, sync_folder
 def set_frames_aside(
     session: Session, journal: JournalFile, damaged: Sequence[Damage]
 ) -> tuple[EventLine, ...]:
-    """Let damaged frames count no more: each gets its event, then its file is moved.
+    """Set damaged frames aside: for each, write the event, then move the file.
 
-    In this order a death in between leaves an event that says where the file belongs, and
-    `clear_frames` moves it there. The other way round there would be a lost file that nothing
-    explains.
+    If the process is killed in between, the event names the place of the file, and `clear_frames`
+    moves it there later. In the opposite order a file would be missing without explanation.
 
     Parameters
     ----------
     session
-        Locked, of a version that this program writes; upgraded where it knows no such event.
+        Locked session of a version that this program writes; it is upgraded if its version does not
+        have the event.
     journal
-        Open.
+        The open journal.
     damaged
-        The frames.
+        The damaged frames.
 
     Returns
     -------
     tuple of EventLine
-        What was written.
+        The events written.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def set_frames_aside(
             "frame_seq": frame.line.seq,
             "file": frame.path.relative_to(folder).as_posix(),
             "kept": kept.relative_to(folder).as_posix() if there else None,
-            # Error texts of libraries may hold anything.
+            # Error texts of libraries may contain any characters.
             "reason": reason.encode("ascii", "backslashreplace").decode("ascii"),
         }
         lines.append(journal.append(EventLine, {"event": SET_ASIDE, "details": details}))
@@ -82,26 +82,27 @@ def set_frames_aside(
 def clear_frames(
     folder: Path, recorded: frozenset[str], set_aside: Iterable[SetAsideFrame]
 ) -> list[str]:
-    """Leave in ``frames/`` what has a line and counts: move other files, delete half-written ones.
+    """Keep only recorded files in ``frames/``: move others away, delete unfinished ones.
 
     Parameters
     ----------
     folder
         The session, locked.
     recorded
-        Names of the files of frames that were not set aside.
+        File names of the frames that were not set aside.
     set_aside
-        Those that were; a file of theirs that is still there goes where its event says.
+        Frames that were set aside; a file that has not been moved yet moves to the place that its
+        event names.
 
     Returns
     -------
     list of str
-        Where files without a line lie now, relative to the session.
+        New paths of files without a line, relative to the session.
 
     Raises
     ------
     DataError
-        If ``frames/``, or where files are moved to, leads out of the session.
+        If ``frames/`` or a target folder leads out of the session.
     StorageError
         If the disk refuses.
     """
@@ -111,12 +112,12 @@ def clear_frames(
     places = {aside.frame.path.name: aside.kept for aside in set_aside}
     aside: list[str] = []
     with disk(frames, "list"):
-        found = sorted(frames.iterdir())
-    for path in found:
+        paths = sorted(frames.iterdir())
+    for path in paths:
         if path.name in recorded:
             continue
         if is_part(path):
-            if not path.is_dir():  # hidden folders are not ours, and may stay
+            if not path.is_dir():  # hidden folders belong to other programs and stay
                 with disk(path, "remove"):
                     path.unlink()
             continue
@@ -134,7 +135,7 @@ def clear_frames(
 
 
 def _free(shelf: Path, name: str) -> Path:
-    """Return a path that is not taken."""
+    """Return an unused path."""
     paths = (shelf / f"{number:03d}_{name}" for number in count())
     return next(path for path in paths if not os.path.lexists(path))
 

@@ -1,4 +1,4 @@
-"""Open files that several threads use: closing waits for nobody, the last user closes them."""
+"""Open files that several threads use: `close` does not wait, the last user closes the files."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from acquisition._errors import StorageError
 
 
 class SharedUse:
-    """Who uses the open files of a session.
+    """Counts the users of the open files of a session.
 
     Parameters
     ----------
     folder
         The session, for messages.
     release
-        Closes the files. Called once: by `close`, or when the last one who used them then is done.
+        Closes the files. Called once: by `close`, or by the last user if some were left then.
     """
 
     def __init__(self, folder: Path, release: Callable[[], None]) -> None:
@@ -31,11 +31,11 @@ class SharedUse:
     def check_open(self) -> None:
         """Raise StorageError after `close`."""
         if self._closed:
-            raise StorageError(f"{self._folder}: is closed; reopen the session to go on")
+            raise StorageError(f"{self._folder}: is closed; reopen the session to continue")
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep the files open meanwhile; raises as `check_open`."""
+        """Keep the files open inside the block; raises the same error as `check_open`."""
         with self._lock:
             self.check_open()
             self._users += 1
@@ -48,7 +48,7 @@ class SharedUse:
                     self._release()
 
     def close(self) -> None:
-        """Let nobody use the files any more; harmless when repeated."""
+        """Refuse further use of the files; harmless if repeated."""
         with self._lock:
             if self._closed:
                 return

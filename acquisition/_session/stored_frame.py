@@ -1,4 +1,4 @@
-"""The file of a fresh frame: uncompressed TIFF, written straight from the array, safe on disk."""
+"""The file of a new frame: uncompressed TIFF, written durably and directly from the array."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import numpy.typing as npt
 from acquisition._pixels.plain_tiff import plain_tiff_header
 from acquisition._storage import disk, published, write_whole
 
-# Pieces that are hashed while they are still in the cache.
+# Size of the pieces, small enough to be hashed while still in the cache.
 _PIECE: Final = 1 << 20
 
 
 @dataclass(frozen=True)
 class StoredFrame:
-    """What the journal says of a frame's file.
+    """Journal entries about the file of a frame.
 
     Parameters
     ----------
@@ -36,22 +36,22 @@ class StoredFrame:
 
 
 def store_frame(path: Path, pixels: npt.NDArray[np.uint16]) -> StoredFrame:
-    """Write a frame under a temporary name, flush it, and give it its name.
+    """Write a frame under a temporary name, flush it, and rename it.
 
-    The samples go to the disk from where they are: nothing is copied, and the interpreter's lock is
-    free while the disk and the hashes work. Equal pixels give equal bytes.
+    The samples are written directly from the array without copies, and the GIL is released during
+    writing and hashing. Equal pixels give equal bytes.
 
     Parameters
     ----------
     path
-        A name that is not taken.
+        An unused path.
     pixels
-        ``(H, W)`` or ``(H, W, 3)`` uint16; contiguous, or they are copied once.
+        ``(H, W)`` or ``(H, W, 3)`` uint16; they are copied once if not contiguous.
 
     Raises
     ------
     StorageError
-        If the disk refuses; what lies under ``path`` then, if anything, is the whole frame.
+        If the disk refuses; ``path`` then does not exist or is the complete frame.
     """
     samples = np.ascontiguousarray(pixels, dtype="<u2").data.cast("B")
     header = plain_tiff_header(pixels.shape, len(samples))

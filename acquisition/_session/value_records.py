@@ -1,4 +1,4 @@
-"""Calibrated values as ``session.toml`` holds them: sensor, camera model and lights."""
+"""Calibrated values in ``session.toml``: sensor, camera model and lights."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _Vector = tuple[float, float, float]
 
 
 class Table(BaseModel):
-    """A table of ``session.toml``: unknown keys and numbers that are none are refused."""
+    """A table of ``session.toml``: unknown keys, NaN and infinities are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class SensorRecord(Table):
-    """A `NoiseModel`, written out; what is left out has the model's default."""
+    """Fields of a `NoiseModel`; omitted fields have the model's default."""
 
     electrons_per_dn: float
     read_noise_e: float
@@ -39,19 +39,19 @@ class SensorRecord(Table):
 
     @classmethod
     def of(cls, sensor: NoiseModel) -> SensorRecord:
-        """Write out a sensor."""
+        """Return the record of a noise model."""
         values = {item.name: (getattr(sensor, item.name), item.default) for item in fields(sensor)}
         return cls.model_validate(
             {name: value for name, (value, default) in values.items() if value != default}
         )
 
     def value(self) -> NoiseModel:
-        """Return the sensor; raises DataError where the numbers make none."""
+        """Return the noise model; raise DataError if the values are invalid."""
         return NoiseModel(**self.model_dump(exclude_none=True))
 
 
 class CameraModelRecord(Table):
-    """A `CameraModel`, written out."""
+    """Fields of a `CameraModel`."""
 
     K: tuple[_Vector, _Vector, _Vector]
     distortion: tuple[float, ...]
@@ -61,7 +61,7 @@ class CameraModelRecord(Table):
 
     @classmethod
     def of(cls, camera: CameraModel) -> CameraModelRecord:
-        """Write out a camera model."""
+        """Return the record of a camera model."""
         return cls(
             K=camera.K.tolist(),
             distortion=camera.distortion.tolist(),
@@ -71,7 +71,7 @@ class CameraModelRecord(Table):
         )
 
     def value(self) -> CameraModel:
-        """Return the camera model; raises DataError where the numbers make none."""
+        """Return the camera model; raise DataError if the values are invalid."""
         return CameraModel(
             np.array(self.K),
             self.width,
@@ -82,7 +82,7 @@ class CameraModelRecord(Table):
 
 
 class LightsRecord(Table):
-    """`Lights`, written out: one row per light, either directions or positions."""
+    """Fields of `Lights`: one row per light, either directions or positions."""
 
     ids: tuple[str, ...]
     directions: tuple[_Vector, ...] | None = None
@@ -93,13 +93,13 @@ class LightsRecord(Table):
 
     @classmethod
     def of(cls, lights: Lights) -> LightsRecord:
-        """Write out lights."""
+        """Return the record of lights."""
         columns = ("directions", "positions_mm", "intensities", "axes", "mu")
         arrays = {name: getattr(lights, name) for name in columns}
         rows = {name: array.tolist() for name, array in arrays.items() if array is not None}
         return cls(ids=lights.ids, **rows)
 
     def value(self) -> Lights:
-        """Return the lights; raises DataError where the numbers make none."""
+        """Return the lights; raise DataError if the values are invalid."""
         columns = self.model_dump(exclude={"ids"}, exclude_none=True)
         return Lights(ids=self.ids, **{name: np.array(rows) for name, rows in columns.items()})

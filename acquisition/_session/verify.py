@@ -1,4 +1,4 @@
-"""Whether a session is still what was recorded: every hash, every file, plan against journal."""
+"""Verification of a session: all hashes, all files, and the journal against the plan."""
 
 from __future__ import annotations
 
@@ -14,30 +14,31 @@ from acquisition._storage import is_part
 
 @dataclass(frozen=True)
 class Verification:
-    """What a verification found.
+    """Result of a verification.
 
     Parameters
     ----------
     folder
         The session.
     complete
-        True where the recording was brought to its end. A session can be whole and incomplete.
+        True if the recording was completed. A session can be intact and incomplete.
     problems
-        One line for each thing that is not as recorded, naming the file.
+        One line for each difference from the recording, naming the file.
     warnings
-        One line for each thing that an interruption explains and that costs no recorded frame.
+        One line for each trace of an interruption that has not damaged a recorded frame.
     frames
-        Frame lines.
+        Number of frame lines.
     events
-        Event lines.
+        Number of event lines.
     missing
-        Files of planned shots that are not recorded.
+        File names of planned shots that are not recorded.
     left_out
-        Files of planned shots that are not recorded and not demanded, as their LED died.
+        File names of planned shots that are not recorded and not required because their LED is
+        dead.
     damaged
-        Files of the frames that are among the problems; `resume` can retake their shots.
+        File names of the frames among the problems; `resume` can retake their shots.
     set_aside
-        Files of frames that were damaged before, do not count, and are not checked.
+        File names of frames that were damaged earlier; they do not count and are not checked.
     bytes
         Size of all frame files.
     """
@@ -56,12 +57,12 @@ class Verification:
 
     @property
     def ok(self) -> bool:
-        """True where everything recorded is unchanged."""
+        """Whether the complete recording is unchanged."""
         return not self.problems
 
 
 def verify_session(folder: str | Path) -> Verification:
-    """Check a session against itself: hash chain, ``session.toml``, COMPLETE, every frame file.
+    """Verify a session: hash chain, ``session.toml``, COMPLETE and every frame file.
 
     Damage is reported, not raised.
 
@@ -83,28 +84,28 @@ def verify_session(folder: str | Path) -> Verification:
         If it is not a session.
     """
     folder = Path(folder)
-    found = examine(folder)
-    session = found.session
+    examination = examine(folder)
+    session = examination.session
     if session is None:
-        return Verification(folder, False, found.problems, (), 0, 0, (), (), (), (), 0)
-    problems = list(found.problems)
+        return Verification(folder, False, examination.problems, (), 0, 0, (), (), (), (), 0)
+    problems = list(examination.problems)
     warnings = list(session.warnings)
     damaged = []
     for frame in session.recorded:
         camera = session.manifest.camera
-        damage = found.flaws.get(frame.line.seq) or frame_damage(frame, camera)
+        damage = examination.flaws.get(frame.line.seq) or frame_damage(frame, camera)
         if damage is not None:
             damaged.append(frame.path.name)
             problems.append(damage.text)
-    # After a damaged line the journal says nothing about later files.
-    if found.journal.damage is None:
-        _check_files(folder, found.names, session.complete, problems, warnings)
+    # Lines after a damaged one cannot be trusted, so later files cannot be checked.
+    if examination.journal.damage is None:
+        _check_files(folder, examination.names, session.complete, problems, warnings)
     return Verification(
         folder=folder,
         complete=session.complete,
         problems=tuple(dict.fromkeys(problems)),
         warnings=tuple(warnings),
-        frames=sum(isinstance(line, FrameLine) for line in found.journal.lines),
+        frames=sum(isinstance(line, FrameLine) for line in examination.journal.lines),
         events=len(session.events),
         missing=tuple(shot.file for shot in session.missing),
         left_out=tuple(shot.file for shot in session.left_out),
@@ -116,19 +117,20 @@ def verify_session(folder: str | Path) -> Verification:
 
 def _check_files(
     folder: Path,
-    known: frozenset[str],
+    recorded: frozenset[str],
     complete: bool,
     problems: list[str],
     warnings: list[str],
 ) -> None:
     frames = folder / FRAMES
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
-        if path.name in known:
+        if path.name in recorded:
             continue
         if is_part(path):
             if not path.is_dir():
-                warnings.append(f"{path}: is the rest of a write that never finished; it may go")
+                warnings.append(f"{path}: was left by an unfinished write; it can be deleted")
         elif complete:
             problems.append(
-                f"{path}: is in no line of the journal; restore the journal if that is not whole"
+                f"{path}: is in no line of the journal; if lines are missing there, restore the "
+                "journal"
             )

@@ -1,4 +1,4 @@
-"""Sessions on disk, written: nothing journalled is lost, nothing half-written counts."""
+"""Writing of sessions: recorded frames are never lost, unfinished writes never count."""
 
 from __future__ import annotations
 
@@ -39,15 +39,16 @@ from rig import Progress, no_progress
 
 
 class SessionWriter:
-    """The one writer of a session: `create` a new one or `reopen` one that was interrupted.
+    """The only writer of a session: `create` a new one or `reopen` an interrupted one.
 
-    A frame goes to a temporary file, is flushed, gets its name, and only then its line in the
-    journal, flushed too. So a crash at any moment leaves every frame that has a line, and at most
-    one file without a line and one line cut short. A context manager; leaving it closes.
+    A frame is written to a temporary file, flushed and renamed; only then its journal line is
+    written and flushed. A crash at any moment therefore leaves every frame that has a line, at most
+    one file without a line per writing thread, and at most one torn line. As a context manager, it
+    closes the session at the end.
 
-    Several threads may write at once: frames go to the disk side by side, lines one by one. If
-    one of them is still writing when another closes, what it has begun ends by itself, adds no line
-    any more, and only then is the session free for others.
+    Several threads may write at the same time: frames are written in parallel, lines one by one. If
+    one thread closes the session while another is still writing, that write finishes without adding
+    a line, and only then the lock is released.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class SessionWriter:
         manifest: Manifest,
         journal: JournalFile,
         lock: int,
-        begun: Session | None = None,
+        session: Session | None = None,
         proofs: FrameProofs | None = None,
         set_aside_events: tuple[EventLine, ...] = (),
     ) -> None:
@@ -68,34 +69,34 @@ class SessionWriter:
         self._use = SharedUse(folder, self._release)
         self._order = threading.Lock()  # held while a line is written
         self._sound = True
-        self._shots = OpenShots(manifest.plan, begun)
-        self._version = manifest.format_version if begun is None else begun.format_version
+        self._shots = OpenShots(manifest.plan, session)
+        self._version = manifest.format_version if session is None else session.format_version
         self._proofs = proofs or FrameProofs(manifest.camera)
-        recorded = () if begun is None else begun.recorded
-        aside = () if begun is None else begun.set_aside
+        recorded = () if session is None else session.recorded
+        aside = () if session is None else session.set_aside
         frames = (*recorded, *(one.frame for one in aside))
         names = (Path(frame.line.file).name for frame in frames)
         self._names = FrameNames(folder / FRAMES, manifest.plan, names)
 
     @classmethod
     def create(cls, folder: str | Path, manifest: Manifest, *, clock: Clock = utc_now) -> Self:
-        """Begin a session in a new or empty folder and take it for this process alone.
+        """Create a session in a new or empty folder and lock it for this process alone.
 
         Parameters
         ----------
         folder
-            Created with its parents where it does not exist.
+            Created with its parents if it does not exist.
         manifest
-            What ``session.toml`` is to hold.
+            Content of ``session.toml``.
         clock
-            Gives the time of each line.
+            Returns the time of each line.
 
         Raises
         ------
         DataError
-            If a text of the manifest is none, or the name of the folder.
+            If a text of the manifest or the name of the folder cannot be encoded in UTF-8.
         StorageError
-            If the folder holds anything, another process records into it, or the disk refuses.
+            If the folder is not empty, another process records into it, or the disk refuses.
         """
         journal, lock = begin(Path(folder), manifest, clock)
         return cls(Path(folder), manifest, journal, lock)
@@ -108,21 +109,20 @@ class SessionWriter:
         set_aside_damaged: bool = False,
         on_progress: Progress = no_progress,
     ) -> Self:
-        """Go on with a session that was interrupted, and take it for this process alone.
+        """Reopen an interrupted session and lock it for this process alone.
 
-        Recovery loses nothing that was whole: a torn last line is moved into a ``reopened`` event,
-        files written but not recorded move to ``derived/unrecorded/``, and rests of unfinished
-        writes are deleted.
+        Recovery loses nothing that was intact: a torn last line is moved into a ``reopened`` event,
+        files without a line move to ``derived/unrecorded/``, and files of unfinished writes are
+        deleted.
 
         Parameters
         ----------
         folder
             The session.
         set_aside_damaged
-            Read every recorded frame back first. Those that are damaged or lost are set aside:
-            their files move to ``derived/set_aside/``, they count no more, and their shots are
-            missing again. A complete session with such a frame is reopened; one of version 2 is
-            upgraded.
+            Read back every recorded frame first. Damaged or lost ones are set aside: their files
+            move to ``derived/set_aside/``, they no longer count, and their shots are missing again.
+            A complete session with such a frame is reopened; one of version 2 is upgraded.
         on_progress
             Receives the stage ``checking recorded frames``, one step per frame.
 
@@ -131,62 +131,63 @@ class SessionWriter:
         MissingPathError
             If the folder does not exist.
         DataError
-            If it is no session, is damaged, is complete already, or is of another format version.
+            If it is not a session, is damaged, is already complete, or has another format version.
         StorageError
             If another process records into it, or the disk refuses.
         """
-        found = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress)
-        session = found.session
+        taken = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress)
+        session = taken.session
         return cls(
             session.folder,
             session.manifest,
-            found.journal,
-            found.lock,
+            taken.journal,
+            taken.lock,
             session,
-            found.proofs,
-            found.events,
+            taken.proofs,
+            taken.events,
         )
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
-        """Planned shots that are demanded and not recorded yet, in plan order."""
+        """Planned shots that are required and not recorded yet, in plan order."""
         return self._shots.missing
 
     @property
     def demanded(self) -> int:
-        """How many shots there must be in the end: all of the plan, less those left out."""
+        """Number of shots of a complete session: all of the plan except those left out."""
         return self._shots.demanded
 
     @property
     def checked(self) -> tuple[int, int]:
-        """How many frames of earlier processes were read back, and how many there are."""
+        """Number of frames of earlier processes read back so far, and their total."""
         return self._proofs.checked
 
     @property
     def damage(self) -> tuple[Damage, ...]:
-        """What was found damaged when it was read back, in order of recording."""
+        """Frames that were damaged when they were read back, in order of recording."""
         return self._proofs.damage
 
     def check_next(self) -> bool:
-        """Read one frame of an earlier process back, for `complete`; False where none is left.
+        """Read back one more frame of an earlier process; return False if none is left.
 
-        May be called from any thread, while frames are written too.
+        `complete` requires these checks. May be called from any thread, even while frames are
+        written.
         """
         return self._proofs.check_next()
 
     def check_undamaged(self) -> None:
-        """Raise DataError where a frame that was read back is damaged."""
+        """Raise DataError if a frame that was read back is damaged."""
         if damage := self.damage:
             more = f"; {len(damage)} frames are damaged" if len(damage) > 1 else ""
             raise DataError(f"{damage[0].text}{more}")
 
     def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
-        """Measure a frame, and check that it is one of this session.
+        """Measure a frame, and check that it belongs to this session.
 
         Raises
         ------
         DataError
-            If the pixels are not what the manifest states, or the shot is not in the plan.
+            If the pixels do not agree with the manifest, or the shot is not in the plan.
         """
         self._shots.planned(shot, self.folder)
         return measure_frame(pixels, self.manifest.camera, self.folder, shot.file)
@@ -208,41 +209,42 @@ class SessionWriter:
         above_dark: float | None = None,
         before_line: Callable[[], None] = lambda: None,
     ) -> FrameLine:
-        """Store a frame and its line; on return both are safe on disk.
+        """Store a frame and its line; when this returns, both are safe on disk.
 
         A second frame of the same shot is a retake: it gets a new file, and the last one counts.
 
         Parameters
         ----------
         shot
-            What was planned.
+            The planned shot.
         pixels
-            ``(H, W)`` or ``(H, W, 3)`` uint16 as the manifest states, raw values in the low bits.
+            ``(H, W)`` or ``(H, W, 3)`` uint16 as described in the manifest, raw values in the low
+            bits.
         exposure_us
-            Exposure the camera reported; default the planned one.
+            Exposure time that the camera reported; default the planned one.
         gain_db, frame_id, timestamp_ns, temperature_c
-            What the camera reported; None where not known.
+            Values that the camera reported; None if unknown.
         echo
-            What the LED board answered.
+            Reply of the LED board.
         status
-            ``rejected`` keeps the frame without counting it.
+            A frame with status ``rejected`` is kept but does not count.
         origin
-            Name of the file an imported frame came from.
+            Name of the source file of an imported frame.
         quality
-            What `measure` gave for these pixels; it is called otherwise.
+            Result of `measure` for these pixels; by default it is measured here.
         above_dark
-            How far a lit frame is above the dark one, where that is known; see `FrameLine`.
+            Difference of a lit frame from the dark frame, if known; see `FrameLine`.
         before_line
-            Called when the file is there and the line is not: who writes several frames at once
-            can put their lines in order.
+            Called after the file and before the line is written, so that a caller that writes
+            several frames at once can put their lines in order.
 
         Raises
         ------
         DataError
-            If the pixels are not what the manifest states, the shot is not in the plan, or the
-            board turned another LED on than the planned one.
+            If the pixels do not agree with the manifest, the shot is not in the plan, or the board
+            turned on another LED than the planned one.
         StorageError
-            If the disk refuses. What was recorded before stays whole.
+            If the disk refuses. Frames recorded before stay intact.
         """
         planned = self._shots.planned(shot, self.folder)
         conflict = wrong_light(planned, {} if echo is None else {BOARD: echo.led})
@@ -280,15 +282,15 @@ class SessionWriter:
             return line
 
     def write_event(self, event: str, **details: Any) -> EventLine:
-        """Store an event, a name of lower-case words with ``_``, with details JSON can hold.
+        """Store an event. Its name has lower-case words joined by ``_``; details must fit JSON.
 
-        After ``left_out`` the shots of its ``leds`` that are missing are not demanded any more.
+        After ``left_out``, the missing shots of its ``leds`` are no longer required.
 
         Raises
         ------
         DataError
-            If name or details do not fit the journal, or the event is one that only a repair, a
-            compaction or `reopen` may write.
+            If name or details are invalid, or the event is one that only a repair, a compaction or
+            `reopen` may write.
         StorageError
             If the disk refuses.
         """
@@ -297,7 +299,7 @@ class SessionWriter:
             return self._append(EventLine, {"event": event, "details": details})
 
     def complete(self) -> None:
-        """Declare the recording brought to its end, and close.
+        """Mark the recording as complete, and close the session.
 
         Frames of earlier processes that `check_next` has not read back are read now; see
         `FrameProofs` for those that this process wrote.
@@ -325,7 +327,7 @@ class SessionWriter:
         self.close()
 
     def close(self) -> None:
-        """Let go of the session, complete or not; harmless when repeated. Waits for nobody."""
+        """Close the session, complete or not; harmless if repeated. Does not wait for writers."""
         self._use.close()
 
     def __enter__(self) -> Self:
@@ -341,11 +343,11 @@ class SessionWriter:
 
     @contextmanager
     def _used(self) -> Iterator[None]:
-        """Keep the session's files open meanwhile, and refuse where no line could follow."""
+        """Keep the session's files open inside the block; refuse if no line can be appended."""
         with self._use.held():
             if not self._sound:
                 raise StorageError(
-                    f"{self.folder}: an earlier line was cut short; reopen the session"
+                    f"{self.folder}: writing an earlier line was interrupted; reopen the session"
                 )
             yield
 
@@ -365,5 +367,5 @@ class SessionWriter:
 
 
 def _number(value: float | None) -> float | None:
-    """Return a plain number: what cameras and arrays give may be of other kinds."""
+    """Return a plain float: cameras and arrays may deliver other number types."""
     return None if value is None else float(value)

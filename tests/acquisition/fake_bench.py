@@ -1,4 +1,4 @@
-"""Board and camera that do as a test says, behind the real `Rig`."""
+"""A fake board and camera that a test controls, behind the real `Rig`."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from rig import (
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
-TOLD: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
+LABELS: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
 
 
 def seen(
     led: int | None, exposure_us: float, albedo: float = 1.0, room: float = 0.0
 ) -> npt.NDArray[np.uint16]:
-    """What the camera sees: a ramp, brighter with LED number and exposure, clipped at 4095.
+    """Return the frame of the camera: a ramp that grows with LED number and exposure, up to 4095.
 
-    ``room`` is the light of the room, in units of the first LED's.
+    ``room`` is the light of the room in units of the light of the first LED.
     """
     level = (room + (0 if led is None else led + 1)) * exposure_us * albedo
     ramp = 64 + level * np.linspace(1, 4, 10)[None, :] * np.ones((7, 1))
@@ -42,14 +42,14 @@ def seen(
 
 
 class Bench:
-    """Board and camera in one: what burns, what happened, and what goes wrong when."""
+    """Board and camera in one: the LED that is on, a log, and planned failures."""
 
     port = "fake"
     identity = BoardIdentity("fake-board", 2, "1.2.3", LEDS, 10_000, 1000, 48)
     info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
 
     def __init__(self) -> None:
-        self.burning: int | None = None
+        self.lit_led: int | None = None
         self.commands = 0
         self.frames = 0
         self.shots: list[int | None] = []
@@ -63,7 +63,7 @@ class Bench:
         self.log: list[str] = []
 
     def on(self, led: int, hold_ms: float) -> BoardEcho:
-        self.burning = led
+        self.lit_led = led
         self.commands += 1
         self.log.append("on")
         return BoardEcho(self.commands, led)
@@ -71,26 +71,26 @@ class Bench:
     def off(self) -> BoardEcho:
         if self.off_fails:
             raise BoardError("fake: OFF is not answered")
-        burned, self.burning = self.burning, None
+        was_on, self.lit_led = self.lit_led, None
         self.commands += 1
         self.log.append("off")
-        return BoardEcho(self.commands, burned)
+        return BoardEcho(self.commands, was_on)
 
     def configure(self, *, exposure_us: float, gain_db: float = 0.0) -> float:
-        # As cameras do: the nearest step they have.
+        # Like a camera, use the nearest supported step.
         self.exposure_us, self.gain_db = exposure_us + 0.25, gain_db
         return self.exposure_us
 
     def trigger(self) -> int:
         self.frames += 1
-        self.shots.append(self.burning)
+        self.shots.append(self.lit_led)
         self.on_trigger(self.frames)
         return self.frames
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        led = None if self.burning in self.dead else self.burning
+        led = None if self.lit_led in self.dead else self.lit_led
         pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 
@@ -111,5 +111,5 @@ def rig_on(bench: Bench, **config: Any) -> Rig:
 
 
 def events_of(session: Session) -> list[EventLine]:
-    """Return the events but for pauses: the fake camera is faster than any disk."""
+    """Return the events except pauses: the fake camera is faster than any disk."""
     return [line for line in session.events if line.event not in ("paused", "resumed")]

@@ -1,4 +1,4 @@
-"""Sessions with one value changed and every hash made to hold again, and all readers over them."""
+"""Sessions with one changed value and recomputed hashes, and all readers applied to them."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def seal(folder: Path, rows: list[dict[str, Any]], *, complete: bool | None = None) -> None:
-    """Write the journal, and COMPLETE where it is there or asked for."""
+    """Write the journal, and COMPLETE if it exists or is requested."""
     rows[0]["session_toml_sha256"] = hashlib.sha256(
         (folder / "session.toml").read_bytes()
     ).hexdigest()
@@ -113,7 +113,7 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def mutate(document: Any, dice: random.Random, others: list[Any]) -> str:
-    """Change one value of a document in place; return what was done."""
+    """Change one value of a document in place; return a description of the change."""
     path = dice.choice(list(places(document)))
     inside = document
     for key in path[:-1]:
@@ -125,9 +125,9 @@ def mutate(document: Any, dice: random.Random, others: list[Any]) -> str:
             return f"{where} deleted"
         case 1 if isinstance(inside, dict):
             inside["surprise"] = deepcopy(dice.choice(VALUES))
-            return f"{where}: another key beside it"
+            return f"{where}: an additional key"
         case 2 | 3:
-            # The same place of another line, so that all looks right.
+            # The value of the same key in another line, which looks plausible.
             other = dice.choice(others)
             try:
                 for step in path:
@@ -143,7 +143,7 @@ def mutate(document: Any, dice: random.Random, others: list[Any]) -> str:
 
 
 def mutant(folder: Path, dice: random.Random) -> str:
-    """Change one value of a line or of ``session.toml``; return what was done."""
+    """Change one value of a line or of ``session.toml``; return a description of the change."""
     rows = rows_of(folder)
     if dice.random() < 0.25:
         path = folder / "session.toml"
@@ -152,7 +152,7 @@ def mutant(folder: Path, dice: random.Random) -> str:
         try:
             path.write_text(tomli_w.dumps(document), encoding="utf-8")
         except (TypeError, UnicodeEncodeError, RecursionError):
-            said = "nothing: TOML has no such value"
+            said = "nothing: TOML cannot store this value"
         seal(folder, rows)
         return f"session.toml: {said}"
     number = dice.randrange(1, len(rows))
@@ -162,9 +162,10 @@ def mutant(folder: Path, dice: random.Random) -> str:
 
 
 def read_by_all(folder: Path, work: Path) -> list[str]:
-    """Let every reader loose on a session; return what they must not do.
+    """Apply every reader to a session; return the violations.
 
-    Each may raise what it declares. What one of them finds wrong with the journal all must.
+    Each reader may raise its declared errors. An error in the journal that one reader finds must be
+    found by all.
     """
     wrong: list[str] = []
     refused: dict[str, bool] = {}
@@ -177,7 +178,7 @@ def read_by_all(folder: Path, work: Path) -> list[str]:
             if "\n" in str(error):
                 wrong.append(f"{name}: more than one line: {error}")
             return None
-        except Exception as error:  # noqa: BLE001 - that is what is looked for
+        except Exception as error:  # noqa: BLE001 - any other error is a violation
             wrong.append(f"{name}: {type(error).__name__}: {error}"[:300])
             return None
         refused[name] = False
@@ -189,9 +190,9 @@ def read_by_all(folder: Path, work: Path) -> list[str]:
     tried("damaged", lambda: damaged_frames(folder))
     if session is None:
         if found is not None and found.ok:
-            wrong.append("verify finds nothing wrong with what cannot be opened")
+            wrong.append("verify reports no problem in a session that cannot be opened")
         if refused.get("source") is False:
-            wrong.append("source reads what cannot be opened")
+            wrong.append("source reads a session that cannot be opened")
     else:
         tried("info", lambda: describe(session))
         tried("sheet", lambda: write_session_sheet(work / "sheet.png", session))
@@ -220,7 +221,7 @@ def read_by_all(folder: Path, work: Path) -> list[str]:
             wrong.append(f"resume (retake {option}) completed a damaged session")
     if found is not None and found.ok and session is not None:
         wrong += [
-            f"{name} refuses what verifies"
+            f"{name} refuses a session that verifies"
             for name in ("open", "source", "frames", "info", "compact")
             if refused.get(name)
         ]

@@ -1,6 +1,6 @@
-"""Sessions made smaller: pixels stay, and no crash or full disk costs a frame or looks like damage.
+"""Compaction: pixels stay the same, and no crash or full disk loses a frame or looks like damage.
 
-Processes that die are forked from one that has imported everything.
+The processes that are killed are forked from a server that has imported all modules.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
 
 def picture(seed: int) -> npt.NDArray[np.uint16]:
-    """Grey values that deflate makes smaller."""
+    """Return grey values that deflate compresses well."""
     return np.random.default_rng(seed).integers(0, 40, SHAPE).astype(np.uint16)
 
 
@@ -74,7 +74,7 @@ def pixels_hold(folder: Path) -> None:
 
 
 def whole(folder: Path) -> bool:
-    """Check that nothing is lost or called damaged; tell whether the session is complete."""
+    """Check that no frame is lost or damaged; return whether the session is complete."""
     found = verify_session(folder)
     assert found.problems == ()
     pixels_hold(folder)
@@ -109,7 +109,7 @@ def test_a_complete_session_gets_smaller_and_stays_complete(
     assert not (folder / "derived" / "COMPLETE").exists()
 
 
-def test_a_second_time_changes_nothing(tmp_path: Path) -> None:
+def test_a_second_compaction_changes_nothing(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     compact_session(folder)
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
@@ -154,7 +154,7 @@ def test_a_retake_after_compaction_gets_a_name_of_its_own(tmp_path: Path) -> Non
     assert not whole(folder)
 
 
-def test_what_does_not_shrink_keeps_its_file(tmp_path: Path) -> None:
+def test_frames_that_do_not_get_smaller_keep_their_file(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     manifest = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
@@ -170,7 +170,7 @@ def test_what_does_not_shrink_keeps_its_file(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 
 
-def test_what_cannot_be_compacted(tmp_path: Path) -> None:
+def test_folders_that_cannot_be_compacted(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such folder"):
         compact_session(tmp_path / "none")
     (tmp_path / "file").write_text("")
@@ -226,13 +226,13 @@ def test_a_file_that_does_not_read_back_is_never_recorded(
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     real = deflate_tiff
     monkeypatch.setattr(_compact, "deflate_tiff", lambda pixels: real(pixels ^ np.uint16(1)))
-    with pytest.raises(StorageError, match=r"D_100us\.z\.tif: does not read back as written"):
+    with pytest.raises(StorageError, match=r"D_100us\.z\.tif: the data read back differ"):
         compact_session(folder)
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 
 
-def test_the_old_file_stays_where_the_new_one_was_damaged_before_it_went(tmp_path: Path) -> None:
-    """A crash left both files, and the disk then spoilt the new one: the old one is the remedy."""
+def test_the_old_file_stays_if_the_new_one_is_damaged(tmp_path: Path) -> None:
+    """A crash left both files, and the new one was damaged later: the old one must be kept."""
     folder = write(tmp_path / "s", complete=False)
     old = (folder / "frames" / "L00_E0.tif").read_bytes()
     compact_session(folder)
@@ -298,12 +298,12 @@ def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
         assert verify_session(folder).warnings == ()
         assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
     assert fails_at > 20
-    # COMPLETE came back by itself wherever the journal was sure.
+    # COMPLETE was restored whenever the end of the journal was known.
     assert restored > fails_at // 2
 
 
-def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
-    """A real refusal of the system: the first compressed file is larger than allowed."""
+def test_a_full_disk(tmp_path: Path) -> None:
+    """A real refusal of the operating system: the first compressed file exceeds a size limit."""
     folder = write(tmp_path / "s")
     code = """
 import resource, signal, sys
@@ -382,7 +382,7 @@ def server() -> Iterator[Callable[[Path, int], int]]:
 def test_death_at_every_call_to_the_disk(
     server: Callable[[Path, int], int], tmp_path: Path, plan: CapturePlan | None, complete: bool
 ) -> None:
-    """One process for each call; a write dies half done. Compacting again brings all to its end."""
+    """One process per call, killed within a write. Another compaction completes the session."""
     original = write(tmp_path / "original", plan=plan, complete=complete)
     frames = len(Session.open(original).recorded)
     status, dies_at, cut_off = -1, 0, 0
@@ -417,19 +417,19 @@ def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
     assert not (folder / "derived" / "COMPLETE").exists()
 
 
-def test_a_compaction_that_was_cut_off_is_told(tmp_path: Path) -> None:
+def test_an_interrupted_compaction_is_reported(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     (folder / "derived").mkdir(exist_ok=True)
     (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
-    told = [f"{folder}: a compaction was cut off: run `capture compact` on it"]
-    assert list(verify_session(folder).warnings) == told
-    assert list(Session.open(folder).warnings) == told
+    reported = [f"{folder}: a compaction was interrupted: compact the session again"]
+    assert list(verify_session(folder).warnings) == reported
+    assert list(Session.open(folder).warnings) == reported
     compact_session(folder)
     assert verify_session(folder).warnings == ()
     assert whole(folder)
 
 
-def test_a_mark_set_aside_that_does_not_fit_makes_nothing_complete(tmp_path: Path) -> None:
+def test_a_wrong_copy_of_complete_does_not_complete_the_session(tmp_path: Path) -> None:
     folder = write(tmp_path / "s", plan=None, complete=False)
     (folder / "derived").mkdir()
     (folder / "derived" / "COMPLETE").write_text("0" * 64 + "  journal.jsonl\n")
@@ -438,7 +438,7 @@ def test_a_mark_set_aside_that_does_not_fit_makes_nothing_complete(tmp_path: Pat
 
 
 @pytest.mark.parametrize("since", ["frame", "event"])
-def test_a_mark_after_which_more_was_recorded_makes_nothing_complete(
+def test_a_copy_of_complete_older_than_a_frame_does_not_complete_the_session(
     tmp_path: Path, since: str
 ) -> None:
     folder = write(tmp_path / "s", plan=None)
@@ -473,6 +473,6 @@ def test_every_image_reads_back_from_the_compressed_file(
     path = tmp_path_factory.mktemp("tiff") / "a.tif"
     path.write_bytes(deflate_tiff(image))
     np.testing.assert_array_equal(read_image(path), image)
-    # Another reader, and another opinion on the colours' order.
+    # Another reader, with another order of the colours.
     other = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(other, image if image.ndim == 2 else image[..., ::-1])

@@ -1,4 +1,4 @@
-"""The engine on the real `Rig` with a board and a camera that do as the test says."""
+"""The engine on the real `Rig` with a fake board and camera."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
         rig,
         PLAN,
         tmp_path / "s",
-        **TOLD,
+        **LABELS,
         notes="rim scratched",
         camera_model=camera,
         sensor=sensor,
@@ -73,7 +73,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     )
     assert session.complete
     assert bench.shots == [None, None, None, None, 3, 0, 5, 3, 0, 5]
-    assert bench.burning is None
+    assert bench.lit_led is None
     assert files == [f"frames/{shot.file}" for shot in PLAN.shots()]
     assert steps == [("recording", done, 10) for done in range(1, 11)]
     for frame in session.frames:
@@ -101,7 +101,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
 
 
 def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     line = next(f.line for f in session.frames if (f.led, f.bracket) == (5, 0))
     pixels = read_image(tmp_path / "s" / line.file)
     # LED 5 at 200 us: 64 + 1200 * (1 ... 4), above 4095 in the last columns.
@@ -118,10 +118,10 @@ def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
         pytest.param(SystemExit(143), "interrupted", id="sigterm"),
         pytest.param(CameraError("frame 6 did not come"), "failed", id="camera"),
         pytest.param(BoardError("unplugged"), "failed", id="board"),
-        pytest.param(ZeroDivisionError("a fault of ours"), "failed", id="fault"),
+        pytest.param(ZeroDivisionError("a program fault"), "failed", id="fault"),
     ],
 )
-def test_an_error_amid_a_shot(
+def test_an_error_during_a_shot(
     rig: RealRig, bench: Bench, tmp_path: Path, error: BaseException, event: str
 ) -> None:
     def fail(number: int) -> None:
@@ -130,32 +130,32 @@ def test_an_error_amid_a_shot(
 
     bench.on_trigger = fail
     with pytest.raises(type(error)):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete, found.frames, len(found.missing)) == (True, False, 5, 5)
     session = Session.open(tmp_path / "s")
     assert [line.event for line in events_of(session)] == [event]
     assert events_of(session)[0].details["leds_confirmed_off"] is True
-    reasons = {"SystemExit": "the program was told to end, exit code 143"}
+    reasons = {"SystemExit": "the program was ended, exit code 143"}
     name = type(error).__name__
     assert events_of(session)[0].details["reason"] == reasons.get(name, str(error) or name)
-    # It can be brought to its end with exactly the missing shots.
+    # It can be completed with exactly the missing shots.
     bench.on_trigger = lambda number: None
     with SessionWriter.reopen(tmp_path / "s") as writer:
         assert [shot.led for shot in writer.missing] == [0, 5, 3, 0, 5]
 
 
-def test_an_error_in_the_callback_finds_the_leds_dark(
+def test_an_error_in_the_callback_leaves_the_leds_off(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     def stop(line: FrameLine) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD, on_frame=stop)
-    assert bench.burning is None
-    # What was taken by then is kept.
+        record(rig, PLAN, tmp_path / "s", **LABELS, on_frame=stop)
+    assert bench.lit_led is None
+    # The frames taken before are kept.
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames
     assert session.events[-1].details["leds_confirmed_off"] is True
@@ -165,29 +165,29 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.write
-    burning: list[int | None] = []
+    leds_on: list[int | None] = []
 
     def full(descriptor: int, data: Any) -> int:
         if bench.frames >= 6:
             if threading.current_thread() is threading.main_thread():
-                burning.append(bench.burning)
+                leds_on.append(bench.lit_led)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return real(descriptor, data)
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    # What the shooting thread itself writes, in the end, it writes in the dark.
-    assert set(burning) <= {None}
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    # The last event is written by the shooting thread after the LEDs are off.
+    assert set(leds_on) <= {None}
     assert bench.log[-1] == "off"
-    assert bench.burning is None
+    assert bench.lit_led is None
     monkeypatch.undo()
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete) == (True, False)
     assert 0 < found.frames < 10
 
 
-def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
+def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     def fail(number: int) -> None:
@@ -196,7 +196,7 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError, match="frame 1 did not come") as caught:
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
     assert events_of(Session.open(tmp_path / "s"))[0].details["leds_confirmed_off"] is False
 
@@ -221,16 +221,16 @@ def test_leds_that_cannot_be_turned_off_are_told_and_hide_nothing(
         ),
         pytest.param(
             {"lights": Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))},
-            "lights are called a.0 .* the plan lights L03",
+            "lights are named a.0 .* the LEDs of the plan L03",
             id="lights of something else",
         ),
         pytest.param({"object_name": "\udc80"}, "object", id="no-text"),
     ],
 )
-def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
+def test_invalid_arguments_are_refused_before_a_folder_is_created(
     rig: RealRig, bench: Bench, tmp_path: Path, changed: dict[str, Any], said: str
 ) -> None:
-    arguments: dict[str, Any] = {"plan": PLAN, **TOLD, **changed}
+    arguments: dict[str, Any] = {"plan": PLAN, **LABELS, **changed}
     with pytest.raises(DataError, match=said):
         record(rig, arguments.pop("plan"), tmp_path / "s", **arguments)
     assert not (tmp_path / "s").exists()
@@ -245,7 +245,7 @@ def test_what_cannot_be_recorded_is_refused_before_a_folder_is_made(
         pytest.param({"exposures_us": (9.99e5, 50.0)}, "LED board on fake", id="board's hold"),
     ],
 )
-def test_what_the_rig_cannot_do_is_refused_before_a_folder_is_made(
+def test_plans_that_the_rig_cannot_run_are_refused_before_a_folder_is_created(
     rig: RealRig,
     bench: Bench,
     tmp_path: Path,
@@ -263,39 +263,39 @@ def test_what_the_rig_cannot_do_is_refused_before_a_folder_is_made(
     monkeypatch.setattr(bench, "configure", limited)
     monkeypatch.setattr(bench, "identity", replace(bench.identity, max_hold_ms=900))
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN.changed(**changed), tmp_path / "s", **TOLD)
+        record(rig, PLAN.changed(**changed), tmp_path / "s", **LABELS)
     assert not (tmp_path / "s").exists()
     assert bench.frames == 0
 
 
 def test_a_used_folder_is_refused_before_a_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    record(rig, PLAN, tmp_path / "s", **TOLD)
+    record(rig, PLAN, tmp_path / "s", **LABELS)
     before = {path: path.read_bytes() for path in (tmp_path / "s").rglob("*") if path.is_file()}
     taken = bench.frames
     with pytest.raises(StorageError, match="not empty"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert bench.frames == taken
     assert {path: path.read_bytes() for path in before} == before
 
 
-def test_a_camera_that_delivers_another_size(
+def test_a_camera_that_delivers_frames_of_another_size(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
     monkeypatch.setattr(bench, "fetch", lambda *_: frame)
-    with pytest.raises(DataError, match="this session holds"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+    with pytest.raises(DataError, match="this session requires"):
+        record(rig, PLAN, tmp_path / "s", **LABELS)
 
 
-def test_rig_errors_are_told_as_they_are(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    bench.on_trigger = lambda number: setattr(bench, "burning", None)
+def test_rig_errors_are_raised_unchanged(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+    bench.on_trigger = lambda number: setattr(bench, "lit_led", None)
     with pytest.raises(RigError, match="LED 3 was requested"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert [frame.led for frame in Session.open(tmp_path / "s").frames] == [None] * 4
 
 
 def test_on_the_simulated_rig(tmp_path: Path) -> None:
-    """Real serial bytes and the board's own process; without noise the frames can be foretold."""
+    """Real serial bytes and the board's own process; without noise the frames are predictable."""
     from simulator._simulated_rig import simulated_rig
 
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
@@ -307,7 +307,7 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
 
     plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))
     with simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False) as rig:
-        session = record(rig, plan, tmp_path / "s", **TOLD, sensor=sensor)
+        session = record(rig, plan, tmp_path / "s", **LABELS, sensor=sensor)
     assert [frame.led for frame in session.frames] == [None, 2, 0, 3]
     for frame in session.frames:
         expected = plane(frame.led).astype(np.float64) * 500.0
@@ -315,26 +315,30 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_leds_listed_as_dead_are_left_out_told_and_recorded(
+def test_leds_listed_as_dead_are_left_out_reported_and_recorded(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    told: list[tuple[str, Any]] = []
+    reported: list[tuple[str, Any]] = []
     plan = CapturePlan(leds=(3, 4, 5), exposures_us=(100.0,))
     session = record(
-        rig, plan, tmp_path / "s", **TOLD, on_event=lambda name, of: told.append((name, dict(of)))
+        rig,
+        plan,
+        tmp_path / "s",
+        **LABELS,
+        on_event=lambda name, of: reported.append((name, dict(of))),
     )
     assert session.complete
     assert session.manifest.plan is not None
     assert session.manifest.plan.leds == (3, 5)
-    assert told == [("left_out", {"leds": [4], "reason": "listed as dead"})]
-    assert [(line.event, dict(line.details)) for line in events_of(session)] == told
+    assert reported == [("left_out", {"leds": [4], "reason": "listed as dead"})]
+    assert [(line.event, dict(line.details)) for line in events_of(session)] == reported
     assert bench.shots == [None, 3, 5]
 
 
-def test_an_led_without_light_is_told_by_name(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
+def test_an_led_without_light_is_named(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.dead = {0}
     with pytest.raises(RigError, match=r"L00_E0\.tif: LED 0 gave no light at 200 us"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     session = Session.open(tmp_path / "s")
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [line.led for line in rejected] == [0]
@@ -346,17 +350,17 @@ def test_an_led_that_lights_the_second_time_is_retaken(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.dead = {0}
-    told: list[str] = []
+    reported: list[str] = []
 
     def on_event(name: str, details: Any) -> None:
         if name == "retake":
-            told.append(details["file"])
+            reported.append(details["file"])
             bench.dead = set()
 
     plan = PLAN.changed(retakes=1)
-    session = record(rig, plan, tmp_path / "s", **TOLD, on_event=on_event)
+    session = record(rig, plan, tmp_path / "s", **LABELS, on_event=on_event)
     assert session.complete
-    assert "L00_E0.tif" in told
+    assert "L00_E0.tif" in reported
     takes = [f.line for f in session.recorded if (f.led, f.bracket) == (0, 0)]
     assert [(line.file, line.status) for line in takes] == [
         ("frames/L00_E0.tif", "rejected"),
@@ -378,7 +382,7 @@ def test_a_shot_that_fails_once_is_taken_again(
             raise CameraError("frame did not come")
 
     bench.on_trigger = fail
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
     assert session.complete
     assert [line.event for line in events_of(session)] == ["retake"]
     assert events_of(session)[0].details["reason"] == "frame did not come"
@@ -398,7 +402,7 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError) as caught:
-        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **TOLD)
+        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **LABELS)
     assert bench.frames == 8
     assert "L00_E0.tif was taken 3 times" in caught.value.__notes__
     session = Session.open(tmp_path / "s")
@@ -409,15 +413,15 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     plan = PLAN.changed(max_clipped_fraction=0.1)
     with pytest.raises(DataError, match=r"L05_E0\.tif: .* clipped at 200 us, the plan allows 10"):
-        record(rig, plan, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, plan, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     assert ("light", 5, 0, 0) in [shot.key for shot in Session.open(tmp_path / "s").missing]
 
 
 def test_the_journal_has_the_order_of_the_plan(
     rig: RealRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Even where a later frame is on disk first."""
+    """Even if a later frame is on disk first."""
     real = _session_writer.store_frame
     second_is_there = threading.Event()
 
@@ -429,12 +433,12 @@ def test_the_journal_has_the_order_of_the_plan(
         return stored
 
     monkeypatch.setattr(_session_writer, "store_frame", uneven)
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     assert [frame.path.name for frame in session.frames] == [shot.file for shot in PLAN.shots()]
 
 
 class _Gate:
-    """A disk that takes nothing until it is opened."""
+    """A disk that blocks all writes until the gate is opened."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.open = threading.Event()
@@ -456,11 +460,11 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
     def on_event(name: str, details: Any) -> None:
         if name == "paused":
             taken.append(bench.frames)
-            assert bench.burning is None
+            assert bench.lit_led is None
             assert bench.log[-1] == "off"
             gate.open.set()
 
-    session = record(rig, PLAN, tmp_path / "s", **TOLD, on_event=on_event)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS, on_event=on_event)
     assert taken[0] == _recording.ROOM
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
@@ -468,15 +472,15 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_disk_that_is_stuck_is_told_in_the_dark(
+def test_a_stuck_disk_is_reported_with_the_leds_off(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
-    with pytest.raises(StorageError, match=r"has taken no frame for 0.3 s, 6 writes"):
-        record(rig, PLAN, tmp_path / "s", **TOLD, stall_s=0.3)
-    assert bench.burning is None
+    with pytest.raises(StorageError, match=r"no write has finished for 0.3 s, 6 writes"):
+        record(rig, PLAN, tmp_path / "s", **LABELS, stall_s=0.3)
+    assert bench.lit_led is None
     assert bench.frames == _recording.ROOM
-    # The one who is stuck still has the session; and what it was at does not count.
+    # The stuck writer still holds the lock, and its frame does not count.
     with pytest.raises(StorageError, match="another process"):
         SessionWriter.reopen(tmp_path / "s")
     gate.open.set()
@@ -499,20 +503,20 @@ def _press_ctrl_c(times: int) -> Callable[[int], None]:
         if number == 6:
             for _ in range(times):
                 os.kill(os.getpid(), signal.SIGINT)
-                time.sleep(0.1)  # two at once would be one
+                time.sleep(0.1)  # two signals at once would be merged
 
     return at
 
 
 def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = _press_ctrl_c(1)
-    told: list[str] = []
+    reported: list[str] = []
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match="after a shot"):
-        record(rig, PLAN, tmp_path / "s", **TOLD, on_stop=lambda: told.append("stopping"))
+        record(rig, PLAN, tmp_path / "s", **LABELS, on_stop=lambda: reported.append("stopping"))
     assert signal.getsignal(signal.SIGINT) is before
-    assert told == ["stopping"]
-    assert bench.burning is None
+    assert reported == ["stopping"]
+    assert bench.lit_led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames == 6
     assert [line.event for line in events_of(session)] == ["interrupted"]
@@ -521,22 +525,22 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
 def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = _press_ctrl_c(2)
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == 5
     assert [line.event for line in events_of(session)] == ["interrupted"]
     assert events_of(session)[0].details["leds_confirmed_off"] is True
 
 
-def test_ctrl_c_twice_ends_at_once_whoever_has_the_signal(
+def test_ctrl_c_twice_ends_at_once_with_any_earlier_handler(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:
         bench.on_trigger = _press_ctrl_c(2)
         with pytest.raises(KeyboardInterrupt):
-            record(rig, PLAN, tmp_path / "s", **TOLD)
+            record(rig, PLAN, tmp_path / "s", **LABELS)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(Session.open(tmp_path / "s").frames) == 5
@@ -554,8 +558,8 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
 
     bench.on_trigger = press_soon
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    assert bench.burning is None
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    assert bench.lit_led is None
     gate.open.set()
 
 
@@ -563,14 +567,14 @@ def test_ctrl_c_at_the_last_shot_finds_a_complete_recording(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.on_trigger = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 10 else None
-    assert record(rig, PLAN, tmp_path / "s", **TOLD).complete
+    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
 
 
 def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     shots_before: list[int] = []
     plan = PLAN.changed(flats=2)
     session = record(
-        rig, plan, tmp_path / "s", **TOLD, before_flats=lambda: shots_before.append(bench.frames)
+        rig, plan, tmp_path / "s", **LABELS, before_flats=lambda: shots_before.append(bench.frames)
     )
     assert shots_before == [10]
     assert bench.shots[10:] == [3, 0, 3, 0]
@@ -579,21 +583,21 @@ def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("led", [1, 3, 0])
-def test_what_is_taken_again_comes_before_the_white_card(
+def test_retakes_are_taken_before_the_white_card(
     rig: RealRig, bench: Bench, tmp_path: Path, led: int
 ) -> None:
-    """Of an LED that is dark once, first, last or amid the lights; and of one among the flats."""
+    """One LED fails once: first, last or between the lights, and once among the flats."""
     card: list[int] = []
     bench.dead = {led}
 
-    def mend(number: int) -> None:
+    def light_again(number: int) -> None:
         before = bench.shots[card[0] :] if card else bench.shots
-        bench.dead = {led} if before.count(led) == 1 and bench.burning == led else set()
+        bench.dead = {led} if before.count(led) == 1 and bench.lit_led == led else set()
 
-    bench.on_trigger = mend
+    bench.on_trigger = light_again
     plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
     session = record(
-        *(rig, plan, tmp_path / "s"), **TOLD, before_flats=lambda: card.append(bench.frames)
+        *(rig, plan, tmp_path / "s"), **LABELS, before_flats=lambda: card.append(bench.frames)
     )
     assert session.complete
     assert card == [5]
@@ -602,7 +606,7 @@ def test_what_is_taken_again_comes_before_the_white_card(
     assert roles == ["dark"] + ["light"] * 4 + ["flat"] * 4
 
 
-def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
+def test_ctrl_c_while_waiting_for_the_card_takes_no_flat(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     with pytest.raises(KeyboardInterrupt, match="after a shot"):
@@ -610,7 +614,7 @@ def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
             rig,
             PLAN.changed(flats=2),
             tmp_path / "s",
-            **TOLD,
+            **LABELS,
             before_flats=lambda: os.kill(os.getpid(), signal.SIGINT),
         )
     assert bench.frames == 10
@@ -620,15 +624,15 @@ def test_ctrl_c_while_the_card_is_waited_for_takes_no_flat(
     assert [line.event for line in events_of(session)] == ["interrupted"]
 
 
-def test_a_plan_for_a_sequence_on_a_rig_without_is_told(
+def test_a_sequence_that_the_rig_cannot_run_is_reported(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **LABELS)
     assert [line.event for line in events_of(session)] == ["not_sequenced"]
     assert "trigger = 'software'" in str(events_of(session)[0].details["reason"])
 
 
-def test_a_rehearsal_takes_every_shot_in_the_dark(rig: RealRig, bench: Bench) -> None:
+def test_a_rehearsal_takes_every_shot_with_the_leds_off(rig: RealRig, bench: Bench) -> None:
     counted: list[tuple[str, int, int]] = []
     assert rehearse(rig, PLAN, on_progress=lambda *report: counted.append(report)) > 0
     assert bench.shots == [None] * 10
@@ -653,7 +657,7 @@ SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), seque
 
 def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD)
+        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS)
     files = [frame.path.name for frame in session.frames]
     assert files == [shot.file for shot in SEQUENCE.shots()]
     assert events_of(session) == []
@@ -663,7 +667,7 @@ def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_sequence_that_the_disk_cannot_follow_is_ended_and_begun_anew(
+def test_a_sequence_too_fast_for_the_disk_is_ended_and_restarted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = _Gate(monkeypatch)
@@ -674,7 +678,7 @@ def test_a_sequence_that_the_disk_cannot_follow_is_ended_and_begun_anew(
             gate.open.set()
 
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **TOLD, on_event=on_event)
+        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS, on_event=on_event)
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
     files = [frame.path.name for frame in session.frames]

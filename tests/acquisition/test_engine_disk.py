@@ -1,4 +1,4 @@
-"""A disk that refuses one call, any one: dark, told in a line, whole, and resumable."""
+"""A disk that refuses any one call: LEDs off, an error in one line, an intact session."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from acquisition._engine.engine import record, resume
 from acquisition._errors import StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.verify import verify_session
-from tests.acquisition.fake_bench import TOLD, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, Bench, rig_on
 
 SHORT = CapturePlan(leds=(3, 0), exposures_us=(200.0,), ambient=True)
 
 
 class Refusing:
-    """A system call that fails the nth time, and afterwards works again or does not."""
+    """A system call that fails the nth time, and optionally at all later times."""
 
     def __init__(self, call: str, nth: int, forever: bool) -> None:
         self._real = getattr(os, call)
@@ -35,21 +35,21 @@ class Refusing:
 
 
 def recorded(folder: Path, call: str, nth: int, forever: bool) -> tuple[int, Bench]:
-    """Record on a disk that refuses one call, and return how often the call was made."""
+    """Record on a disk that refuses one call; return the number of calls and the bench."""
     bench, refusing = Bench(), Refusing(call, nth, forever)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, call, refusing)
         if nth:
             with pytest.raises(StorageError, match="No space left"):
-                record(rig_on(bench), SHORT, folder, **TOLD)
+                record(rig_on(bench), SHORT, folder, **LABELS)
         else:
-            record(rig_on(bench), SHORT, folder, **TOLD)
+            record(rig_on(bench), SHORT, folder, **LABELS)
     return refusing.calls, bench
 
 
 @pytest.mark.parametrize("forever", [False, True])
 @pytest.mark.parametrize("call", ["write", "fsync", "replace"])
-def test_whatever_call_a_disk_refuses_nothing_recorded_is_lost(
+def test_no_recorded_frame_is_lost_whichever_call_the_disk_refuses(
     tmp_path: Path, call: str, forever: bool
 ) -> None:
     calls, _ = recorded(tmp_path / "sound", call, 0, forever)
@@ -57,9 +57,9 @@ def test_whatever_call_a_disk_refuses_nothing_recorded_is_lost(
     for nth in range(1, calls + 1):
         folder = tmp_path / str(nth)
         _, bench = recorded(folder, call, nth, forever)
-        assert bench.burning is None
+        assert bench.lit_led is None
         if not (folder / "session.toml").exists():
-            record(rig_on(Bench()), SHORT, folder, **TOLD)  # as if nothing had been begun
+            record(rig_on(Bench()), SHORT, folder, **LABELS)  # the folder counts as empty
             continue
         found = verify_session(folder)
         assert found.problems == ()

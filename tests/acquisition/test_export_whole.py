@@ -176,7 +176,7 @@ def test_a_disk_error_while_files_are_moved_leaves_a_folder_that_is_refused(
     (out / "002.png" / "theirs").write_bytes(b"x")
     with pytest.raises(StorageError, match=r"Is a directory|Directory not empty"):
         prepare_export(session, "diligent").write(out)
-    with pytest.raises(DataError, match=r"out: is not whole: .* make them again"):
+    with pytest.raises(DataError, match=r"out: is incomplete: .* create them again"):
         read_source(out)
     shutil.rmtree(out / "002.png")
     prepare_export(session, "diligent").write(out)
@@ -209,7 +209,7 @@ def test_an_unfinished_export_is_refused_under_every_path(session: Path, tmp_pat
     with staged(out) as building:
         (building / "recording.json").write_bytes((out / "recording.json").read_bytes())
         for path in (out, out / "lights.lp", out / "L00.png", building):
-            with pytest.raises(DataError, match="is not whole"):
+            with pytest.raises(DataError, match="is incomplete"):
                 read_source(path)
     assert read_source(out).black_level == 64
 

@@ -196,7 +196,7 @@ def test_an_lp_of_60000_rows(tmp_path: Path) -> None:
         pytest.param("leds = " + "[" * 20_000, "nested", id="nested"),
         pytest.param(
             f"leds = {list(range(2000))}\nexposures_us = [1.0]\nrepeats = 1000",
-            "2000000 shots: 1000000 are the most", id="shots",
+            "2000000 shots: the limit is 1000000", id="shots",
         ),
         pytest.param(
             "leds = [0]\nexposures_us = [1.0]\n[exposures_by_led]\n" + "9" * 4400 + " = [1.0]",

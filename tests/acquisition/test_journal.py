@@ -53,7 +53,7 @@ def chain(*records: dict[str, Any]) -> bytes:
 GOOD = chain(START, FRAME, event(2, why="ø\n\u2028"), event(3, torn='{"kind"', n=[1.5, None]))
 
 
-def test_the_hash_is_what_the_format_says() -> None:
+def test_the_hash_follows_the_format() -> None:
     previous = "0" * 64
     for line in GOOD.splitlines():
         text, mark, rest = line.rpartition(b',"line_sha256":"')
@@ -64,19 +64,19 @@ def test_the_hash_is_what_the_format_says() -> None:
         previous = own
 
 
-def test_a_whole_journal() -> None:
+def test_an_intact_journal() -> None:
     found = parse_journal(GOOD)
     assert [line.seq for line in found.lines] == [0, 1, 2, 3]
     assert (found.damage, found.torn, found.unterminated, found.text) == (None, b"", False, GOOD)
     assert found.last_sha256.encode() in GOOD.splitlines()[-1]
 
 
-def test_nothing_is_a_journal_without_lines() -> None:
+def test_an_empty_file_is_a_journal_without_lines() -> None:
     found = parse_journal(b"")
     assert (found.lines, found.damage, found.torn) == ((), None, b"")
 
 
-def test_every_cut_leaves_the_whole_lines_and_is_no_damage() -> None:
+def test_every_cut_leaves_the_intact_lines_and_is_not_damage() -> None:
     for length in range(len(GOOD)):
         found = parse_journal(GOOD[:length])
         lines = GOOD[:length].count(b"\n")
@@ -90,7 +90,7 @@ def test_every_cut_leaves_the_whole_lines_and_is_no_damage() -> None:
 
 @settings(deadline=None, max_examples=300)
 @given(st.integers(0, 8 * len(GOOD) - 1))
-def test_every_flipped_bit_is_damage_and_what_comes_before_is_kept(bit: int) -> None:
+def test_every_flipped_bit_is_damage_and_earlier_lines_are_kept(bit: int) -> None:
     data = bytearray(GOOD)
     data[bit // 8] ^= 1 << bit % 8
     found = parse_journal(bytes(data))
@@ -116,7 +116,7 @@ def test_every_bit_of_the_last_newline_counts() -> None:
         pytest.param((0, 1, 1, 2, 3), id="doubled"),
     ],
 )
-def test_lines_belong_where_they_were_written(order: tuple[int, ...]) -> None:
+def test_lines_in_another_order_are_damage(order: tuple[int, ...]) -> None:
     lines = GOOD.splitlines(keepends=True)
     assert parse_journal(b"".join(lines[i] for i in order)).damage is not None
 
@@ -133,7 +133,7 @@ def test_a_torn_line_followed_by_another_is_damage() -> None:
     [
         pytest.param({**FRAME, "colour": 1}, "unknown key 'frame.colour'", id="unknown-key"),
         pytest.param({**FRAME, "seq": 2}, "seq is 2 and should be 1", id="wrong-number"),
-        pytest.param({**START, "seq": 1}, "one line of kind session", id="second-start"),
+        pytest.param({**START, "seq": 1}, "must be of kind session", id="second-start"),
         pytest.param({**FRAME, "kind": "other"}, "kind", id="unknown-kind"),
         pytest.param({**FRAME, "led": -1}, "led", id="negative-led"),
         pytest.param({**FRAME, "exposure_us": 0}, "exposure_us", id="no-exposure"),
@@ -146,7 +146,7 @@ def test_a_torn_line_followed_by_another_is_damage() -> None:
         pytest.param({k: v for k, v in FRAME.items() if k != "status"}, "status", id="missing"),
     ],
 )
-def test_a_line_whose_hash_holds_must_still_make_sense(record: dict[str, Any], said: str) -> None:
+def test_a_line_with_a_valid_hash_must_be_valid_itself(record: dict[str, Any], said: str) -> None:
     found = parse_journal(chain(START, record))
     assert found.damage is not None
     assert found.damage.startswith("line 2 is not understood")
@@ -156,7 +156,7 @@ def test_a_line_whose_hash_holds_must_still_make_sense(record: dict[str, Any], s
 
 @settings(deadline=None, max_examples=100)
 @given(st.binary(max_size=200))
-def test_any_bytes_are_judged_without_an_error(data: bytes) -> None:
+def test_any_bytes_are_parsed_without_an_error(data: bytes) -> None:
     assert parse_journal(data).lines == ()
 
 
@@ -168,7 +168,7 @@ def test_any_bytes_are_judged_without_an_error(data: bytes) -> None:
         max_leaves=8,
     ).filter(lambda value: "Infinity" not in json.dumps(value))
 )
-def test_details_come_back_as_they_went_in(value: Any) -> None:
+def test_details_are_read_as_they_were_written(value: Any) -> None:
     found = parse_journal(chain(START, event(1, value=value)))
     assert found.damage is None
     assert found.lines[1].model_dump()["details"] == {"value": value}

@@ -1,4 +1,4 @@
-"""No shot is judged before what it is judged by is known, however often that was taken again."""
+"""No shot is judged before its reference frames are known, even after retakes of these."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
-from tests.acquisition.fake_bench import TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def spoil(camera: Any, number: int) -> None:
-    """Have one frame come out saturated."""
+    """Make one frame saturated."""
     real, numbers = camera.fetch, count(1)
 
     def fetch(*words: Any) -> CameraFrame:
@@ -49,7 +49,7 @@ def spoil(camera: Any, number: int) -> None:
 
 
 def sequenced_rig(light: dict[int, float]) -> Rig:
-    """Three LEDs that give even light, each so many grey values a microsecond."""
+    """Return a rig with uniform LEDs of the given brightness, grey values per microsecond."""
     from simulator._simulated_rig import simulated_rig
 
     def plane(led: int | None) -> npt.NDArray[np.float32]:
@@ -73,10 +73,10 @@ def slow_disk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("role", ["dark", "ambient"])
 @pytest.mark.usefixtures("slow_disk")
-def test_a_rejected_dark_frame_judges_nothing(
+def test_a_rejected_dark_frame_is_not_a_reference(
     rig: Rig, bench: Bench, tmp_path: Path, role: str
 ) -> None:
-    """The door stood open during the first: it alone is taken again, before the lights."""
+    """The door was open during the first dark frame: only this frame is retaken, first of all."""
     plan = CapturePlan(
         leds=(3, 0),
         exposures_us=(200.0, 50.0),
@@ -86,7 +86,7 @@ def test_a_rejected_dark_frame_judges_nothing(
         max_clipped_fraction=0.5,
     )
     spoil(bench, 1)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert bench.shots == [None, None, None, 3, 0, 3, 0]
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [line.role for line in rejected] == [role]
@@ -98,13 +98,13 @@ def test_a_rejected_dark_frame_judges_nothing(
 
 
 @pytest.mark.usefixtures("slow_disk")
-def test_a_long_exposure_is_taken_again_before_a_short_one_is_judged_by_it(
+def test_a_long_exposure_is_retaken_before_a_short_one_is_judged_by_it(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.albedo = 0.02
     plan = CapturePlan(leds=(0, 3), exposures_us=(10.0, 200.0), retakes=1, max_clipped_fraction=0.5)
     spoil(bench, 3)  # the first shot of LED 0
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert bench.shots == [None, None, 0, 3, 0, 0, 3]
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [(line.led, line.bracket) for line in rejected] == [(0, 1)]
@@ -112,8 +112,8 @@ def test_a_long_exposure_is_taken_again_before_a_short_one_is_judged_by_it(
 
 
 @pytest.mark.usefixtures("slow_disk")
-def test_a_sequence_holds_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> None:
-    """50 us show nothing of LED 0, and LED 1 needs no more: one exposure, two ranks."""
+def test_a_sequence_has_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> None:
+    """50 us are too short for LED 0 and sufficient for LED 1: one exposure, two ranks."""
     plan = CapturePlan(
         leds=(0, 1, 2),
         exposures_us=(50.0, 40.0),
@@ -121,10 +121,10 @@ def test_a_sequence_holds_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> N
         sequence=True,
     )
     with sequenced_rig({0: 0.009, 1: 1.0, 2: 1.0}) as sequenced:
-        session = record(sequenced, plan, tmp_path / "s", **TOLD)
+        session = record(sequenced, plan, tmp_path / "s", **LABELS)
     assert session.complete
-    told = [line.details for line in session.events if line.event == "no_light_seen"]
-    assert told == [{"led": 0, "exposure_us": 50.0}]
+    reported = [line.details for line in session.events if line.event == "no_light_seen"]
+    assert reported == [{"led": 0, "exposure_us": 50.0}]
 
 
 def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> N
     )
     with sequenced_rig({0: 1.0, 1: 1.0, 2: 1.0}) as sequenced:
         spoil(sequenced.camera, 1)
-        session = record(sequenced, plan, tmp_path / "s", **TOLD)
+        session = record(sequenced, plan, tmp_path / "s", **LABELS)
     takes = [(frame.path.name, frame.line.status) for frame in session.recorded]
     lights = [(f"L{led:02d}_E0.tif", "ok") for led in plan.leds]
     assert takes == [("D_500us.tif", "rejected"), ("D_500us_R1.tif", "ok"), *lights]
@@ -141,10 +141,10 @@ def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> N
     assert above == [pytest.approx(500 / 4095, abs=1e-3)] * 3
 
 
-def test_frames_that_another_process_added_meanwhile_judge_too(
+def test_frames_that_another_process_added_are_references_too(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its dark frames came after the session was looked at, and before it was locked."""
+    """Its dark frames were added after the session was read and before it was locked."""
     plan = CapturePlan(leds=(3, 0), exposures_us=(200.0,))
 
     def unplug_at(last: int) -> None:
@@ -156,7 +156,7 @@ def test_frames_that_another_process_added_meanwhile_judge_too(
 
     unplug_at(1)
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     real = _engine._fitting
 
     def looked_at_early(*words: Any, **more: Any) -> Any:
@@ -175,7 +175,7 @@ def test_frames_that_another_process_added_meanwhile_judge_too(
     assert not Session.open(tmp_path / "s").complete
 
 
-def test_a_rejected_shot_comes_before_those_judged_by_it_else_behind_its_kind() -> None:
+def test_a_rejected_shot_is_added_before_those_judged_by_it_otherwise_last() -> None:
     plan = CapturePlan(leds=(0, 1), exposures_us=(200.0, 50.0), flats=1)
     shots = plan.shots()
     by_name = {shot.file: shot for shot in shots}

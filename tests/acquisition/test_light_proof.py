@@ -1,4 +1,4 @@
-"""The proof of the LED, from the rig to every reader: plan, rig and board must agree."""
+"""The LED of a frame, from the rig to every reader: plan, rig and board must agree."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from rig import CameraError, Rig, RigError, Shot
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import rows_of, seal
 
 LIGHT = PlannedShot("light", 3, 0, 0, 10.0)
@@ -37,7 +37,7 @@ SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
 @pytest.mark.parametrize(
     ("shot", "lit", "said"),
     [
-        pytest.param(LIGHT, {}, None, id="nobody says"),
+        pytest.param(LIGHT, {}, None, id="no report"),
         pytest.param(LIGHT, {"rig": 3, "board": 3}, None, id="light"),
         pytest.param(
             LIGHT, {"rig": 3, "board": 7}, "with LED 3, but board reports LED 7", id="other"
@@ -56,7 +56,9 @@ SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
         pytest.param(SOME_FLAT, {"board": None}, "with an LED, but board", id="flat without light"),
     ],
 )
-def test_what_agrees(shot: PlannedShot, lit: dict[str, int | None], said: str | None) -> None:
+def test_reports_are_compared_with_the_plan(
+    shot: PlannedShot, lit: dict[str, int | None], said: str | None
+) -> None:
     found = wrong_light(shot, lit)
     assert found is None if said is None else said in (found or "")
 
@@ -74,7 +76,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, Any]) -> None:
-    """Let the rig deliver one shot of another LED, as a fault between rig and recorder would."""
+    """Make the rig deliver one shot of another LED, like a fault between rig and engine."""
     real = rig.shoot
     shots = [0]
 
@@ -90,7 +92,7 @@ def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, 
     monkeypatch.setattr(rig, "shoot", shoot)
 
 
-# Shots 1 to 4 of the plan are dark and ambient, the fifth is of LED 3.
+# Shots 1 to 4 of the plan are dark and ambient frames, shot 5 is LED 3.
 @pytest.mark.parametrize(
     ("at", "change", "said"),
     [
@@ -118,19 +120,19 @@ def test_a_frame_of_another_led_is_not_kept(
 ) -> None:
     lying(rig, monkeypatch, at, change)
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
+        record(rig, PLAN, tmp_path / "s", **LABELS)
     assert len(Session.open(tmp_path / "s").recorded) == at - 1
-    assert bench.burning is None
+    assert bench.lit_led is None
     assert resume(rig, tmp_path / "s").complete
 
 
-def test_it_is_taken_again_where_the_plan_allows(
+def test_it_is_taken_again_if_the_plan_allows(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lying(rig, monkeypatch, 5, {"led": 0})
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **TOLD)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
     assert session.complete
-    assert bench.shots.count(3) == 3  # in two brackets, once more in the first
+    assert bench.shots.count(3) == 3  # one per bracket, and a retake in the first
     assert [line.details["led"] for line in session.events if line.event == "retake"] == [3]
     assert verify_session(tmp_path / "s").ok
 
@@ -138,7 +140,7 @@ def test_it_is_taken_again_where_the_plan_allows(
 def test_a_sequence_ends_at_a_frame_of_another_led(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Later frames of it may be one off too."""
+    """Its later frames may be shifted by one LED, too."""
     real = rig.shoot
     runs: list[list[int | None]] = []
 
@@ -153,9 +155,9 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
     plan = CapturePlan(leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1)
     monkeypatch.setattr(rig, "_arm", lambda trigger: None)
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert session.complete
-    # The dark frame and that of LED 3 are kept, the next is not, and the rest comes anew.
+    # The dark frame and that of LED 3 are kept, the next is not; the others are taken again.
     assert (runs[0], runs[1]) == ([None, 3, 1, 5, 2], [1, 5, 2])
     assert verify_session(tmp_path / "s").ok
 
@@ -170,7 +172,7 @@ def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
         for shot, led in ((dark, 3), (light, 7), (light, None), (flat, 7), (flat, None)):
             with pytest.raises(DataError, match=rf"{shot.file} was planned with .* board reports"):
                 writer.write_frame(shot, pixels, echo=Echo(seq=1, led=led))
-        # What the caller says of a flat is not asked: the plan is.
+        # The LED of a flat is taken from the plan, not from the caller.
         with pytest.raises(DataError, match="was planned with LED 3"):
             writer.write_frame(replace(flat, flat_led=7), pixels, echo=Echo(seq=1, led=7))
         assert list((tmp_path / "s" / "frames").iterdir()) == []
@@ -206,7 +208,7 @@ READERS: dict[str, Callable[[Path], object]] = {
 def test_every_reader_names_the_line(
     rig: Rig, bench: Bench, tmp_path: Path, role: str, echo_led: int, said: str, complete: bool
 ) -> None:
-    """And `resume` can settle it: the frame is set aside and taken again."""
+    """And `resume` can repair it: the frame is set aside and taken again."""
 
     def fail(number: int) -> None:
         if number == 12 and not complete:
@@ -215,7 +217,7 @@ def test_every_reader_names_the_line(
     folder = tmp_path / "s"
     bench.on_trigger = fail
     try:
-        record(rig, PLAN.changed(flats=1), folder, **TOLD)
+        record(rig, PLAN.changed(flats=1), folder, **LABELS)
     except CameraError:
         bench.on_trigger = lambda number: None
     rows = rows_of(folder)

@@ -25,7 +25,7 @@ from simulator._board.faults import BoardFault
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
 from simulator.gentl import CompilerError
-from tests.acquisition.fake_bench import TOLD
+from tests.acquisition.fake_bench import LABELS
 
 LEDS = 8
 SIZE = (4, 6)
@@ -34,7 +34,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=Tru
 
 
 def _plane(led: int | None) -> np.ndarray:
-    """100 grey values for each LED at 1000 us, and no light without one."""
+    """Return a frame with 100 grey values per LED number at 1000 us, black without an LED."""
     return np.full(SIZE, 0.0 if led is None else (led + 1) / 10, np.float32)
 
 
@@ -80,7 +80,7 @@ class _Bench:
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Bench]:
-    # A disk that is slow at this moment would end a sequence before the fault strikes.
+    # A slow disk would end the sequence before the fault occurs.
     monkeypatch.setattr(_carry_out, "ROOM", 99)
     with ExitStack() as opened:
         yield _Bench(opened)
@@ -91,7 +91,7 @@ def _events(session: Session, name: str) -> list[Any]:
 
 
 def _check(session: Session, plan: CapturePlan = PLAN) -> None:
-    """Every shot of the plan is there once, and shows its own LED."""
+    """Check that every shot of the plan exists once and shows its own LED."""
     assert session.complete
     assert verify_session(session.folder).ok
     assert sorted(frame.path.name for frame in session.frames) == sorted(
@@ -116,13 +116,13 @@ _LOSSES: list[Any] = [
 
 
 @pytest.mark.parametrize(("kind", "at", "most_buffers"), _LOSSES, ids=str)
-def test_a_sequence_is_recorded_whole_whatever_is_lost(
+def test_a_sequence_is_recorded_completely_despite_lost_frames(
     bench: _Bench, tmp_path: Path, kind: Any, at: tuple[int, ...], most_buffers: int
 ) -> None:
     rig = bench.rig(most_buffers=most_buffers)
     for frame in at:
         bench.camera.set_fault(frame, kind)
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     _check(session)
     lost = _events(session, "frames_lost")
     assert kind == "doubled" or lost
@@ -131,8 +131,10 @@ def test_a_sequence_is_recorded_whole_whatever_is_lost(
 def test_a_loss_is_journalled_with_the_counters(bench: _Bench, tmp_path: Path) -> None:
     rig = bench.rig(first_block_id=1)
     bench.camera.set_fault(3, "underrun")
-    told: list[tuple[str, Any]] = []
-    session = record(rig, PLAN, tmp_path / "s", **TOLD, on_event=lambda *event: told.append(event))
+    reported: list[tuple[str, Any]] = []
+    session = record(
+        rig, PLAN, tmp_path / "s", **LABELS, on_event=lambda *event: reported.append(event)
+    )
     (lost,) = _events(session, "frames_lost")
     started = lost.pop("started")
     assert 3 <= started == lost.pop("delivered") <= 8
@@ -142,7 +144,7 @@ def test_a_loss_is_journalled_with_the_counters(bench: _Bench, tmp_path: Path) -
     assert "too busy" in retake["reason"]
     assert "wire" not in retake["reason"]
     assert (retake["file"], retake["failures"]) == ("L02_E0.tif", 1)
-    assert [name for name, _ in told] == ["frames_lost", "retake"]
+    assert [name for name, _ in reported] == ["frames_lost", "retake"]
 
 
 @pytest.mark.parametrize("trigger", ["board", "software"])
@@ -154,7 +156,7 @@ def test_single_shots_are_taken_again_too(
     rig = bench.rig(trigger)
     for at in (2, 4, 6):
         bench.camera.set_fault(at, kind)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     _check(session, plan)
     assert len(_events(session, "frames_lost")) == 3
 
@@ -166,7 +168,7 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
     for at in range(5, 80):
         bench.camera.set_fault(at, "lost")
     with pytest.raises(RigError) as error:
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     assert isinstance(error.value, FrameLostError)
     assert any("was taken 4 times" in note for note in error.value.__notes__)
     session = Session.open(tmp_path / "s")
@@ -176,20 +178,18 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
     assert len(_events(session, "retake")) == LOST_RETAKES
     assert session.events[-1].event == "failed"
     assert all(period.end_ns < time.monotonic_ns() for period in bench.state.periods())
-    # The camera is well again.
+    # The camera works again.
     rig.close()
     again = bench.rig()
     _check(resume(again, tmp_path / "s"), plan)
 
 
 @pytest.mark.parametrize("sequence", [True, False])
-def test_a_wire_that_is_not_there_is_told_at_once(
-    bench: _Bench, tmp_path: Path, sequence: bool
-) -> None:
+def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, sequence: bool) -> None:
     rig = bench.rig()
     bench.board.set_faults(BoardFault(kind="lose-trigger", times=10_000))
     with pytest.raises(RigError, match="check the wire"):
-        record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", **TOLD)
+        record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", **LABELS)
     session = Session.open(tmp_path / "s")
     assert len(_events(session, "frames_lost")) == 1
     assert _events(session, "retake") == []
@@ -205,16 +205,16 @@ def test_a_wire_that_is_not_there_is_told_at_once(
                 BoardFault(kind="lose-trigger", skip=2),
                 BoardFault(kind="double-trigger", skip=4, value=5500),
             ],
-            id="lost and too many: the count is right",
+            id="one lost and one extra: the count is right",
         ),
     ],
 )
-def test_triggers_that_do_not_match_frames_cost_no_led_its_frame(
+def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
     bench: _Bench, tmp_path: Path, faults: list[BoardFault]
 ) -> None:
     rig = bench.rig()
     bench.board.set_faults(*faults)
-    session = record(rig, PLAN, tmp_path / "s", **TOLD)
+    session = record(rig, PLAN, tmp_path / "s", **LABELS)
     _check(session)
     assert _events(session, "frames_lost")
 
@@ -233,7 +233,7 @@ def test_rejected_frames_stay_with_the_plan(
 
     monkeypatch.setattr(rig.camera, "fetch", without_led_3)
     with pytest.raises(RigError, match="LED 3 gave no light"):
-        record(rig, PLAN, tmp_path / "s", **TOLD)
-    # The lost one was taken again, the one without light was not.
+        record(rig, PLAN, tmp_path / "s", **LABELS)
+    # The lost shot was taken again, the one without light was not.
     session = Session.open(tmp_path / "s")
     assert [details["file"] for details in _events(session, "retake")] == ["L01_E0.tif"]

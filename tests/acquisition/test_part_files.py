@@ -1,4 +1,4 @@
-"""Temporary files: whatever has their name, nothing is followed, overwritten or waited for."""
+"""Temporary files: nothing with their name is followed, overwritten or waited for."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from acquisition._storage import (
     write_whole,
 )
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="knows no such files")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
 
 def link(name: Path, victim: Path) -> None:
@@ -74,7 +74,7 @@ def unharmed(victim: Path) -> bool:
 
 @pytest.mark.parametrize("plant", PLANTED)
 @pytest.mark.parametrize("name", ["a", ".part-a"], ids=["final", "temporary"])
-def test_what_has_the_name_is_replaced_and_never_followed(
+def test_anything_with_the_name_is_replaced_and_never_followed(
     tmp_path: Path, victim: Path, plant: Plant, name: str
 ) -> None:
     plant(tmp_path / name, victim)
@@ -87,10 +87,10 @@ def test_what_has_the_name_is_replaced_and_never_followed(
 
 
 @pytest.mark.parametrize("plant", PLANTED)
-def test_what_takes_the_name_in_the_moment_before_it_is_created(
+def test_a_file_created_under_the_name_at_the_last_moment_is_replaced(
     tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As if another program were faster three times over."""
+    """Another program is faster three times in a row."""
     real, part = os.open, tmp_path / ".part-a"
     left = [3]
 
@@ -136,7 +136,7 @@ def test_a_folder_in_the_way_is_named(tmp_path: Path, name: str) -> None:
 
 
 def test_writers_of_one_file_take_turns(tmp_path: Path) -> None:
-    """Threads stand for processes: each has locks of its own."""
+    """Threads replace processes here: each open file has its own lock."""
     path, length = tmp_path / "a", 200_000
     errors: list[BaseException] = []
 
@@ -144,7 +144,7 @@ def test_writers_of_one_file_take_turns(tmp_path: Path) -> None:
         try:
             for _ in range(20):
                 write_durably(path, letter * length, letter * length)
-        except BaseException as error:  # noqa: BLE001 - a thread has nobody to tell
+        except BaseException as error:  # noqa: BLE001 - reported by the main thread
             errors.append(error)
 
     threads = [threading.Thread(target=write, args=(bytes([65 + n]),)) for n in range(4)]
@@ -160,7 +160,7 @@ def test_writers_of_one_file_take_turns(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_writer_that_does_not_end_is_named_and_left_alone(
+def test_a_writer_that_does_not_end_is_reported_and_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_part_files, "_TURN_S", 0.05)
@@ -171,7 +171,7 @@ def test_a_writer_that_does_not_end_is_named_and_left_alone(
     assert (tmp_path / "a").read_bytes() == b"mine"
 
 
-def test_the_rest_of_a_killed_process_is_gone_after_the_next_write(tmp_path: Path) -> None:
+def test_the_file_of_a_killed_process_is_removed_by_the_next_write(tmp_path: Path) -> None:
     code = """
 import os, sys
 from pathlib import Path
@@ -186,24 +186,22 @@ with published(Path(sys.argv[1])) as part:
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_a_file_system_without_locks_takes_files(
+def test_files_are_written_on_a_file_system_without_locks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import fcntl
 
-    def none(descriptor: int, operation: int) -> None:
+    def unsupported(descriptor: int, operation: int) -> None:
         raise OSError(95, "Operation not supported")
 
-    monkeypatch.setattr(fcntl, "flock", none)
+    monkeypatch.setattr(fcntl, "flock", unsupported)
     part_path(tmp_path / "a").write_bytes(b"rest")
     write_durably(tmp_path / "a", b"data")
     assert (tmp_path / "a").read_bytes() == b"data"
 
 
 @pytest.mark.parametrize("plant", [pipe, device, link])
-def test_nothing_but_a_file_is_opened_or_waited_for(
-    tmp_path: Path, victim: Path, plant: Plant
-) -> None:
+def test_only_regular_files_are_opened(tmp_path: Path, victim: Path, plant: Plant) -> None:
     plant(tmp_path / "a", victim)
     for read in (read_back, lambda path: read_file(path, follow=False)):
         with pytest.raises(OSError, match=r"regular|symbolic|Too many"):
@@ -218,7 +216,7 @@ def test_nothing_but_a_file_is_opened_or_waited_for(
     assert unharmed(victim)
 
 
-def test_the_descriptor_is_closed_whatever_happens(tmp_path: Path) -> None:
+def test_the_descriptor_is_closed_after_an_interrupt(tmp_path: Path) -> None:
     parts: list[Part] = []
 
     def interrupted() -> None:

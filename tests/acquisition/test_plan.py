@@ -16,7 +16,7 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._toml import to_toml
 
 
-def test_shots_come_in_order_and_with_the_names_of_the_format() -> None:
+def test_order_and_file_names_of_shots() -> None:
     plan = CapturePlan(leds=(7, 2), exposures_us=(10000, 40), repeats=2, dark=True, ambient=True)
     names = [shot.file for shot in plan.shots()]
     assert names == [
@@ -60,9 +60,9 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         pytest.param("leds=[0]\nexposures_us=[nan]", "exposures_us", id="nan-exposure"),
         pytest.param("leds=[0]\nexposures_us=[inf]", "exposures_us", id="infinite-exposure"),
         pytest.param("leds=[0]\nexposures_us=[]", "exposures_us", id="no-exposure"),
-        pytest.param("leds=[0]\nexposures_us=[5,5.0]", "5 is there twice", id="same-exposure"),
+        pytest.param("leds=[0]\nexposures_us=[5,5.0]", "5 appears twice", id="same-exposure"),
         pytest.param("leds=[]\nexposures_us=[5]", "leds", id="no-led"),
-        pytest.param("leds=[3,1,3]\nexposures_us=[5]", "3 is there twice", id="same-led"),
+        pytest.param("leds=[3,1,3]\nexposures_us=[5]", "3 appears twice", id="same-led"),
         pytest.param("leds=[-1]\nexposures_us=[5]", "leds", id="negative-led"),
         pytest.param("leds=['1']\nexposures_us=[5]", "leds", id="led-as-text"),
         pytest.param("leds=[0]\nexposures_us=[5]\nrepeats=0", "repeats", id="no-repeat"),
@@ -98,12 +98,12 @@ def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
         ),
         pytest.param(
             "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\n07=[6]",
-            "'07' is no LED: write its number",
+            "'07' is not an LED: write its number",
             id="led-with-zeros",
         ),
         pytest.param(
             "leds=[7]\nexposures_us=[5]\n[exposures_by_led]\nL07=[6]",
-            "'L07' is no LED",
+            "'L07' is not an LED",
             id="led-by-its-id",
         ),
         pytest.param("leds=[0", "is not TOML", id="not-toml"),
@@ -172,7 +172,7 @@ def test_leds_with_exposures_of_their_own() -> None:
         ("L02_E1.tif", 50.0),
         ("L01_E1.tif", 100.0),
     ]
-    # One dark and one ambient frame for each exposure that is used, each a shot of its own.
+    # One dark and one ambient frame for each exposure time in use.
     unlit = [shot.file for shot in shots if shot.led is None]
     assert unlit == [f"{role}_{us}us.tif" for role in "DA" for us in (1000, 2000, 50, 100)]
     assert len({shot.key for shot in shots}) == len(shots)
@@ -214,7 +214,7 @@ def test_a_plan_is_the_same_after_writing_and_reading(tmp_path: Path) -> None:
     assert read_plan(path) == BY_LED.changed(flats=3, retakes=2, sequence=True)
 
 
-def test_dead_leds_are_left_out_and_told() -> None:
+def test_dead_leds_are_left_out_and_returned() -> None:
     plan, left_out = BY_LED.without((7, 1, 30))
     assert left_out == (1, 7)
     assert plan.leds == (4, 2)
@@ -251,8 +251,8 @@ def test_every_plan_has_each_file_once_and_an_exposure_for_each(data: st.DataObj
     assert len(lit) == len(leds) * brackets * plan.repeats
     dark = {shot.exposure_us for shot in shots if shot.role == "dark"}
     assert dark == ({shot.exposure_us for shot in lit} if plan.dark else set())
-    # Each LED goes from its longest exposure down, repeats and LEDs inside; the exposure is changed
-    # no more often than that takes.
+    # Each LED is taken from its longest to its shortest exposure, within that by repeat and LED;
+    # the exposure changes no more often than necessary.
     ranks = [
         sum(plan.exposure_us(shot.led, other) > shot.exposure_us for other in range(brackets))
         for shot in lit

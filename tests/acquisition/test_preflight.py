@@ -1,4 +1,4 @@
-"""Pre-flight: a rig in order passes, and each thing that may be wrong is found and named."""
+"""Pre-flight: a working rig passes, and each possible fault is found and named."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def named(flight: Preflight, name: str) -> Check:
     return next(check for check in flight.checks if check.name == name)
 
 
-def test_a_rig_in_order_is_ready_and_nothing_is_left_behind(
-    rendering: Rendering, tmp_path: Path
-) -> None:
+def test_a_working_rig_passes_and_no_file_is_left(rendering: Rendering, tmp_path: Path) -> None:
     reports: list[tuple[str, int, int]] = []
     with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
         flight = preflight(
@@ -93,9 +91,7 @@ def test_a_rig_in_order_is_ready_and_nothing_is_left_behind(
     assert [check["name"] for check in details["checks"]] == list(states(flight))
 
 
-def test_a_dead_led_is_found_and_concerns_only_plans_that_light_it(
-    rendering: Rendering, tmp_path: Path
-) -> None:
+def test_a_dead_led_fails_only_plans_that_use_it(rendering: Rendering, tmp_path: Path) -> None:
     config = RigConfig(name="sim", driver="simulated", leds=LEDS)
     with rig_for(
         rendering, config, seed=2, realtime=False, camera="inside", lamps=Lamps(dead=(3,))
@@ -109,14 +105,14 @@ def test_a_dead_led_is_found_and_concerns_only_plans_that_light_it(
     assert rest.ok
 
 
-def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
+def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     pulsed = Lamps(pwm_hz=1e6 / 1024, pwm_duty=0.3)
     flight = flown(rendering, PLAN, tmp_path, lamps=pulsed)
     assert named(flight, "steadiness").state == "warning"
     assert "1024 us" in named(flight, "steadiness").text
-    # The shot of a whole number of periods is as steady as ever.
+    # An exposure of an integer number of periods is steady.
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(20_480.0, 1024.0))
     assert states(flown(rendering, plan, tmp_path, lamps=pulsed))["steadiness"] == "ok"
 
@@ -124,8 +120,8 @@ def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
 @pytest.mark.parametrize(
     ("exposures_us", "others", "name", "state", "said"),
     [
-        pytest.param((100.0,), {}, "exposure", "warning", "expose longer", id="too-short"),
-        pytest.param((150_000.0,), {}, "exposure", "warning", "expose shorter", id="too-long"),
+        pytest.param((100.0,), {}, "exposure", "warning", "lengthen", id="too-short"),
+        pytest.param((150_000.0,), {}, "exposure", "warning", "shorten", id="too-long"),
         pytest.param(
             (60_000.0, 1000.0),
             {"max_clipped_fraction": 0.0},
@@ -140,7 +136,7 @@ def test_a_flickering_lamp_is_told_with_the_period_to_expose_for(
         ),
     ],
 )
-def test_exposures_that_do_not_suit_the_scene(
+def test_unsuitable_exposures(
     rendering: Rendering,
     tmp_path: Path,
     exposures_us: tuple[float, ...],
@@ -159,7 +155,7 @@ def test_exposures_that_do_not_suit_the_scene(
     assert flight.ok is (state != "failed")
 
 
-def test_an_exposure_beyond_the_camera_fails_and_what_needs_frames_is_not_done(
+def test_an_exposure_beyond_the_camera_fails_and_checks_of_frames_are_not_done(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(5.0,))
@@ -182,7 +178,7 @@ def test_an_exposure_beyond_the_camera_fails_and_what_needs_frames_is_not_done(
         ),
     ],
 )
-def test_the_camera_s_automatics_are_told_as_off_and_which_were_on(
+def test_automatic_functions_that_were_on_are_named(
     rendering: Rendering,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -209,14 +205,14 @@ def test_a_plan_for_another_board_fails(rendering: Rendering, tmp_path: Path) ->
     assert "LED 8 does not exist" in named(flown(rendering, plan, tmp_path), "board").text
 
 
-def test_an_exposure_longer_than_the_board_gives_light_fails(
+def test_an_exposure_beyond_the_longest_hold_of_the_board_fails(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(9e7,))
-    assert "the plan wants 90002" in named(flown(rendering, plan, tmp_path), "board").text
+    assert "the plan requires 90002" in named(flown(rendering, plan, tmp_path), "board").text
 
 
-def test_a_camera_that_fails_is_a_failed_check_that_says_what_the_camera_said(
+def test_a_camera_error_is_a_failed_check_with_its_message(
     rendering: Rendering, tmp_path: Path
 ) -> None:
     with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
@@ -242,7 +238,7 @@ def test_a_board_that_does_not_answer_is_a_failed_check(
     assert states(flight)["camera"] == "not done"
 
 
-def test_a_hot_board_is_told(
+def test_a_hot_board_is_reported(
     rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_check_rig, "_HOT_C", 20.0)
@@ -254,18 +250,18 @@ def test_a_hot_board_is_told(
 # The disk.
 
 
-def test_room_for_the_recording_and_a_quarter_more(
+def test_free_space_for_the_recording_and_a_quarter_more(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(10**9, 0, 125_000_000))
     assert check_disk(tmp_path, 100_000_000).state == "ok"
     tight = check_disk(tmp_path, 100_000_001)
     assert tight.state == "failed"
-    assert "125 MB free, 125 MB wanted (1.25 x the estimate)" in tight.text
+    assert "125 MB free, 125 MB required (1.25 x the estimate)" in tight.text
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_takes_no_files_is_named() -> None:
+def test_a_folder_that_cannot_be_written_is_named() -> None:
     found = check_disk(Path("/proc/no-such-folder/session"), 1)
     assert found.state == "failed"
     assert found.text.startswith("/proc: cannot write a file here")
@@ -278,7 +274,7 @@ def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     assert found.text.startswith(f"{tmp_path / 'notes.txt'}: cannot write a file here")
 
 
-def test_a_disk_that_refuses_to_flush_or_lies(
+def test_a_disk_that_refuses_to_flush_or_returns_other_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flush = os.fsync
@@ -298,15 +294,15 @@ def test_a_disk_that_refuses_to_flush_or_lies(
         patched.setattr("acquisition._preflight.disk.read_back", lambda path: b"something else")
         found = check_disk(tmp_path, 1)
         assert found.state == "failed"
-        assert "differs from what was written" in found.text
+        assert "differs from the data written" in found.text
     assert list(tmp_path.iterdir()) == []
 
 
-# The picture, on frames made for the purpose.
+# Checks of synthetic images.
 
 
 def scene(sigma_px: float = 0.0, seed: int = 3) -> npt.NDArray[np.float64]:
-    """A surface with random structure, blurred; mean 0.1 grey values per microsecond."""
+    """Return a blurred random texture with a mean of 0.1 grey values per microsecond."""
     image = np.random.default_rng(seed).uniform(0.02, 0.18, (120, 160))
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px) if sigma_px else image, np.float64)
 
@@ -346,7 +342,7 @@ def trials(
     ],
 )
 @pytest.mark.parametrize("room", [0.0, 0.01])
-def test_a_camera_that_bends_its_values(gamma: float, state: str, room: float) -> None:
+def test_a_camera_with_gamma(gamma: float, state: str, room: float) -> None:
     found = check_response(trials(scene(), room, gamma))
     assert found.state == state
     assert "LED 5" in found.text
@@ -363,13 +359,13 @@ def test_a_camera_that_brightens_short_exposures_by_itself() -> None:
     ("long_us", "said"),
     [pytest.param(1e6, "saturated", id="bright"), pytest.param(10.0, "too little", id="dark")],
 )
-def test_a_response_that_cannot_be_told(long_us: float, said: str) -> None:
+def test_a_response_that_cannot_be_measured(long_us: float, said: str) -> None:
     found = check_response(trials(scene(), long_us=long_us))
     assert found.state == "not done"
     assert said in found.text
 
 
-def test_detail_is_what_it_says_whatever_the_noise() -> None:
+def test_detail_is_independent_of_noise() -> None:
     rows, columns = np.mgrid[:200, :200]
     ramp = 500.0 + 8 * rows + 8 * columns
     noise = np.random.default_rng(1)
@@ -393,7 +389,7 @@ def test_focus() -> None:
     assert "nothing to focus on" in empty.text
 
 
-def test_a_simulated_lens_out_of_focus_is_told(rendering: Rendering, tmp_path: Path) -> None:
+def test_a_simulated_lens_out_of_focus_is_reported(rendering: Rendering, tmp_path: Path) -> None:
     planes = [cv2.GaussianBlur(plane, (0, 0), 5.0) for plane in rendering.planes]
     blurred = replace(rendering, planes=np.stack(planes))
     assert states(flown(blurred, PLAN, tmp_path))["focus"] == "warning"
@@ -428,7 +424,7 @@ def test_the_longest_and_the_shortest_bracket_are_judged() -> None:
         return check_exposure(frames, 64.0, WHITE_DN, limit).state
 
     assert state(15_000) == "ok"
-    assert state(60_000, 1000) == "ok"  # the long one is saturated, which the short one mends
+    assert state(60_000, 1000) == "ok"  # the long one is saturated, the short one is not
     assert state(60_000, 1000, limit=0.1) == "failed"
     assert state(60_000, 50_000) == "warning"
     assert state(1000, 100) == "warning"

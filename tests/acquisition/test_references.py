@@ -1,4 +1,4 @@
-"""By what a lit frame is judged: the ambient frame before the dark one, the longest exposure."""
+"""References of a lit frame: the ambient frame before the dark one, and the longest exposure."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import TOLD, Bench, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, Bench, rig_on, seen
 from tests.acquisition.test_judging_order import spoil
 
 CAMERA = CameraRecord(width=10, height=7, bit_depth=12, black_level_dn=64)
-# A cap on the lens for the dark frames, and a room that is never quite dark for the others.
+# The lens is covered for dark frames; the room is never completely dark for the others.
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0,), dark=True, ambient=True, retakes=1)
 CAPPED_FRAMES = 1
 ROOM = 2.0
@@ -43,7 +43,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def figures(level_dn: int) -> FrameQuality:
-    """Return those of a frame that is the same all over."""
+    """Return the figures of a uniform frame."""
     percentiles = dict.fromkeys(("0", "1", "50", "99", "99.9", "100"), level_dn)
     return FrameQuality(0.0, percentiles, 0.0, float(level_dn))
 
@@ -59,12 +59,12 @@ def test_the_ambient_frame_counts_whichever_was_taken_last(order: tuple[str, str
     for role in order:
         assert references.note(shot(role), figures(levels[role]))
     assert references.dark(shot("light", 1)) == figures(900)
-    # What is no brighter than the room shows no light of the LED.
+    # A frame no brighter than the room shows no light of the LED.
     assert not references.note(shot("light", 1), figures(900))
     assert references.dark(shot("light", 1, 50.0)) is None
 
 
-def test_the_longest_exposure_tells_what_an_led_gives() -> None:
+def test_the_longest_exposure_is_the_reference_of_an_led() -> None:
     references = References(CAMERA)
     for exposure_us in (100.0, 400.0, 200.0):
         references.note(shot("dark", None, exposure_us), figures(64))
@@ -73,7 +73,7 @@ def test_the_longest_exposure_tells_what_an_led_gives() -> None:
     light = references.light(shot("light", 1))
     assert light is not None
     assert (light.exposure_us, light.rise_dn["50"]) == (400.0, 400)
-    # Of repeats the first: a later one may have lost light that this one has proven.
+    # The first repeat is the reference: a later one may lack light that the first one had.
     assert references.note(shot("light", 1, 400.0), figures(300))
     assert references.light(shot("light", 1)) == light
     assert references.light(shot("light", 2)) is None
@@ -81,7 +81,7 @@ def test_the_longest_exposure_tells_what_an_led_gives() -> None:
 
 
 def cap(bench: Bench, number: int) -> None:
-    """Uncover the lens when the dark frames are done."""
+    """Uncover the lens after the dark frames."""
     bench.room = 0.0 if number <= CAPPED_FRAMES else ROOM
 
 
@@ -93,12 +93,12 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int) -> None:
 
     bench.on_trigger = trigger
     with pytest.raises(CameraError):
-        record(rig, PLAN.changed(retakes=0), folder, **TOLD)
+        record(rig, PLAN.changed(retakes=0), folder, **LABELS)
     bench.on_trigger = lambda number: cap(bench, number)
 
 
 @pytest.mark.parametrize("at", [3, 4, 5], ids=["no light yet", "one light", "two lights"])
-def test_the_light_of_the_room_is_not_taken_for_that_of_an_led_on_resume(
+def test_room_light_is_not_mistaken_for_an_led_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path, at: int
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", at)
@@ -108,7 +108,7 @@ def test_the_light_of_the_room_is_not_taken_for_that_of_an_led_on_resume(
     assert not Session.open(tmp_path / "s").complete
 
 
-def test_how_far_a_frame_lies_above_the_room_is_the_same_after_a_resume(
+def test_the_difference_from_the_room_light_is_the_same_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 4)
@@ -122,7 +122,7 @@ def test_how_far_a_frame_lies_above_the_room_is_the_same_after_a_resume(
 def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """That it is bad is known when the disk has it, and the ambient frame is taken by then."""
+    """It is rejected only after it is written, and the ambient frame has been taken by then."""
     real, ambient_is_taken = _session_writer.store_frame, threading.Event()
     journal = tmp_path / "s" / "journal.jsonl"
 
@@ -133,11 +133,11 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     monkeypatch.setattr(_session_writer, "store_frame", slow)
 
     def trigger(number: int) -> None:
-        # The cap is on for dark frames, the first and the one taken again.
-        bench.room = 0.0 if bench.burning is None and number != 2 else ROOM
+        # The lens is covered for dark frames, including the retake.
+        bench.room = 0.0 if bench.lit_led is None and number != 2 else ROOM
         if number == 2:
             ambient_is_taken.set()
-        # The first LED waits for the disk, so that the dark frame comes before the last one.
+        # The first LED waits for the disk, so that the dark frame is written before the last one.
         while number == 3 and "D_200us.tif" not in journal.read_text(encoding="utf-8"):
             time.sleep(0.01)
 
@@ -146,7 +146,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     bench.dead = {5}
     plan = PLAN.changed(leds=(3, 0, 1, 2, 5), max_clipped_fraction=0.5)
     with pytest.raises(RigError, match="LED 5 gave no light"):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     names = [frame.path.name for frame in Session.open(tmp_path / "s").recorded]
     assert names[:2] == ["D_200us.tif", "A_200us.tif"]
     assert names.index("D_200us_R1.tif") < names.index("L05_E0.tif")

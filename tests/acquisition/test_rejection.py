@@ -1,4 +1,4 @@
-"""What tells a frame with light from one without, on frames as sensors make them."""
+"""Distinguish frames with and without light, on frames with realistic noise."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BLACK, WHITE = 64.0, 4095.0
 def frame(
     seed: int, light_dn: npt.NDArray[np.float64] | float = 0.0, offset_dn: float = 0.0
 ) -> FrameQuality:
-    """A frame with shot noise, 2 DN of read noise and the same few hot pixels every time."""
+    """Return a frame with shot noise, 2 DN of read noise and a fixed set of hot pixels."""
     rng = np.random.default_rng(seed)
     image = (
         BLACK + offset_dn + rng.poisson(np.broadcast_to(light_dn, SIZE)) + rng.normal(0, 2, SIZE)
@@ -45,7 +45,7 @@ def test_a_frame_without_light_is_not_lit(seed: int) -> None:
 
 
 @pytest.mark.parametrize("offset_dn", [-2.0, 1.0, 2.0])
-def test_a_black_level_that_drifts_is_no_light(offset_dn: float) -> None:
+def test_a_drifting_black_level_is_not_light(offset_dn: float) -> None:
     drifted = frame(1, offset_dn=offset_dn).percentiles_dn
     assert not is_lit(drifted, DARK, WHITE - BLACK)
 
@@ -93,8 +93,8 @@ def test_the_led_and_what_to_do_are_named() -> None:
     assert "\n" not in str(error)
 
 
-def test_a_dark_frame_that_light_fell_on_is_told_as_such() -> None:
-    """Whoever opened the door during it must not go looking for a broken LED."""
+def test_a_dark_frame_with_light_is_reported_as_the_cause() -> None:
+    """An operator who opened the door during it must not be sent to look for a broken LED."""
     error = rejection(
         LIGHT, frame(1), dark=frame(0, 200.0), range_dn=WHITE - BLACK, max_clipped_fraction=1.0
     )
@@ -103,7 +103,7 @@ def test_a_dark_frame_that_light_fell_on_is_told_as_such() -> None:
     assert "new folder" in str(error)
 
 
-def test_clipping_is_told_with_its_limit() -> None:
+def test_clipping_is_reported_with_its_limit() -> None:
     error = judged(LIGHT, frame(1, spot(3072 * 4, 9000.0)), limit=0.02)
     assert isinstance(error, DataError)
     assert "4.000% of the samples are clipped at 500 us, the plan allows 2.000%" in str(error)
@@ -118,7 +118,7 @@ def test_clipping_is_told_with_its_limit() -> None:
         pytest.param(LIGHT, False, id="no dark frame to compare with"),
     ],
 )
-def test_what_is_not_judged_by_its_light(shot: PlannedShot, dark: bool) -> None:
+def test_frames_that_are_not_judged_by_their_light(shot: PlannedShot, dark: bool) -> None:
     assert judged(shot, frame(1), dark=dark) is None
 
 
@@ -155,19 +155,19 @@ def test_an_exposure_too_short_for_its_light_counts(
         pytest.param(spot(12, 2500.0), 1_000.0, id="a highlight"),
     ],
 )
-def test_light_that_must_be_seen_is_missed(
+def test_light_that_must_be_visible_is_missing(
     light_dn: npt.NDArray[np.float64] | float, exposure_us: float
 ) -> None:
     error = judged(LIGHT, frame(1), seen=gave(light_dn, exposure_us))
     assert isinstance(error, RigError)
 
 
-def test_a_frame_without_light_is_no_reference() -> None:
+def test_a_frame_without_light_is_not_a_reference() -> None:
     assert gave(0.0, 20_000.0) is None
 
 
 def levels(low: int, high: int, brightest: int | None = None) -> dict[str, int]:
-    """Percentiles of a frame between two levels."""
+    """Return the percentiles of a frame between two levels."""
     top = high if brightest is None else brightest
     return {"0": low, "1": low, "50": low, "99": high, "99.9": high, "100": top}
 
@@ -175,12 +175,12 @@ def levels(low: int, high: int, brightest: int | None = None) -> dict[str, int]:
 @pytest.mark.parametrize(
     ("dark", "light", "lit"),
     [
-        # Half of the dark frame's spread of 10, and one grey value where it has none.
+        # Half of the dark frame's spread of 10; one grey value if the spread is 0.
         pytest.param(levels(64, 74), levels(68, 78), False, id="less than half of the spread"),
         pytest.param(levels(64, 74), levels(69, 74), True, id="half of the spread"),
         pytest.param(levels(64, 64), levels(64, 64), False, id="nothing above an even frame"),
         pytest.param(levels(64, 64), levels(65, 65), True, id="one above an even frame"),
-        # A highlight: 5 % of a range of 1000.
+        # A highlight of 5 % of a range of 1000.
         pytest.param(levels(64, 64, 90), levels(64, 64, 140), False, id="a spark"),
         pytest.param(levels(64, 64, 90), levels(64, 64, 141), True, id="a highlight"),
     ],
@@ -215,9 +215,7 @@ def test_how_long_an_exposure_must_show_its_highlight(exposure_us: float, must: 
 
 
 @pytest.mark.parametrize(("level_dn", "darker"), [(64, False), (63, False), (62, True), (40, True)])
-def test_a_frame_darker_than_the_dark_one_is_told_from_one_grey_value(
-    level_dn: int, darker: bool
-) -> None:
+def test_a_frame_counts_as_darker_from_one_grey_value(level_dn: int, darker: bool) -> None:
     def quality(level: int) -> FrameQuality:
         return FrameQuality(0.0, levels(level, level), 0.0, float(level))
 
@@ -229,7 +227,7 @@ def test_a_frame_darker_than_the_dark_one_is_told_from_one_grey_value(
 
 
 @pytest.mark.parametrize(("fraction", "counts"), [(0.25, True), (0.2501, False)])
-def test_as_much_may_be_clipped_as_the_plan_says(fraction: float, counts: bool) -> None:
+def test_the_limit_of_clipped_samples_is_that_of_the_plan(fraction: float, counts: bool) -> None:
     quality = FrameQuality(fraction, levels(100, 200), 0.0, 150.0)
     found = rejection(LIGHT, quality, dark=None, range_dn=1000, max_clipped_fraction=0.25)
     assert (found is None) == counts

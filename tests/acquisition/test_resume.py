@@ -1,4 +1,4 @@
-"""Going on with a recording that was interrupted: exactly what is missing, on the same rig."""
+"""Resuming an interrupted recording: exactly the missing shots, on the same rig."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 
 
@@ -41,7 +41,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> Session:
-    """Record until the camera fails at a frame."""
+    """Record until the camera fails at a given frame."""
 
     def fail(number: int) -> None:
         if number == at:
@@ -49,7 +49,7 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> S
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, PLAN, folder, **{**TOLD, **more})
+        record(rig, PLAN, folder, **{**LABELS, **more})
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return Session.open(folder)
@@ -95,7 +95,7 @@ def fail_after(number: int, last: int) -> None:
         raise CameraError("the camera was unplugged")
 
 
-def test_frames_are_judged_by_the_dark_frame_of_before(
+def test_frames_are_judged_by_the_earlier_dark_frame(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -152,7 +152,7 @@ def _board(**changed: Any) -> Callable[[Bench], None]:
         ),
     ],
 )
-def test_another_rig_is_refused_and_it_is_said_how_it_differs(
+def test_another_rig_is_refused_with_its_differences(
     rig: Rig,
     bench: Bench,
     tmp_path: Path,
@@ -173,12 +173,12 @@ def test_another_rig_is_refused_and_it_is_said_how_it_differs(
 
 
 @pytest.mark.parametrize(
-    ("begun", "now", "said"),
+    ("stored", "current", "said"),
     [
         pytest.param(
             {"pixel_format": "Mono12"},
             {"pixel_format": "Mono12", "black_level": 300.0},
-            "begun with another rig: rig option black_level was not stated and is 300.0;",
+            "started with another rig: rig option black_level was not stated and is 300.0;",
             id="black level",
         ),
         pytest.param(
@@ -203,13 +203,13 @@ def test_another_rig_is_refused_and_it_is_said_how_it_differs(
         ),
     ],
 )
-def test_a_session_is_not_gone_on_with_when_the_driver_is_told_otherwise(
-    tmp_path: Path, begun: dict[str, Any], now: dict[str, Any], said: str | None
+def test_a_session_is_not_resumed_with_other_driver_options(
+    tmp_path: Path, stored: dict[str, Any], current: dict[str, Any], said: str | None
 ) -> None:
     first, second = Bench(), Bench()
-    with rig_on(first, options=begun) as rig:
+    with rig_on(first, options=stored) as rig:
         interrupted(rig, first, tmp_path / "s", 5)
-    with rig_on(second, options=now) as rig:
+    with rig_on(second, options=current) as rig:
         if said is None:
             assert resume(rig, tmp_path / "s").complete
             return
@@ -233,19 +233,19 @@ def test_another_plan_is_refused(
     rig: Rig, bench: Bench, tmp_path: Path, plan: CapturePlan, said: str
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 5)
-    with pytest.raises(DataError, match=f"begun with another plan: .*{said}"):
+    with pytest.raises(DataError, match=f"started with another plan: .*{said}"):
         resume(rig, tmp_path / "s", plan=plan)
     assert bench.shots == []
     assert resume(rig, tmp_path / "s", plan=PLAN).complete
 
 
-def test_what_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
+def test_sessions_that_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
     with pytest.raises(MissingPathError):
         resume(rig, tmp_path / "none")
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="not a session"):
         resume(rig, tmp_path / "empty")
-    record(rig, PLAN, tmp_path / "whole", **TOLD)
+    record(rig, PLAN, tmp_path / "whole", **LABELS)
     with pytest.raises(DataError, match="is complete"):
         resume(rig, tmp_path / "whole")
     manifest = Manifest.begin(
@@ -257,7 +257,7 @@ def test_what_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path) -> None:
 
 
 def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) -> None:
-    """Two engines at one session: the second takes no shot, the first goes on undisturbed."""
+    """Two engines on one session: the second takes no shot, the first continues undisturbed."""
     refused: list[str] = []
     other = Bench()
 
@@ -265,7 +265,7 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
         with rig_on(other) as other_rig:
             for attempt in (
                 lambda: resume(other_rig, tmp_path / "s"),
-                lambda: record(other_rig, PLAN, tmp_path / "s", **TOLD),
+                lambda: record(other_rig, PLAN, tmp_path / "s", **LABELS),
             ):
                 try:
                     attempt()
@@ -279,17 +279,17 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
             thread.join(30)
 
     bench.on_trigger = at
-    assert record(rig, PLAN, tmp_path / "s", **TOLD).complete
+    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
     assert len(refused) == 2
     assert all("another process is recording into this session" in text for text in refused)
     assert other.frames == 0
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_session_of_an_older_format_is_not_taken_up(
+def test_a_session_of_an_older_format_is_not_resumed(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
-    """Its lines are not written any more: adding newer ones would mix two formats in one file."""
+    """Adding newer lines would mix two formats in one file."""
     session = interrupted(rig, bench, tmp_path / "s", 5)
     older = session.manifest.model_copy(update={"format_version": 1})
     with pytest.raises(DataError, match="version 1"):
@@ -297,12 +297,12 @@ def test_a_session_of_an_older_format_is_not_taken_up(
     assert not (tmp_path / "older").exists()
     _make_older(tmp_path / "s", 1)
     assert Session.open(tmp_path / "s").format_version == 1
-    with pytest.raises(DataError, match="begun in format version 1"):
+    with pytest.raises(DataError, match="has format version 1"):
         resume(rig, tmp_path / "s")
     assert bench.shots == []
 
 
-def test_a_session_of_version_2_is_gone_on_with_in_version_2(
+def test_a_session_of_version_2_is_resumed_in_version_2(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 5)
@@ -319,7 +319,7 @@ def _of_led(session: Session, led: int) -> list[str]:
     return [shot.file for shot in session.left_out if shot.lit_led == led]
 
 
-# Shots 5 to 7 are of LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
+# Shots 5 to 7 are LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
 @pytest.mark.parametrize(
     ("at", "left_out"),
     [
@@ -328,7 +328,7 @@ def _of_led(session: Session, led: int) -> list[str]:
         pytest.param(10, ["F_E0_R1.tif", "F_E1_R1.tif"], id="before its flats"),
     ],
 )
-def test_an_led_that_died_meanwhile_is_left_out(
+def test_an_led_that_died_since_is_left_out(
     rig: Rig, bench: Bench, tmp_path: Path, at: int, left_out: list[str]
 ) -> None:
     plan = PLAN.changed(flats=2)
@@ -339,11 +339,11 @@ def test_an_led_that_died_meanwhile_is_left_out(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     bench.on_trigger = lambda number: None
     taken = len(bench.shots)
     bench.dead = {0}
-    told: list[tuple[str, Any]] = []
+    reported: list[tuple[str, Any]] = []
     counted: list[tuple[str, int, int]] = []
     with rig_on(bench, dead_leds=(0, 4)) as knowing:
         _, _, missing = check_resume(knowing, tmp_path / "s", plan)
@@ -351,12 +351,12 @@ def test_an_led_that_died_meanwhile_is_left_out(
             knowing,
             tmp_path / "s",
             plan=plan,
-            on_event=lambda name, details: told.append((name, dict(details))),
+            on_event=lambda name, details: reported.append((name, dict(details))),
             on_progress=lambda *report: counted.append(report),
         )
     assert 0 not in bench.shots[taken:]
     assert [shot.lit_led for shot in missing] == bench.shots[taken:]
-    assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in told
+    assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in reported
     assert session.complete
     assert session.missing == ()
     assert _of_led(session, 0) == [shot.file for shot in session.left_out] == left_out
@@ -374,11 +374,11 @@ def test_an_led_that_died_meanwhile_is_left_out(
     warnings = read_source(tmp_path / "s").warnings
     assert any("were left out because these LEDs failed: 0" in line for line in warnings)
     assert not any("missing" in line for line in warnings)
-    # It stays complete when it is compacted, and nothing of it is missing to anyone.
+    # It stays complete after compaction, and no reader reports a missing shot.
     assert compact_session(tmp_path / "s").complete
 
 
-def test_what_was_left_out_stays_so_when_it_is_interrupted_again(
+def test_left_out_shots_stay_left_out_after_another_interruption(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -400,7 +400,7 @@ def test_what_was_left_out_stays_so_when_it_is_interrupted_again(
     assert [line.event for line in session.events].count("left_out") == 1
 
 
-def test_what_the_dead_leds_cannot_explain_is_still_demanded(
+def test_missing_shots_of_working_leds_are_still_required(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     interrupted(rig, bench, tmp_path / "s", 6)
@@ -408,7 +408,7 @@ def test_what_the_dead_leds_cannot_explain_is_still_demanded(
         writer.write_event("left_out", leds=[0], reason="listed as dead")
         with pytest.raises(DataError, match=r"3 planned frames are missing, first L05_E0"):
             writer.complete()
-    # An LED that was dead when it began cannot come to life; and one at least must live.
+    # An LED that was dead at the start cannot work later, and at least one must work.
     for dead, said in (
         ((), r"rig dead_leds was \(4,\) and is \(\)"),
         ((0, 3, 4, 5), "every LED of leds is marked dead"),
@@ -419,7 +419,7 @@ def test_what_the_dead_leds_cannot_explain_is_still_demanded(
 
 
 def _make_older(folder: Path, version: int) -> None:
-    """Write ``session.toml`` and every line as an older version has them."""
+    """Rewrite ``session.toml`` and every line in an older format version."""
     path = folder / "session.toml"
     manifest = tomllib.loads(path.read_text(encoding="utf-8"))
     manifest["format_version"] = version
@@ -458,7 +458,7 @@ def test_which_events_leave_shots_out(
 
 
 def two_lights(folder: Path) -> SessionWriter:
-    """Begin a session of two lights and write the first."""
+    """Start a session of two lights and write the first."""
     manifest = Manifest.begin(
         folder,
         operator="",
@@ -483,10 +483,10 @@ def two_lights(folder: Path) -> SessionWriter:
     ],
 )
 def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]) -> None:
-    """Neither is it written otherwise, nor is another reading of it silently none."""
+    """Invalid LEDs are refused by the writer, and an error for the reader."""
     with (
         two_lights(tmp_path / "s") as writer,
-        pytest.raises(DataError, match=r"'left_out' does not fit: .*'leds"),
+        pytest.raises(DataError, match=r"'left_out' is invalid: .*'leds"),
     ):
         writer.write_event("left_out", **details)
     rows = rows_of(tmp_path / "s")
@@ -500,7 +500,7 @@ def test_leds_that_are_left_out_are_leds(tmp_path: Path, details: dict[str, Any]
 def test_the_difference_from_the_dark_is_in_each_lit_line(
     rig: Rig, bench: Bench, tmp_path: Path, ambient: bool
 ) -> None:
-    """After an interruption too, when the dark frames are those of before."""
+    """Also after an interruption, with the dark frames recorded before."""
     plan = PLAN.changed(ambient=ambient, flats=1)
     dark = 4 if ambient else 2
 
@@ -510,7 +510,7 @@ def test_the_difference_from_the_dark_is_in_each_lit_line(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
+        record(rig, plan, tmp_path / "s", **LABELS, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
     bench.on_trigger = lambda number: None
     session = resume(rig, tmp_path / "s")
     means = {frame.line.key: frame.read().mean() for frame in session.frames}
@@ -530,5 +530,5 @@ def test_without_a_dark_frame_there_is_no_difference_from_it(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     plan = PLAN.changed(ambient=False, dark=False)
-    session = record(rig, plan, tmp_path / "s", **TOLD)
+    session = record(rig, plan, tmp_path / "s", **LABELS)
     assert {frame.line.above_dark for frame in session.frames} == {None}

@@ -1,4 +1,4 @@
-"""Disks that refuse, and interrupts at the wrong moment: what was recorded stays whole."""
+"""Disks that refuse, and interrupts at the wrong moment: recorded frames stay intact."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_a_disk_that_refuses(
     assert verify_session(folder).ok
 
 
-def test_a_line_half_written_is_never_followed_by_another(
+def test_no_line_is_appended_after_a_partly_written_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "s"
@@ -142,7 +142,7 @@ def test_ctrl_c_between_a_line_and_its_acknowledgement_leaves_a_sound_session(
     assert verify_session(folder).ok
 
 
-def test_another_program_writing_into_the_journal_is_noticed(tmp_path: Path) -> None:
+def test_changes_of_the_journal_by_another_program_are_detected(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         write_all(writer)
@@ -156,7 +156,7 @@ def test_another_program_writing_into_the_journal_is_noticed(tmp_path: Path) -> 
 def test_a_frame_is_on_disk_under_its_name_before_its_line_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The order that a power cut tests: no killed process can, as the system outlives it."""
+    """The order matters after a power cut, which a killed process cannot simulate."""
     folder = tmp_path / "s"
     log: list[tuple[str, object]] = []
     write, fsync, replace = os.write, os.fsync, os.replace
@@ -198,7 +198,7 @@ def test_a_frame_is_on_disk_under_its_name_before_its_line_is(
 
 
 def interrupted(folder: Path) -> Path:
-    """Leave a session whose first frame was written and not recorded."""
+    """Leave a session whose first frame was written but has no line."""
     with SessionWriter.create(folder, manifest()) as writer:
         writer.write_frame(writer.missing[0], picture(0))
     journal = folder / "journal.jsonl"
@@ -217,8 +217,8 @@ def test_nothing_is_set_aside_outside_the_session(tmp_path: Path) -> None:
     assert (folder / "frames" / "D_100us.tif").exists()
 
 
-def test_a_hidden_folder_among_the_frames_stops_nobody(tmp_path: Path) -> None:
-    """File managers and indexers leave such folders behind."""
+def test_a_hidden_folder_among_the_frames_is_ignored(tmp_path: Path) -> None:
+    """File managers and indexers create hidden folders."""
     folder = interrupted(tmp_path / "s")
     (folder / "frames" / ".thumbnails").mkdir()
     (folder / "frames" / ".thumbnails" / "a.png").write_bytes(b"small")
@@ -242,7 +242,7 @@ def shortened(path: Path) -> None:
 def test_a_recording_that_lost_a_frame_is_not_declared_complete(
     tmp_path: Path, harm: Callable[[Path], None]
 ) -> None:
-    """Disks that lie about their fsync lose files in a power cut; the operator is still there."""
+    """Disks that ignore fsync lose files in a power cut; the operator can still retake the shot."""
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         first = writer.write_frame(writer.missing[0], picture(0))

@@ -25,7 +25,7 @@ def picture(index: int) -> npt.NDArray[np.uint16]:
 
 @pytest.fixture(params=["complete", "incomplete"])
 def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    told = Manifest(
+    content = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
@@ -33,7 +33,7 @@ def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
         plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
         camera=CameraRecord(width=16, height=12, bit_depth=12),
     )
-    with SessionWriter.create(tmp_path / "s", told) as writer:
+    with SessionWriter.create(tmp_path / "s", content) as writer:
         for index, shot in enumerate(writer.missing):
             if request.param == "incomplete" and shot.led == 2:
                 break
@@ -57,7 +57,7 @@ def flip(path: Path, bit: int) -> None:
 
 
 def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: Path) -> None:
-    """Random bits over all files, each file as likely as the other; no damaged pixel is read."""
+    """Random bits in all files, each file equally likely; no damaged pixel is read."""
     rng = np.random.default_rng(20260101)
     copy = tmp_path / "copy"
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
@@ -72,7 +72,7 @@ def test_every_flipped_bit_is_found_and_its_file_named(folder: Path, tmp_path: P
         try:
             frames = Session.open(copy).frames
         except DataError:
-            # A frame's own damage must not close the other frames.
+            # Damage of one frame must not prevent reading the others.
             assert name.parts[0] != "frames", (name, bit)
         else:
             assert name.parts[0] == "frames", (name, bit)

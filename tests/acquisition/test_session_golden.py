@@ -1,7 +1,8 @@
-"""Sessions kept as files: what was written once must stay readable, and be written the same.
+"""Golden sessions: they must stay readable, and the newest is reproduced byte by byte.
 
-There is one of each format version. Where the format grows, the newest is written anew by
-``python tests/acquisition/test_session_golden.py``, which needs a decision; the older ones stay.
+There is one for each format version. If the format grows, run
+``python tests/acquisition/test_session_golden.py`` to rewrite the newest one, which needs a
+decision; the older ones stay.
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ START = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
 
 
 def samples_of(file: bytes) -> bytes:
-    """The samples of a TIFF with one strip, found as TIFF 6.0 says."""
+    """Return the samples of a TIFF with one strip, located according to TIFF 6.0."""
     (at,) = struct.unpack_from("<I", file, 4)
     (count,) = struct.unpack_from("<H", file, at)
     entries = [struct.unpack_from("<HHII", file, at + 2 + 12 * i) for i in range(count)]
-    # A short value stands in the first two of its four bytes, the others are zero here.
+    # A short value is in the first two of its four bytes; the others are zero here.
     found = {tag: value for tag, _, _, value in entries}
     return file[found[273] : found[273] + found[279]]
 
@@ -69,7 +70,7 @@ def clock(first_s: int = 0) -> Callable[[], datetime]:
 
 
 def write(folder: Path) -> None:
-    told = Manifest(
+    content = Manifest(
         started_utc=START,
         operator="Ada Lovelace",
         object="coin 7",
@@ -110,7 +111,7 @@ def write(folder: Path) -> None:
             Lights(positions_mm=np.array([[300.0, 0, 300], [0, 300, 300]]), ids=("L00", "L03"))
         ),
     )
-    with SessionWriter.create(folder, told, clock=clock()) as writer:
+    with SessionWriter.create(folder, content, clock=clock()) as writer:
         writer.write_event("checked", checks=[{"name": "disk", "state": "ok", "text": "room"}])
         shots = writer.missing
         for number, shot in enumerate(shots[:4], 1):
@@ -158,8 +159,8 @@ def test_writing_again_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 @EVERY
-def test_the_kept_session_is_whole_by_the_written_format_alone(version: int) -> None:
-    """A verifier of its own, written from docs/session-format.md with the standard library."""
+def test_the_golden_session_verifies_by_the_documented_format_alone(version: int) -> None:
+    """An independent verifier, written from docs/session-format.md with the standard library."""
     folder = FOLDERS[version]
     data = (folder / "journal.jsonl").read_bytes()
     mark = hashlib.sha256(data).hexdigest()
@@ -196,11 +197,11 @@ def first_samples(session: Session) -> dict[str, int]:
     return {Path(frame.line.file).stem: int(frame.read()[0, 0]) for frame in session.frames}
 
 
-def test_the_kept_session_of_version_1_reads_as_what_it_was() -> None:
+def test_reading_the_golden_session_of_version_1() -> None:
     session = Session.open(FOLDERS[1])
     assert verify_session(FOLDERS[1]).problems == ()
     assert session.complete
-    # The retake of the first light counts, under the name that says so.
+    # The retake of the first light counts, under its own file name.
     assert first_samples(session) == {
         "D_100us": 1,
         "D_12.5us": 2,
@@ -219,7 +220,7 @@ def test_the_kept_session_of_version_1_reads_as_what_it_was() -> None:
     assert session.lights is not None
     assert session.lights.ids == ("L00", "L03")
     assert [line.event for line in session.events] == ["retake"]
-    # What version 2 added has the values that were meant before.
+    # The additions of version 2 have the default values.
     assert session.manifest.plan == CapturePlan(
         leds=(3, 0), exposures_us=(100.0, 12.5), gain_db=1.5
     )
@@ -228,7 +229,7 @@ def test_the_kept_session_of_version_1_reads_as_what_it_was() -> None:
     assert (first.line.mean_dn, first.line.above_dark) == (None, None)
 
 
-def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
+def test_reading_the_golden_session_of_version_2() -> None:
     session = Session.open(FOLDERS[2])
     assert verify_session(FOLDERS[2]).problems == ()
     assert session.complete
@@ -237,7 +238,7 @@ def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
         "D_40us": 2,
         "D_12.5us": 3,
         "L03_E0_R1": 40,
-        # What was rejected is kept under the first name and does not count.
+        # The rejected frame is kept under the first name and does not count.
         "L00_E0_R1": 5,
         "L03_E1": 6,
         "L00_E1": 7,
@@ -256,18 +257,18 @@ def test_the_kept_session_of_version_2_reads_as_what_it_was() -> None:
     # The mean of 0, 80 ... 3760 and 4 more.
     assert (fourth.mean_dn, fourth.above_dark) == (23.5 * 80 + 4, 0.125)
     assert session.recorded[0].line.above_dark is None
-    # A flat is no light of an LED; which one lit it, its echo says.
+    # A flat has no LED number; its echo names the LED that was on.
     flat = next(frame.line for frame in session.frames if frame.role == "flat")
     assert (flat.led, flat.echo and flat.echo.led) == (None, 3)
     assert [line.event for line in session.events] == ["checked", "retake"]
 
 
-def test_the_kept_session_of_version_3_reads_as_what_it_was() -> None:
+def test_reading_the_golden_session_of_version_3() -> None:
     session = Session.open(FOLDERS[3])
     found = verify_session(FOLDERS[3])
     assert (found.problems, found.warnings, found.complete) == ((), (), True)
     assert found.set_aside == ("D_40us.tif", "L03_E1.tif")
-    # What was set aside counts under the names of its retakes.
+    # Shots whose frames were set aside count under the names of their retakes.
     assert first_samples(session) == {
         "D_100us": 1,
         "D_40us_R1": 60,
@@ -291,7 +292,7 @@ def test_the_kept_session_of_version_3_reads_as_what_it_was() -> None:
 
 
 @EVERY
-def test_the_kept_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
+def test_the_golden_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
     shutil.copytree(FOLDERS[version], tmp_path / "moved")
     assert verify_session(tmp_path / "moved").ok
 
@@ -310,15 +311,15 @@ def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> No
     path = FOLDERS[1] / "session.toml"
     data = path.read_text(encoding="utf-8")
     assert old in data
-    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 has none"):
+    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 does not have it"):
         parse_manifest(data.replace(old, new).encode(), path)
 
 
-def test_a_session_whose_lines_are_not_written_any_more_is_not_gone_on_with() -> None:
+def test_a_session_of_an_unsupported_version_is_not_continued() -> None:
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)
-    with pytest.raises(DataError, match=r"begun in format version 1, this program writes 2 and 3"):
+    with pytest.raises(DataError, match=r"has format version 1, this program writes 2 and 3"):
         old.manifest.check_current(old.folder)
 
 

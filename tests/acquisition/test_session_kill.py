@@ -1,4 +1,4 @@
-"""Processes that die while they record. They are forked from one that has imported everything."""
+"""Processes killed while they record. They are forked from a server with all imports done."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ KILLS = 20
 PLAN = CapturePlan(leds=tuple(range(6)), exposures_us=(100.0,))
 SHORT = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
-# Told a folder, forks a process that records into it and appends the name of each frame to `acks`
-# once the frame is said to be safe. `dies_at` ends it at that call to the disk, a write half done;
-# `limit` is the size beyond which the disk takes no file.
+# For each folder it receives, forks a process that records into it and appends the name of each
+# frame to `acks` once the frame is reported as safe. `dies_at` kills the process at that call to
+# the disk, in the middle of a write; `limit` is the largest allowed file size.
 SERVER = """
 import json, os, resource, sys
 from datetime import UTC, datetime
@@ -42,7 +42,7 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._pixels.quality import measure_quality
 from acquisition._session.writer import SessionWriter
 
-measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compiles it, once for all
+measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 
 def record(folder, acks, plan, dies_at, limit):
     plan = CapturePlan(**plan)
@@ -87,7 +87,7 @@ for line in sys.stdin:
         finally:
             os._exit(0)
     print(pid, flush=True)
-    sys.stdin.readline()  # until then the number is that of no other process
+    sys.stdin.readline()  # until then the process id is not reused
     print(os.waitpid(pid, 0)[1], flush=True)
 """
 
@@ -120,9 +120,9 @@ class Server:
         dies_at: int | None = None,
         limit: int | None = None,
     ) -> tuple[list[str], int]:
-        """Return what was acknowledged, and how the process ended.
+        """Return the acknowledged frames and the exit status.
 
-        ``kill_after`` so many frames were acknowledged, and a delay.
+        ``kill_after`` is a number of acknowledged frames and a delay.
         """
         acks = folder.with_suffix(".acks")
         request: dict[str, Any] = {"folder": str(folder), "acks": str(acks)}
@@ -173,7 +173,7 @@ def check(folder: Path) -> int:
 
 
 def finish(folder: Path) -> None:
-    """Take up the session and bring it to its end."""
+    """Reopen the session and complete it."""
     with SessionWriter.reopen(folder) as writer:
         assert writer.manifest.plan is not None
         shots = writer.manifest.plan.shots()
@@ -186,7 +186,7 @@ def finish(folder: Path) -> None:
 
 
 def survived(folder: Path, acknowledged: list[str]) -> None:
-    """Check a session whose writer died: nothing acknowledged lost, nothing wrong accepted."""
+    """Check a session whose writer was killed: no frame lost, no damaged frame accepted."""
     count = check(folder)
     session = Session.open(folder)
     assert [frame.path.name for frame in session.frames][: len(acknowledged)] == acknowledged
@@ -213,30 +213,30 @@ def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
         killed += status == signal.SIGKILL
         if (folder / "session.toml").exists():
             survived(folder, acknowledged)
-    # Otherwise the kills missed what they are for.
+    # Otherwise no kill happened during the recording.
     assert killed >= KILLS // 2
 
 
 def test_death_at_every_call_to_the_disk(server: Server, tmp_path: Path) -> None:
-    """From the creation to COMPLETE, one process for each call; a write dies half done."""
+    """From the creation to COMPLETE, one process per call, killed in the middle of a write."""
     status, dies_at = -1, 0
     while status != 0:
         dies_at += 1
         folder = tmp_path / f"s{dies_at}"
         acknowledged, status = server.record(folder, SHORT, dies_at=dies_at)
         if not (folder / "session.toml").exists():
-            # Nothing but the rest of a creation: the folder counts as empty.
+            # Only a temporary file of the creation: the folder counts as empty.
             assert acknowledged == []
             acknowledged, _ = server.record(folder, SHORT)
             assert len(acknowledged) == 3
         survived(folder, acknowledged)
-    # Five or more calls for each of three frames, and the last process outlived its number.
+    # At least five calls for each of three frames, and the last process was not killed.
     assert dies_at > 5 * 3
 
 
 @pytest.mark.parametrize("limit", [600, 1000, 2048])
-def test_a_disk_that_takes_no_more(server: Server, tmp_path: Path, limit: int) -> None:
-    """Real refusals of the system, in frames or in the journal, whichever grows beyond first."""
+def test_a_full_disk(server: Server, tmp_path: Path, limit: int) -> None:
+    """Real refusals of the operating system, in frames or in the journal."""
     folder = tmp_path / "s"
     acknowledged, status = server.record(folder, limit=limit)
     assert status == 0

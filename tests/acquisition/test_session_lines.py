@@ -1,4 +1,4 @@
-"""One schema for all readers: a line is as the format says, or its session is refused by line."""
+"""One schema for all readers: a session with a line that violates the format is refused."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from acquisition._source.reader import read_source
 from acquisition._storage import sha256_of
 from acquisition._values.lights import Lights
 from rig import CameraError
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import mutant, read_by_all, rows_of, seal
 
 GOLDEN = Path(__file__).parent
@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def light_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """The first light: 8 x 6 pixels of 0, 80 ... 3760 and 4 more, of 12 bits."""
+    """Return the line of the first light: 8 x 6 pixels of 0, 80 ... 3760 plus 4, of 12 bits."""
     return next(row for row in rows if row.get("role") == "light")
 
 
@@ -104,7 +104,9 @@ def light_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
         ("echo", ABSENT),
     ],
 )
-def test_a_line_is_as_the_format_says(tmp_path: Path, version: int, key: str, value: Any) -> None:
+def test_a_line_that_violates_the_format_is_refused(
+    tmp_path: Path, version: int, key: str, value: Any
+) -> None:
     name = "golden_session" if version == 1 else f"golden_session_{version}"
     folder = Path(shutil.copytree(GOLDEN / name, tmp_path / "s"))
     rows = rows_of(folder)
@@ -127,10 +129,10 @@ def test_a_line_is_as_the_format_says(tmp_path: Path, version: int, key: str, va
         pytest.param(1, lambda row: row.update(mean_dn=1884.0), id="a key of version 2 in 1"),
         pytest.param(1, lambda row: row["echo"].update(lit_us=1), id="an echo of version 2 in 1"),
         pytest.param(2, lambda row: row.pop("mean_dn"), id="a key of version 2 not in 2"),
-        pytest.param(3, lambda row: row.pop("above_dark"), id="nor in 3"),
+        pytest.param(3, lambda row: row.pop("above_dark"), id="a key of version 2 not in 3"),
         pytest.param(3, lambda row: row["echo"].pop("lit_us"), id="an echo of version 1 in 3"),
-        pytest.param(3, lambda row: row.update(mean_dn=5000.0), id="a mean above the greatest"),
-        pytest.param(3, lambda row: row.update(mean_dn=3.0), id="a mean below the least"),
+        pytest.param(3, lambda row: row.update(mean_dn=5000.0), id="a mean above the maximum"),
+        pytest.param(3, lambda row: row.update(mean_dn=3.0), id="a mean below the minimum"),
         pytest.param(3, lambda row: row["echo"].update(seq=True), id="an echo that is true"),
         pytest.param(3, lambda row: row["echo"].update(led=-1), id="an echo of no LED"),
         pytest.param(3, lambda row: row["echo"].update(more=1), id="an echo with more"),
@@ -168,7 +170,7 @@ def test_frames_without_an_led_have_no_difference_from_the_dark(folder: Path) ->
 def test_the_figures_of_a_frame_are_those_of_its_pixels(
     folder: Path, key: str, value: Any, said: str | None
 ) -> None:
-    """Frames are judged by them when a recording is gone on with; by the sharpness nothing is."""
+    """A resumed recording judges frames by these figures, but not by the sharpness."""
     rows = rows_of(folder)
     light_of(rows)[key] = value
     seal(folder, rows)
@@ -194,8 +196,8 @@ EVENT = '{"kind":"event","seq":1,"time_utc":"2026-03-04T05:06:07Z","event":"note
     ("details", "said"),
     [
         pytest.param("{}", None, id="good"),
-        pytest.param('{"a":1,"a":2}', "a key twice", id="a key twice"),
-        pytest.param('{},"event":"left_out"', "a key twice", id="another event"),
+        pytest.param('{"a":1,"a":2}', "a key appears twice", id="a key twice"),
+        pytest.param('{},"event":"left_out"', "a key appears twice", id="another event"),
         pytest.param('{"a":NaN}', "NaN", id="NaN"),
         pytest.param('{"a":-Infinity}', "Infinity", id="infinite"),
         pytest.param('{"a":1e999}', "finite", id="too large"),
@@ -204,7 +206,7 @@ EVENT = '{"kind":"event","seq":1,"time_utc":"2026-03-04T05:06:07Z","event":"note
         pytest.param('{"a":"ü"}', "", id="not ASCII"),
     ],
 )
-def test_a_line_is_json_that_all_programs_read_the_same(details: str, said: str | None) -> None:
+def test_a_line_is_unambiguous_json(details: str, said: str | None) -> None:
     first = sealed(START, GENESIS)
     data = first + sealed(EVENT + details, json.loads(first)["line_sha256"])
     found = parse_journal(data)
@@ -216,7 +218,7 @@ def test_a_line_is_json_that_all_programs_read_the_same(details: str, said: str 
     assert said in found.damage
 
 
-# Of each event what is written, and what its schema refuses.
+# For each event valid details, and details that its schema refuses.
 EVENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "checked": (
         {"checks": [{"name": "disk", "state": "ok", "text": "room", "free_bytes": 5}]},
@@ -238,16 +240,16 @@ EVENTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("event", EVENTS)
-def test_events_are_checked_where_the_format_knows_them(event: str) -> None:
+def test_events_are_checked_if_the_format_knows_them(event: str) -> None:
     good, bad = EVENTS[event]
     assert details_complaint(event, good, 3) is None
     assert (details_complaint(event, bad, 3) is None) == (event == "note")
-    # What is for people alone makes no older session unreadable.
+    # Details for people never make an older session unreadable.
     assert (details_complaint(event, bad, 2) is None) == (event != "left_out")
     assert details_complaint(event, bad, 1) is None
 
 
-def test_the_writer_writes_no_event_that_no_reader_takes(folder: Path) -> None:
+def test_the_writer_refuses_events_that_readers_refuse(folder: Path) -> None:
     (folder / "COMPLETE").unlink()
     with SessionWriter.reopen(folder) as writer:
         for event, (good, bad) in EVENTS.items():
@@ -255,12 +257,12 @@ def test_the_writer_writes_no_event_that_no_reader_takes(folder: Path) -> None:
                 continue
             writer.write_event(event, **good)
             if event != "note":
-                with pytest.raises(DataError, match=f"the event '{event}' does not fit"):
+                with pytest.raises(DataError, match=f"the event '{event}' is invalid"):
                     writer.write_event(event, **bad)
     assert verify_session(folder).ok
 
 
-# ---------------------------------------------------------------- what lies elsewhere
+# ---------------------------------------------------------------- links
 
 
 @pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE", "frames"])
@@ -285,7 +287,7 @@ def test_the_session_itself_may_be_named_by_a_link(folder: Path) -> None:
     assert verify_session(folder.parent / "link").ok
 
 
-# ---------------------------------------------------------------- lines that are gone
+# ---------------------------------------------------------------- lost lines
 
 
 @pytest.mark.parametrize("gone", [1, 2, 3, 8])
@@ -303,7 +305,7 @@ def test_files_without_lines_are_a_hint_that_lines_were_lost(tmp_path: Path, gon
         hints = [line for line in warnings if said in line]
         assert len(hints) == 1
         assert ("may have lost its last lines: restore journal.jsonl" in hints[0]) == (gone > 2)
-    # Nothing is lost by going on: the files are kept.
+    # A resume loses nothing: the files are kept.
     SessionWriter.reopen(folder).close()
     assert len(list((folder / "derived/unrecorded").iterdir())) == gone
     assert not any("without a line" in line for line in Session.open(folder).warnings)
@@ -313,7 +315,7 @@ def test_files_without_lines_are_a_hint_that_lines_were_lost(tmp_path: Path, gon
 
 
 def recorded(folder: Path, *, cut: bool) -> Path:
-    """A session that every reader has something to do with."""
+    """Record a session that exercises every reader."""
     bench = Bench()
 
     def fail(number: int) -> None:
@@ -327,7 +329,7 @@ def recorded(folder: Path, *, cut: bool) -> Path:
     events = [("checked", {"checks": checks})]
     with rig_on(bench) as rig:
         try:
-            record(rig, PLAN.changed(flats=1), folder, lights=lights, events=events, **TOLD)
+            record(rig, PLAN.changed(flats=1), folder, lights=lights, events=events, **LABELS)
         except CameraError:
             assert cut
     return folder
@@ -351,10 +353,10 @@ def attacked(models: list[Path], root: Path, seed: int) -> list[str]:
     return wrong
 
 
-def test_no_change_of_a_value_trips_a_reader(models: list[Path], tmp_path: Path) -> None:
+def test_no_changed_value_breaks_a_reader(models: list[Path], tmp_path: Path) -> None:
     assert [line for seed in range(40) for line in attacked(models, tmp_path, seed)] == []
 
 
 @pytest.mark.slow
-def test_no_change_of_a_value_trips_a_reader_often(models: list[Path], tmp_path: Path) -> None:
+def test_no_changed_value_breaks_a_reader_many_seeds(models: list[Path], tmp_path: Path) -> None:
     assert [line for seed in range(1000) for line in attacked(models, tmp_path, seed)] == []

@@ -1,7 +1,7 @@
-"""Links and pipes in a session, under the names that are written next: nothing outside is touched.
+"""Links and pipes under the names that are written next: files outside are never touched.
 
-tests/sgp/test_planted_links.py plants at every name that is written; these are the ones that were
-found first, and those that only a race can reach.
+tests/sgp/test_planted_links.py plants links at every name that is written; the tests here cover
+cases that were found first and cases that only a race can reach.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def manifest() -> Manifest:
     )
 
 
-def begun(folder: Path, frames: int) -> Path:
-    """A session with so many of its three frames."""
+def started(folder: Path, frames: int) -> Path:
+    """Start a session and write the given number of its three frames."""
     with SessionWriter.create(folder, manifest()) as writer:
         for index, shot in enumerate(PLAN.shots()[:frames]):
             writer.write_frame(shot, picture(index))
@@ -99,8 +99,8 @@ def whole(folder: Path) -> None:
     "name",
     [".part-journal.jsonl", ".part-COMPLETE", "frames/.part-L00_E0.tif", "frames/L00_E0.tif"],
 )
-def test_going_on(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
-    folder = begun(tmp_path / "s", 1)
+def test_reopening(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
+    folder = started(tmp_path / "s", 1)
     plant(folder / name, victim)
     finish(folder)
     whole(folder)
@@ -108,10 +108,10 @@ def test_going_on(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None
 
 
 @pytest.mark.parametrize("plant", [link, hard_link, pipe])
-def test_beginning(tmp_path: Path, victim: Path, plant: Plant) -> None:
+def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     (tmp_path / "s").mkdir()
     plant(tmp_path / "s" / ".part-session.toml", victim)
-    whole(begun(tmp_path / "s", 3))
+    whole(started(tmp_path / "s", 3))
     assert unharmed(victim)
 
 
@@ -128,7 +128,7 @@ def test_beginning(tmp_path: Path, victim: Path, plant: Plant) -> None:
     ],
 )
 def test_compacting(tmp_path: Path, victim: Path, name: str, plant: Plant) -> None:
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     (folder / "derived").mkdir()
     plant(folder / name, victim)
     assert compact_session(folder).compacted == 3
@@ -137,11 +137,11 @@ def test_compacting(tmp_path: Path, victim: Path, name: str, plant: Plant) -> No
 
 
 @pytest.mark.parametrize("plant", [link, hard_link, pipe])
-def test_an_original_stays_until_its_copy_was_read_under_its_own_name(
+def test_an_original_stays_until_its_copy_was_read_back(
     tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Somebody puts a link in the place of the new file in the moment after its rename."""
-    folder = begun(tmp_path / "s", 3)
+    """Another program replaces the new file by a link right after its rename."""
+    folder = started(tmp_path / "s", 3)
     originals = {path: path.read_bytes() for path in (folder / "frames").iterdir()}
     real = os.replace
 
@@ -161,11 +161,11 @@ def test_an_original_stays_until_its_copy_was_read_under_its_own_name(
     assert unharmed(victim)
 
 
-def test_a_link_to_an_equal_file_is_no_copy(
+def test_a_link_to_an_equal_file_is_not_a_copy(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bytes are right, but they lie somewhere else, where nobody looks after them."""
-    folder = begun(tmp_path / "s", 3)
+    """The bytes are right, but they are in a file outside the session."""
+    folder = started(tmp_path / "s", 3)
     real = os.replace
 
     def raced(old: Any, new: Any) -> None:
@@ -180,12 +180,12 @@ def test_a_link_to_an_equal_file_is_no_copy(
     assert (folder / "frames/L00_E0.tif").is_file()
 
 
-def test_what_a_link_of_derived_points_to_is_never_removed(tmp_path: Path) -> None:
-    """Compacting clears derived/COMPLETE away, which may be another session's."""
+def test_the_target_of_a_link_at_derived_is_never_removed(tmp_path: Path) -> None:
+    """Compaction removes derived/COMPLETE, which may belong to another session."""
     other = tmp_path / "other"
     other.mkdir()
     (other / "COMPLETE").write_bytes(b"theirs")
-    folder = begun(tmp_path / "s", 3)
+    folder = started(tmp_path / "s", 3)
     (folder / "derived").symlink_to(other)
     with pytest.raises(DataError, match="derived: is a link that leaves the session"):
         compact_session(folder)
@@ -202,7 +202,7 @@ def test_what_a_link_of_derived_points_to_is_never_removed(tmp_path: Path) -> No
 def test_a_journal_that_becomes_a_link_while_it_is_opened_is_not_written(
     tmp_path: Path, victim: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder = begun(tmp_path / "s", 1)
+    folder = started(tmp_path / "s", 1)
     real = os.replace
 
     def raced(old: Any, new: Any) -> None:

@@ -1,4 +1,4 @@
-"""A camera that is mounted otherwise: sessions keep its frames, sources turn everything upright."""
+"""A rotated or mirrored camera: sessions keep its frames, sources turn them upright."""
 
 from dataclasses import replace
 
@@ -66,7 +66,7 @@ def test_the_stack_is_upright_however_the_camera_is_mounted(tmp_path, renderings
     np.testing.assert_array_equal(upright, stack)
 
 
-def test_the_files_are_as_the_sensor_gave_them(tmp_path, renderings):
+def test_the_files_contain_the_raw_frames(tmp_path, renderings):
     mounting = Mounting(rotation_deg=90, mirror=True)
     plain = recorded(renderings[None], tmp_path / "plain", Mounting())
     turned = recorded(renderings[None], tmp_path / "turned", mounting)
@@ -76,7 +76,7 @@ def test_the_files_are_as_the_sensor_gave_them(tmp_path, renderings):
     np.testing.assert_array_equal(mounting.upright(other), one)
 
 
-def test_a_mask_is_one_of_the_upright_image(tmp_path, renderings):
+def test_a_mask_belongs_to_the_upright_image(tmp_path, renderings):
     turned = recorded(renderings[None], tmp_path / "s", Mounting(rotation_deg=90))
     mask = np.zeros((38, 47), np.uint8)
     mask[5, 40] = 255
@@ -88,7 +88,7 @@ def test_a_mask_is_one_of_the_upright_image(tmp_path, renderings):
         read_source(turned.folder, mask_path=tmp_path / "lying.png")
 
 
-def test_the_manifest_tells_a_mounting_only_where_there_is_one(tmp_path, renderings):
+def test_the_manifest_has_a_mounting_only_if_there_is_one(tmp_path, renderings):
     recorded(renderings[None], tmp_path / "plain", Mounting())
     recorded(renderings[None], tmp_path / "turned", Mounting(rotation_deg=180))
     plain, turned = ((tmp_path / name / "session.toml") for name in ("plain", "turned"))
@@ -101,7 +101,7 @@ def test_the_manifest_tells_a_mounting_only_where_there_is_one(tmp_path, renderi
         parse_manifest(data.replace(b"180", b"181"), turned)
 
 
-def test_a_camera_model_of_the_lying_image_is_refused(tmp_path, renderings):
+def test_a_camera_model_of_the_rotated_image_is_refused(tmp_path, renderings):
     rendering = renderings[None]
     config = RigConfig(name="x", driver="x", leds=LEDS, mounting=Mounting(rotation_deg=90))
     lying = replace(rendering.truth.camera, width=38, height=47)

@@ -59,7 +59,7 @@ def test_rows_and_columns_count_alike() -> None:
     assert along.sharpness == down.sharpness
 
 
-def test_a_bayer_pattern_is_no_sharpness() -> None:
+def test_a_bayer_pattern_does_not_count_as_sharpness() -> None:
     pixels = np.tile(np.array([[100, 900], [900, 300]], np.uint16), (80, 80))
     assert measure_quality(pixels, white_level_dn=4095).sharpness == 0.0
 

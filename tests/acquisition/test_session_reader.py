@@ -26,15 +26,15 @@ PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A complete session of three frames whose pixels are 100, 101, 102."""
-    told = Manifest(
+    """Return a complete session of three frames whose pixels are 100, 101, 102."""
+    content = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
         plan=PLAN,
         camera=CameraRecord(width=8, height=6, bit_depth=12),
     )
-    with SessionWriter.create(tmp_path / "s", told) as writer:
+    with SessionWriter.create(tmp_path / "s", content) as writer:
         for index, shot in enumerate(writer.missing):
             writer.write_frame(shot, np.full((6, 8), 100 + index, np.uint16))
         writer.complete()
@@ -47,7 +47,7 @@ def records(folder: Path) -> list[dict[str, Any]]:
 
 
 def forge(folder: Path, rows: list[dict[str, Any]], *, complete: bool = True) -> None:
-    """Write a journal whose hashes all hold, as someone with the format in hand could."""
+    """Write a journal with valid hashes, as anyone who knows the format can."""
     toml = (folder / "session.toml").read_bytes()
     rows[0]["session_toml_sha256"] = hashlib.sha256(toml).hexdigest()
     data, previous = b"", GENESIS
@@ -118,7 +118,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             toml_with("format_version = 3", "format_version = 4"),
             "session.toml",
-            "format version 4 is not understood, this program reads 1, 2 and 3",
+            "format version 4 is unknown, this program reads 1, 2 and 3",
             id="newer-version",
         ),
         pytest.param(
@@ -169,7 +169,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             lambda folder: (folder / "COMPLETE").write_text("yes\n"),
             "COMPLETE",
-            "does not name the journal",
+            "does not match journal.jsonl",
             id="other-mark",
         ),
         pytest.param(
@@ -191,12 +191,12 @@ def broken_middle(folder: Path) -> None:
         ),
     ],
 )
-def test_what_is_refused(
+def test_invalid_sessions_are_refused(
     folder: Path, change: Callable[[Path], None], name: str, said: str | None
 ) -> None:
     change(folder)
     if said is None:
-        # Hashes tell changes, they do not prove who wrote a session.
+        # Hashes reveal changes, but do not prove who wrote a session.
         assert Session.open(folder).manifest.operator == "Eve"
         return
     with pytest.raises(DataError) as caught:
@@ -209,7 +209,7 @@ def test_what_is_refused(
     assert any(name in problem and said in problem for problem in found.problems)
 
 
-def test_what_is_no_session(tmp_path: Path) -> None:
+def test_folders_that_are_not_sessions(tmp_path: Path) -> None:
     for reader in (Session.open, verify_session):
         with pytest.raises(MissingPathError):
             reader(tmp_path / "none")
@@ -219,15 +219,15 @@ def test_what_is_no_session(tmp_path: Path) -> None:
             reader(Path(__file__))
 
 
-def test_an_altered_manifest_is_told_although_it_makes_sense(folder: Path) -> None:
+def test_an_altered_manifest_is_reported_even_if_it_is_valid(folder: Path) -> None:
     path = folder / "session.toml"
     path.write_text(path.read_text().replace("Ada", "Eve"))
-    with pytest.raises(DataError, match=r"session\.toml: is not the one the journal began with"):
+    with pytest.raises(DataError, match=r"session\.toml: differs from the one that"):
         Session.open(folder)
     assert verify_session(folder).frames == 3
 
 
-def test_a_frame_that_is_gone(folder: Path) -> None:
+def test_a_lost_frame(folder: Path) -> None:
     (folder / "frames/L01_E0.tif").unlink()
     found = verify_session(folder)
     assert len(found.problems) == 1
@@ -245,11 +245,11 @@ def test_a_frame_replaced_by_another_picture(folder: Path) -> None:
 
 def test_a_frame_of_another_size(folder: Path) -> None:
     write_tiff(folder / "frames/L01_E0.tif", np.full((6, 9), 7, np.uint16))
-    with pytest.raises(DataError, match=r"L01_E0\.tif: holds uint16 pixels of shape \(6, 9\)"):
+    with pytest.raises(DataError, match=r"L01_E0\.tif: has uint16 pixels of shape \(6, 9\)"):
         Session.open(folder).frames[2].read()
 
 
-def test_the_pixel_hash_is_checked_of_its_own(folder: Path) -> None:
+def test_the_pixel_hash_is_checked_independently(folder: Path) -> None:
     frame_with(pixels_sha256="0" * 64)(folder)
     assert "its pixels differ" in verify_session(folder).problems[0]
 
@@ -262,7 +262,7 @@ def test_the_pixel_hash_is_that_of_the_samples(folder: Path) -> None:
     assert (row["bytes"], row["file_sha256"]) == (len(data), hashlib.sha256(data).hexdigest())
 
 
-def test_a_file_too_many(folder: Path) -> None:
+def test_an_extra_file(folder: Path) -> None:
     (folder / "frames/L99_E0.tif").write_bytes(b"who put this here")
     (folder / "frames/.part-x.tif").write_bytes(b"")
     found = verify_session(folder)
@@ -272,7 +272,7 @@ def test_a_file_too_many(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE"])
-def test_a_folder_where_a_file_belongs(folder: Path, name: str) -> None:
+def test_a_folder_in_place_of_a_file(folder: Path, name: str) -> None:
     (folder / name).unlink()
     (folder / name).mkdir()
     for reader in (Session.open, verify_session):
@@ -289,7 +289,7 @@ def test_derived_files_do_not_matter(folder: Path) -> None:
 def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
     rows = records(folder)
     old, new = folder / "frames/L00_E0.tif", folder / "frames/L00_E0_C.tif"
-    # Other bytes, same pixels: what a lossless compressor leaves.
+    # Other bytes, same pixels, as after lossless compression.
     data = old.read_bytes() + b"\0"
     new.write_bytes(data)
     old.unlink()
@@ -327,7 +327,7 @@ def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
         pytest.param({"file": "frames/L01_E0.tif"}, id="the-file-of-another"),
     ],
 )
-def test_a_compaction_that_makes_no_sense(folder: Path, changed: dict[str, Any]) -> None:
+def test_an_invalid_compaction_event(folder: Path, changed: dict[str, Any]) -> None:
     rows = records(folder)
     details = {"frame_seq": 2, "file": "frames/L00_E0.z.tif", "bytes": 5, "file_sha256": "a" * 64}
     details.update(changed)
@@ -347,7 +347,7 @@ def test_a_compaction_that_makes_no_sense(folder: Path, changed: dict[str, Any])
 def test_a_session_that_is_written_while_it_is_read_is_not_damaged(
     folder: Path, monkeypatch: pytest.MonkeyPatch, ends: str
 ) -> None:
-    """Its journal and COMPLETE are two files, and both change right after the first is read."""
+    """Journal and COMPLETE are two files, and both change right after the first is read."""
     if ends == "complete":
         (folder / "COMPLETE").unlink()
     real = _session.read_bounded

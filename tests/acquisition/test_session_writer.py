@@ -47,7 +47,7 @@ def write_all(writer: SessionWriter) -> None:
         writer.write_frame(shot, picture(index))
 
 
-def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
+def test_a_session_is_read_as_it_was_written(tmp_path: Path) -> None:
     lights = Lights(
         positions_mm=np.array([[1.0, 2, 300], [0, 5, 310], [7, 0, 290]]),
         intensities=np.array([1.0, 0.9, 1.1]),
@@ -57,19 +57,19 @@ def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
         np.array([[900.0, 0, 4], [0, 905, 3], [0, 0, 1]]), 8, 6, 600.0, np.array([0.1, -0.02])
     )
     sensor = NoiseModel(2.5, 7.0, 64.0, 12)
-    told = manifest(
+    content = manifest(
         notes='two\nlines, "quotes" and ünïcode',
         lights=LightsRecord.of(lights),
         camera_model=CameraModelRecord.of(camera),
         sensor=SensorRecord.of(sensor),
     )
     folder = tmp_path / "new" / "session"
-    with SessionWriter.create(folder, told) as writer:
+    with SessionWriter.create(folder, content) as writer:
         write_all(writer)
         writer.write_event("metering", chosen=[100.0], fine=True)
         writer.complete()
     session = Session.open(folder)
-    assert session.manifest == told
+    assert session.manifest == content
     assert session.complete
     assert session.missing == ()
     assert session.warnings == ()
@@ -95,7 +95,7 @@ def test_a_session_comes_back_as_it_was_written(tmp_path: Path) -> None:
     ]
 
 
-def test_frames_are_stored_as_they_are_in_uncompressed_tiff(tmp_path: Path) -> None:
+def test_frames_are_stored_unchanged_in_uncompressed_tiff(tmp_path: Path) -> None:
     with SessionWriter.create(tmp_path / "s", manifest()) as writer:
         line = writer.write_frame(writer.missing[1], picture(5))
     path = tmp_path / "s" / line.file
@@ -117,7 +117,7 @@ def test_colour_frames(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
-def test_the_last_whole_retake_counts_and_none_is_overwritten(tmp_path: Path) -> None:
+def test_the_last_intact_retake_counts_and_no_file_is_overwritten(tmp_path: Path) -> None:
     plan = CapturePlan(leds=(0,), exposures_us=(100.0,), repeats=2, dark=False)
     with SessionWriter.create(tmp_path / "s", manifest(plan=plan)) as writer:
         first, second = writer.missing
@@ -197,7 +197,9 @@ def test_a_shot_outside_the_plan_is_refused(tmp_path: Path) -> None:
         pytest.param({"x": object()}, id="object"),
     ],
 )
-def test_an_event_that_is_no_json_is_refused(tmp_path: Path, details: dict[str, Any]) -> None:
+def test_an_event_that_does_not_fit_json_is_refused(
+    tmp_path: Path, details: dict[str, Any]
+) -> None:
     with SessionWriter.create(tmp_path / "s", manifest()) as writer:
         with pytest.raises(DataError):
             writer.write_event("note", **details)
@@ -205,9 +207,9 @@ def test_an_event_that_is_no_json_is_refused(tmp_path: Path, details: dict[str, 
     assert len(Session.open(tmp_path / "s").events) == 1
 
 
-def test_a_folder_that_holds_anything_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.tif").write_bytes(b"dear")
-    with pytest.raises(StorageError, match=r"not empty \(it holds photo\.tif\)"):
+    with pytest.raises(StorageError, match=r"not empty \(it contains photo\.tif\)"):
         SessionWriter.create(tmp_path, manifest())
     assert [path.name for path in tmp_path.iterdir()] == ["photo.tif"]
     with pytest.raises(StorageError, match="cannot create"):
@@ -229,10 +231,10 @@ def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Pat
             SessionWriter.reopen(folder)
         with pytest.raises(StorageError, match="another process"):
             SessionWriter.create(folder, manifest())
-        told = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-c", other, str(folder)], capture_output=True, text=True, check=True
         )
-        assert "another process is recording" in told.stdout
+        assert "another process is recording" in result.stdout
         writer.complete()
     assert verify_session(folder).ok
 
@@ -251,7 +253,7 @@ def test_the_lock_ends_with_the_writer(tmp_path: Path) -> None:
     assert events == ["reopened", "reopened"]
 
 
-def test_reopening_keeps_what_was_torn_and_what_was_not_recorded(tmp_path: Path) -> None:
+def test_reopening_keeps_torn_lines_and_unrecorded_files(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         shots = writer.missing
@@ -264,7 +266,8 @@ def test_reopening_keeps_what_was_torn_and_what_was_not_recorded(tmp_path: Path)
     (folder / "frames" / ".part-L01_E0.tif").write_bytes(b"half a fr")
     before = Session.open(folder)
     assert [frame.role for frame in before.frames] == ["dark"]
-    assert any("cut off" in text and "journal.jsonl" in text for text in before.warnings)
+    said = "line was interrupted"
+    assert any(said in text and "journal.jsonl" in text for text in before.warnings)
     found = verify_session(folder)
     assert found.ok
     assert len(found.warnings) == 3
@@ -282,7 +285,7 @@ def test_reopening_keeps_what_was_torn_and_what_was_not_recorded(tmp_path: Path)
     assert (after.ok, after.complete, after.warnings) == (True, True, ())
 
 
-def test_a_whole_line_without_its_newline_counts(tmp_path: Path) -> None:
+def test_an_intact_line_without_its_newline_counts(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest()) as writer:
         writer.write_frame(writer.missing[0], picture(0))
@@ -297,7 +300,7 @@ def test_a_whole_line_without_its_newline_counts(tmp_path: Path) -> None:
     assert verify_session(folder).ok
 
 
-def test_a_recording_that_ended_before_its_first_line_can_be_taken_up(tmp_path: Path) -> None:
+def test_a_recording_that_ended_before_its_first_line_can_be_reopened(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     SessionWriter.create(folder, manifest()).close()
     (folder / "journal.jsonl").unlink()
@@ -308,7 +311,7 @@ def test_a_recording_that_ended_before_its_first_line_can_be_taken_up(tmp_path: 
     assert verify_session(folder).ok
 
 
-def test_what_is_no_session_cannot_be_reopened(tmp_path: Path) -> None:
+def test_a_folder_that_is_not_a_session_cannot_be_reopened(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError):
         SessionWriter.reopen(tmp_path / "none")
     with pytest.raises(DataError, match="not a session"):

@@ -1,4 +1,4 @@
-"""Damage in what was recorded before: named, never completed, and retaken where that is wanted."""
+"""Damaged recorded frames: named, never completed, and retaken on request."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from rig import CameraError, Rig
-from tests.acquisition.fake_bench import PLAN, TOLD, Bench, events_of, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 
-# PLAN is of LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
+# PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 
 def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
-    """Record until the camera fails at a frame."""
+    """Record until the camera fails at a given frame."""
 
     def fail(number: int) -> None:
         if number == at:
@@ -54,7 +54,7 @@ def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN)
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, folder, **TOLD)
+        record(rig, plan, folder, **LABELS)
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return folder
@@ -105,7 +105,7 @@ def a_folder(name: str) -> Callable[[Path], None]:
 
 
 def other_figures(folder: Path) -> None:
-    """Grey values in the line that are not those of the pixels, all hashes as they must be."""
+    """Change the grey values in a line, with valid hashes."""
     rows = rows_of(folder)
     row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
     row["percentiles_dn"]["50"] += 1
@@ -113,7 +113,7 @@ def other_figures(folder: Path) -> None:
 
 
 def two_of_one_file(folder: Path) -> None:
-    """Two lines that name one file; the other file is there without a line."""
+    """Make two lines name one file; the other file has no line."""
     rows = rows_of(folder)
     by_file = {row["file"]: row for row in rows if row["kind"] == "frame"}
     for key in ("file", "bytes", "file_sha256", "pixels_sha256"):
@@ -122,7 +122,7 @@ def two_of_one_file(folder: Path) -> None:
 
 
 def two_by_case(folder: Path) -> None:
-    """Some disks take the two names for one."""
+    """Make two names equal except for case: some file systems treat them as one."""
     rows = rows_of(folder)
     next(row for row in rows if row.get("file") == "frames/L00_E0.tif")["file"] = (
         "frames/l03_e0.tif"
@@ -147,7 +147,7 @@ HARMS = [
 
 @pytest.mark.parametrize("at", [8, 11])
 @pytest.mark.parametrize(("harm", "names"), HARMS)
-def test_damage_is_named_and_retaken_only_when_asked(
+def test_damage_is_named_and_retaken_only_on_request(
     rig: Rig,
     bench: Bench,
     tmp_path: Path,
@@ -157,7 +157,7 @@ def test_damage_is_named_and_retaken_only_when_asked(
 ) -> None:
     folder = tmp_path / "s"
     if at > 10:
-        record(rig, PLAN, folder, **TOLD)
+        record(rig, PLAN, folder, **LABELS)
         (folder / "COMPLETE").unlink()  # killed just before
         bench.shots.clear()
     else:
@@ -167,16 +167,16 @@ def test_damage_is_named_and_retaken_only_when_asked(
     found = verify_session(folder)
     assert list(found.damaged) == names
     assert {one.frame.path.name for one in damaged_frames(folder)} == set(names)
-    told: list[str] = []
+    reported: list[str] = []
     with pytest.raises(DataError) as caught:
-        resume(rig, folder, on_damage=told.append)
+        resume(rig, folder, on_damage=reported.append)
     assert any(name in str(caught.value) for name in names)
     assert "\n" not in str(caught.value)
     assert not (folder / "COMPLETE").exists()
-    assert bench.burning is None
-    # What the journal itself contradicts is known before a shot, what the files do is not.
+    assert bench.lit_led is None
+    # Contradictions in the journal are known before the first shot, damaged files are not.
     assert len(bench.shots) in (0, missing)
-    assert not told or len(told) == len(names)
+    assert not reported or len(reported) == len(names)
     before = {
         path.name: path.is_symlink() or path.is_dir() or path.read_bytes() for path in kept(folder)
     }
@@ -205,7 +205,7 @@ def test_damage_is_named_and_retaken_only_when_asked(
     found = verify_session(folder)
     assert (found.problems, found.complete, list(found.set_aside)) == ((), True, names)
     assert len(read_source(folder).frames) == 10
-    # It goes on as any other session does.
+    # It can be continued like any other session.
     assert compact_session(folder).complete
     assert verify_session(folder).ok
 
@@ -218,7 +218,7 @@ def test_a_complete_session_is_reopened_only_for_damage(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     folder = tmp_path / "s"
-    record(rig, PLAN, folder, **TOLD)
+    record(rig, PLAN, folder, **LABELS)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     with pytest.raises(DataError, match="is complete"):
         resume(rig, folder, retake_damaged=True)
@@ -233,14 +233,14 @@ def test_a_complete_session_is_reopened_only_for_damage(
     assert verify_session(folder).ok
 
 
-def test_what_does_not_count_is_set_aside_and_not_retaken(
+def test_frames_that_do_not_count_are_set_aside_and_not_retaken(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
-    """A rejected take and one that was replaced have lines too, which fail every check."""
+    """A rejected take and a replaced one have lines, too, and their files are damaged."""
     folder = tmp_path / "s"
     bench.albedo = 30.0
     bench.on_trigger = lambda number: setattr(bench, "albedo", 1.0 if number > 5 else 30.0)
-    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **TOLD)
+    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **LABELS)
     (folder / "COMPLETE").unlink()
     session = Session.open(folder)
     (rejected,) = (f for f in session.recorded if f.line.status == "rejected")
@@ -257,8 +257,8 @@ def test_what_does_not_count_is_set_aside_and_not_retaken(
     assert verify_session(folder).ok
 
 
-def test_what_was_replaced_does_not_come_back(tmp_path: Path) -> None:
-    """Its replacement is damaged, but it was replaced for a reason."""
+def test_a_replaced_take_stays_replaced(tmp_path: Path) -> None:
+    """Its replacement is damaged, but the first take stays replaced."""
     camera = {"width": 10, "height": 7, "bit_depth": 12}
     plan = CapturePlan(leds=(0,), exposures_us=(100.0,), dark=False)
     manifest = Manifest.begin(tmp_path, operator="", object="", plan=plan, camera=camera)
@@ -292,7 +292,7 @@ def test_a_damaged_frame_of_an_led_that_died_since_is_left_out(
         assert session.complete
         assert [shot.file for shot in session.left_out] == ["L00_E0.tif", "L00_E1.tif"]
         assert verify_session(folder).ok
-        # And once it is left out, what is damaged of it is so too.
+        # Once the LED is left out, its damaged frames are left out, too.
         flip(folder / "frames/L03_E0.tif")
         assert resume(knowing, folder, retake_damaged=True).complete
     assert verify_session(folder).ok
@@ -308,7 +308,7 @@ def test_dark_frames_are_retaken_before_the_lights_that_they_judge(
     assert bench.shots == [None, None, 0, 5, 3, 0, 5]
 
 
-def test_version_2_is_upgraded_by_an_event_and_only_where_that_is_needed(
+def test_version_2_is_upgraded_by_an_event_and_only_if_needed(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
@@ -325,7 +325,7 @@ def test_version_2_is_upgraded_by_an_event_and_only_where_that_is_needed(
     assert toml.read_bytes() == written
     assert [line.event for line in events_of(session)][-3:] == ["reopened", "upgraded", "set_aside"]
     assert verify_session(folder).ok
-    # Once is enough.
+    # One upgrade is sufficient.
     flip(folder / "frames/L00_E0.tif")
     session = resume(rig, folder, retake_damaged=True)
     assert [line.event for line in events_of(session)].count("upgraded") == 1
@@ -355,7 +355,7 @@ UPGRADE = {"from_version": 2, "to_version": 3, "software_version": "1"}
         pytest.param(3, "set_aside", {"more": 1}, "unknown key 'more'", id="more"),
         pytest.param(2, "set_aside", {}, None, id="unknown to version 2"),
         pytest.param(2, "upgraded", UPGRADE, None, id="upgrade"),
-        pytest.param(3, "upgraded", UPGRADE, "it is of version 3", id="upgrade of version 3"),
+        pytest.param(3, "upgraded", UPGRADE, "it has version 3", id="upgrade of version 3"),
         pytest.param(2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version", id="beyond"),
     ],
 )
@@ -392,7 +392,7 @@ def test_events_that_change_what_counts_are_checked(
 
 
 @pytest.mark.parametrize("event", ["set_aside", "upgraded", "compacted", "reopened"])
-def test_nobody_writes_such_an_event_by_hand(
+def test_reserved_events_cannot_be_written_directly(
     rig: Rig, bench: Bench, tmp_path: Path, event: str
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
@@ -400,10 +400,10 @@ def test_nobody_writes_such_an_event_by_hand(
         writer.write_event(event)
 
 
-# ---------------------------------------------------------------- what is read back, and when
+# ---------------------------------------------------------------- reading back
 
 
-def test_complete_reads_what_this_process_did_not_write(
+def test_complete_reads_frames_of_other_processes(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
@@ -422,7 +422,7 @@ def test_complete_reads_what_this_process_did_not_write(
         assert (read, writer.checked) == (earlier[:1], (1, 7))
         for shot in writer.missing:
             writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
-        # Touched after it was written, and after it was read: each is read once more.
+        # One file changed after writing, one after reading: each is read once more.
         (folder / "frames/L05_E1.tif").touch()
         (folder / "frames" / earlier[0]).touch()
         writer.complete()
@@ -430,17 +430,17 @@ def test_complete_reads_what_this_process_did_not_write(
 
 
 @pytest.mark.parametrize("name", ["D_200us.tif", "L05_E1.tif"])
-def test_a_frame_that_is_damaged_while_the_writer_is_open_is_noticed(
+def test_a_frame_that_is_damaged_while_the_writer_is_open_is_detected(
     rig: Rig, bench: Bench, tmp_path: Path, name: str
 ) -> None:
-    """Read back already, or written by this very process."""
+    """Both frames that were read back and frames that this process wrote."""
     folder = cut(rig, bench, tmp_path / "s", 8)
     with SessionWriter.reopen(folder) as writer:
         while writer.check_next():
             pass
         for shot in writer.missing:
             writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
-        time.sleep(0.02)  # clocks of disks are coarse
+        time.sleep(0.02)  # timestamps of file systems are coarse
         flip(folder / "frames" / name)
         with pytest.raises(DataError, match=f"{name}: was changed since it was recorded"):
             writer.complete()
@@ -452,7 +452,7 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     flip(folder / "frames/D_50us.tif")
-    told: list[str] = []
+    reported: list[str] = []
     threads: set[str] = set()
     real = _frame_proofs.frame_damage
 
@@ -463,10 +463,10 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
     bench.on_trigger = lambda number: time.sleep(0.05)
     with pytest.raises(DataError, match=r"D_50us\.tif: was changed since it was recorded"):
-        resume(rig, folder, on_damage=lambda text: told.append(f"{len(bench.shots)} {text}"))
-    # It is told while shots are taken, which go on.
-    assert len(told) == 1
-    assert int(told[0].partition(" ")[0]) < len(bench.shots) == 3
+        resume(rig, folder, on_damage=lambda text: reported.append(f"{len(bench.shots)} {text}"))
+    # It is reported while shots are taken, and the recording continues.
+    assert len(reported) == 1
+    assert int(reported[0].partition(" ")[0]) < len(bench.shots) == 3
     assert all(name.startswith("writer") for name in threads)
     session = Session.open(folder)
     assert (len(session.missing), session.complete) == (0, False)
@@ -474,21 +474,21 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     assert "D_50us.tif" in str(events_of(session)[-1].details["reason"])
 
 
-def test_a_disk_that_does_not_give_frames_back_is_told(
+def test_a_disk_that_does_not_return_frames_is_reported(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     monkeypatch.setattr(_frame_proofs, "frame_damage", lambda frame, camera: time.sleep(5))
-    with pytest.raises(StorageError, match="has not given back a frame"):
+    with pytest.raises(StorageError, match="reading a frame back has taken"):
         resume(rig, folder, stall_s=0.5)
     assert not Session.open(folder).complete
 
 
-# ---------------------------------------------------------------- deaths
+# ---------------------------------------------------------------- killed processes
 
 
-# Told a folder and a number, forks a process that sets what is damaged there aside and dies at that
-# call to the disk, a write half done; answers with how it ended.
+# For each number and folder it receives, forks a process that sets damaged frames aside and is
+# killed at that call to the disk, in the middle of a write; prints the exit status.
 SERVER = """
 import os, sys
 from pathlib import Path
@@ -496,7 +496,7 @@ import numpy as np
 from acquisition._pixels.quality import measure_quality
 from acquisition._session.writer import SessionWriter
 
-measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compiles it, once for all
+measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 
 def die(folder, number):
     calls = [0]
@@ -528,12 +528,12 @@ for line in sys.stdin:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
-def test_a_death_at_any_call_to_the_disk_costs_nothing(
+def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
-    """A frame that changed and one that is lost, of a complete session of version 2."""
+    """A changed and a lost frame of a complete session of version 2."""
     model = tmp_path / "model"
-    record(rig, PLAN, model, **TOLD)
+    record(rig, PLAN, model, **LABELS)
     toml = model / "session.toml"
     toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
     seal(model, rows_of(model))

@@ -11,7 +11,7 @@ from acquisition._engine.engine import record, resume
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import TOLD, Bench, events_of, rig_on
+from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on
 
 
 @pytest.fixture
@@ -27,17 +27,17 @@ def rig(bench: Bench) -> Iterator[Rig]:
 
 @pytest.mark.parametrize("exposures_us", [(200.0, 10.0), (10.0, 200.0)], ids=["E1", "E0"])
 @pytest.mark.parametrize("leds", [(0,), (5, 0, 3)], ids=str)
-def test_a_bracket_too_short_to_show_its_light_is_kept_and_told(
+def test_a_bracket_too_short_to_show_its_light_is_kept_and_reported(
     rig: Rig, bench: Bench, tmp_path: Path, exposures_us: tuple[float, ...], leds: tuple[int, ...]
 ) -> None:
     bench.albedo = 0.02
-    told: list[str] = []
+    reported: list[str] = []
     session = record(
         rig,
         CapturePlan(leds=leds, exposures_us=exposures_us),
         tmp_path / "s",
-        **TOLD,
-        on_event=lambda event, details: told.append(event),
+        **LABELS,
+        on_event=lambda event, details: reported.append(event),
     )
     assert session.complete
     short = exposures_us.index(10.0)
@@ -45,11 +45,11 @@ def test_a_bracket_too_short_to_show_its_light_is_kept_and_told(
     assert (unseen.above_dark, unseen.status) == (0.0, "ok")
     events = [(line.event, line.details) for line in events_of(session)]
     assert events == [("no_light_seen", {"led": 0, "exposure_us": 10.0})]
-    assert told.count("no_light_seen") == 1
+    assert reported.count("no_light_seen") == 1
 
 
 @pytest.mark.parametrize("leds", [(0,), (5, 0, 3)], ids=str)
-def test_an_led_that_dies_between_brackets_is_missed(
+def test_an_led_that_dies_between_brackets_is_detected(
     rig: Rig, bench: Bench, tmp_path: Path, leds: tuple[int, ...]
 ) -> None:
     plan = CapturePlan(leds=leds, exposures_us=(200.0, 50.0))
@@ -60,11 +60,11 @@ def test_an_led_that_dies_between_brackets_is_missed(
 
     bench.on_trigger = die
     with pytest.raises(RigError, match=r"L00_E1\.tif: LED 0 gave no light at 50 us"):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     assert not Session.open(tmp_path / "s").complete
 
 
-def test_what_an_led_gave_is_known_when_a_recording_is_gone_on_with(
+def test_the_light_of_an_led_is_known_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.albedo = 0.02
@@ -76,6 +76,6 @@ def test_what_an_led_gave_is_known_when_a_recording_is_gone_on_with(
 
     bench.on_trigger = unplug
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **TOLD)
+        record(rig, plan, tmp_path / "s", **LABELS)
     bench.on_trigger = lambda number: None
     assert resume(rig, tmp_path / "s").complete

@@ -40,7 +40,7 @@ def manifest() -> Manifest:
     )
 
 
-def test_a_file_system_without_an_fsync_of_folders_takes_a_session(
+def test_a_session_is_recorded_without_fsync_of_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = os.fsync
@@ -58,7 +58,7 @@ def test_a_file_system_without_an_fsync_of_folders_takes_a_session(
     assert verify_session(tmp_path / "s").ok
 
 
-def test_a_folder_whose_fsync_fails_is_told(
+def test_a_failing_fsync_of_a_folder_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(descriptor: int) -> None:
@@ -71,8 +71,8 @@ def test_a_folder_whose_fsync_fails_is_told(
 
 
 def test_nothing_is_written_as_text(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows puts a carriage return before each 10 in a file that was not opened as binary."""
-    binary = 0o100000  # O_LARGEFILE here: nothing changes by it
+    """Windows writes a carriage return before each newline unless a file is opened as binary."""
+    binary = 0o100000  # O_LARGEFILE here, which has no effect
     for module in (_storage, _part_files):
         monkeypatch.setattr(module, "BINARY", binary)
     real = os.open
@@ -124,16 +124,16 @@ def test_normals_that_the_disk_refuses_leave_nothing(
 
 @pytest.fixture
 def latin(tmp_path: Path) -> Path:
-    """A folder named as old disks name it: not in UTF-8."""
+    """Return a folder whose name is not UTF-8, as on old disks."""
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
     try:
         folder.mkdir()
     except OSError:
-        pytest.skip("this file system takes only names in UTF-8")
+        pytest.skip("this file system only allows names in UTF-8")
     return folder
 
 
-def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
+def test_names_that_image_libraries_cannot_open_are_reported(latin: Path) -> None:
     (latin / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     (latin / "a.dng").write_bytes(b"x")
     for read in (
@@ -148,7 +148,7 @@ def test_names_that_image_libraries_cannot_open_are_told(latin: Path) -> None:
     assert sorted(path.name for path in latin.iterdir()) == ["a.dng", "a.png"]
 
 
-def test_a_session_where_its_frames_could_not_be_read_is_not_begun(latin: Path) -> None:
+def test_a_session_whose_frames_could_not_be_read_is_not_created(latin: Path) -> None:
     with pytest.raises(DataError, match="not UTF-8"):
         SessionWriter.create(latin / "s", manifest())
     assert list(latin.iterdir()) == []

@@ -26,7 +26,7 @@ def picture(shape: tuple[int, ...], seed: int = 0) -> npt.NDArray[np.uint16]:
 @given(
     height=st.integers(1, 90), width=st.integers(1, 90), colour=st.booleans(), seed=st.integers(0)
 )
-def test_two_libraries_read_what_was_stored(
+def test_two_libraries_read_the_stored_frame(
     tmp_path_factory: pytest.TempPathFactory, height: int, width: int, colour: bool, seed: int
 ) -> None:
     pixels = picture((height, width, 3) if colour else (height, width), seed)
@@ -56,9 +56,7 @@ def test_equal_pixels_give_equal_bytes(tmp_path: Path) -> None:
         pytest.param(picture((80, 120))[::2, ::2], id="strided"),
     ],
 )
-def test_arrays_that_do_not_lie_as_they_are_written(
-    tmp_path: Path, view: npt.NDArray[np.uint16]
-) -> None:
+def test_arrays_that_are_not_contiguous(tmp_path: Path, view: npt.NDArray[np.uint16]) -> None:
     stored = store_frame(tmp_path / "a.tif", view)
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), view)
     assert stored.pixels_sha256 == pixels_sha256(view)

@@ -25,11 +25,11 @@ def settled(queue: WriteQueue[int]) -> list[int]:
     return queue.results()
 
 
-def test_results_come_in_the_order_of_the_jobs(queue: WriteQueue[int]) -> None:
+def test_results_have_the_order_of_the_jobs(queue: WriteQueue[int]) -> None:
     written: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
-        time.sleep(0.01 if number % 2 else 0)  # the odd ones are overtaken
+        time.sleep(0.01 if number % 2 else 0)  # the odd ones finish later
         turn()
         written.append(number)
         return number
@@ -41,7 +41,7 @@ def test_results_come_in_the_order_of_the_jobs(queue: WriteQueue[int]) -> None:
     assert queue.settled
 
 
-def test_jobs_work_side_by_side(queue: WriteQueue[int]) -> None:
+def test_jobs_run_in_parallel(queue: WriteQueue[int]) -> None:
     together = threading.Barrier(2, timeout=10)
 
     def job(turn: Turn) -> int:
@@ -54,7 +54,7 @@ def test_jobs_work_side_by_side(queue: WriteQueue[int]) -> None:
     assert settled(queue) == [1, 1]
 
 
-def test_it_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]) -> None:
+def test_the_queue_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
 
     def job(turn: Turn) -> int:
@@ -71,7 +71,7 @@ def test_it_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]) -> No
     assert len(queue.results()) >= 2
 
 
-def test_what_was_done_is_told_before_the_error(queue: WriteQueue[int]) -> None:
+def test_results_are_returned_before_the_error(queue: WriteQueue[int]) -> None:
     def fine(turn: Turn) -> int:
         turn()
         return 7
@@ -93,7 +93,7 @@ def test_what_was_done_is_told_before_the_error(queue: WriteQueue[int]) -> None:
 
 
 def test_nothing_is_written_after_a_job_that_failed(queue: WriteQueue[int]) -> None:
-    """Even by one that was under way: what it would write belongs behind the missing piece."""
+    """Even by a running job: its data would follow the missing piece."""
     second_waits = threading.Event()
     written: list[int] = []
 
@@ -116,7 +116,7 @@ def test_nothing_is_written_after_a_job_that_failed(queue: WriteQueue[int]) -> N
         queue.results()
 
 
-def test_a_job_that_never_ends_is_told(queue: WriteQueue[int]) -> None:
+def test_a_job_that_never_ends_is_reported(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
 
     def job(turn: Turn) -> int:
@@ -125,14 +125,14 @@ def test_a_job_that_never_ends_is_told(queue: WriteQueue[int]) -> None:
         return 1
 
     queue.put(job)
-    with pytest.raises(StorageError, match=r"session: the disk has taken no frame for 0\.\d s, 1 "):
+    with pytest.raises(StorageError, match=r"session: no write has finished for 0\.\d s, 1 "):
         queue.drain()
     assert not queue.end(0.05)
     gate.set()
     assert queue.end(10)
 
 
-def test_slow_is_not_stuck(queue: WriteQueue[int]) -> None:
+def test_a_slow_disk_is_not_stuck(queue: WriteQueue[int]) -> None:
     def job(turn: Turn) -> int:
         time.sleep(0.25)
         turn()
@@ -143,39 +143,39 @@ def test_slow_is_not_stuck(queue: WriteQueue[int]) -> None:
     assert settled(queue) == [1] * 4
 
 
-def test_the_end_forgets_what_waits(queue: WriteQueue[int]) -> None:
+def test_the_end_discards_waiting_jobs(queue: WriteQueue[int]) -> None:
     gate = threading.Event()
-    begun: list[int] = []
+    started: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
-        begun.append(number)
+        started.append(number)
         assert gate.wait(10)
         turn()
         return number
 
     for number in range(4):
         queue.put(lambda turn, number=number: job(number, turn))
-    while len(begun) < 2:
+    while len(started) < 2:
         time.sleep(0.001)
     threading.Timer(0.05, gate.set).start()
     assert queue.end(10)
-    assert begun == [0, 1]
+    assert started == [0, 1]
 
 
 @pytest.mark.parametrize("failing", [1, 2])
-def test_a_failure_costs_nothing_that_came_before(failing: int) -> None:
-    """Jobs before the one that failed are done, in order, and told before its error."""
+def test_jobs_before_a_failure_finish(failing: int) -> None:
+    """Jobs before the failed one finish in order; their results are returned before its error."""
     queue: WriteQueue[int] = WriteQueue(FOLDER, room=4, threads=3, stall_s=20)
-    failed, all_begun = threading.Event(), threading.Barrier(3, timeout=20)
+    failed, all_started = threading.Event(), threading.Barrier(3, timeout=20)
     written: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
-        all_begun.wait()
+        all_started.wait()
         if number == failing:
             failed.set()
             raise StorageError("disk full")
         assert failed.wait(20)
-        # The later ones ask first; the failure must be noted by then.
+        # The later jobs ask for their turn first; the failure must be recorded by then.
         time.sleep(0.1 if number else 0.3)
         turn()
         written.append(number)
@@ -190,7 +190,7 @@ def test_a_failure_costs_nothing_that_came_before(failing: int) -> None:
     assert queue.end(20)
 
 
-def test_what_comes_after_a_failure_keeps_nobody_waiting(queue: WriteQueue[int]) -> None:
+def test_jobs_after_a_failure_do_not_block_the_caller(queue: WriteQueue[int]) -> None:
     def fails(turn: Turn) -> int:
         raise ZeroDivisionError("no")
 

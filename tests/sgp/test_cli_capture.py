@@ -319,7 +319,7 @@ def test_a_compaction_that_was_cut_off_is_told(sgp, rig, plan, tmp_path):
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
     (out / "derived").mkdir(exist_ok=True)
     (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
-    said = "a compaction was cut off: run `capture compact`"
+    said = "a compaction was interrupted: compact the session again"
     answer = sgp("capture", "verify", out)
     assert answer.code == 4
     assert said in answer.err
@@ -441,7 +441,7 @@ def test_lines_that_are_gone_are_hinted_at(sgp, rig, plan, tmp_path):
     ):
         answer = sgp("capture", *words)
         assert hint in answer.err + answer.out
-        assert "restore journal.jsonl and COMPLETE from a copy before going on" in (
+        assert "restore journal.jsonl and COMPLETE from a copy before you continue" in (
             answer.err + answer.out
         )
     assert len(list((out / "derived" / "unrecorded").iterdir())) == 4
@@ -510,7 +510,7 @@ def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig
     (out / "journal.jsonl").write_bytes(journal[:-40])
     answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
     assert answer.code == 0, answer.err
-    assert answer.err.count("the last line was cut off while being written") == 1
+    assert answer.err.count("writing the last line was interrupted") == 1
     assert "missing and have been taken: 1" in answer.err
     assert sgp("capture", "verify", out).code == 0
 

@@ -92,8 +92,8 @@ def test_many_exposures_take_few_lines(sgp, plan):
             "leds=[36]\nexposures_us=[5]", "LED 36 does not exist", id="led-36-of-0-to-35"
         ),
         pytest.param("leds=[0]\nexposures_us=[0]", "exposures_us.0", id="exposure-0"),
-        pytest.param("leds=[0,0]\nexposures_us=[5]", "0 is there twice", id="led-twice"),
-        pytest.param("leds=[0]\nexposures_us=[5,5]", "5 is there twice", id="exposure-twice"),
+        pytest.param("leds=[0,0]\nexposures_us=[5]", "0 appears twice", id="led-twice"),
+        pytest.param("leds=[0]\nexposures_us=[5,5]", "5 appears twice", id="exposure-twice"),
         pytest.param("leds=[0]\nexposures_us=[5]\nflat=2", "unknown key 'flat'", id="key"),
     ],
 )
