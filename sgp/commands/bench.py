@@ -1,4 +1,4 @@
-"""``sgp bench``: the paper's tables, made anew."""
+"""``sgp bench``: recompute the paper's tables."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def paper(
     runs: Count | None = None,
     force: bool = False,
 ) -> Result:
-    """Make the paper's tables from data at hand, each beside the paper's own figures.
+    """Recompute the paper's tables from available data, next to the published figures.
 
-    Normal maps come from the folder that SGP_DATA names and from the simulator. Two mesh-based
-    methods, displacement (DSPL) and Laplacian editing (LAPL), are measured in the same run.
+    Normal maps are read from the folder in SGP_DATA or simulated. Two mesh-based methods,
+    displacement (DSPL) and Laplacian editing (LAPL), are measured in the same run.
 
     For example:
 
@@ -31,14 +31,15 @@ def paper(
     Parameters
     ----------
     out
-        Folder for tables.md, tables.json, a picture for each table that has one, the height
-        profiles as .csv, and bench.json.
+        Folder for tables.md, tables.json, pictures of some tables, the height profiles as .csv,
+        and bench.json.
     quick
-        Up to 50 thousand points and one run each: about two minutes.
+        Use at most 50 thousand points and one run per measurement: about two minutes.
     runs
-        Runs per measurement, of which the mean is taken; default: ten as in the paper, 1 if quick.
+        Number of runs per measurement, which are averaged; default: 10 as in the paper, 1 with
+        --quick.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     from dataclasses import asdict
 

@@ -1,4 +1,4 @@
-"""``sgp calibrate``: where the lights are, and how strong."""
+"""``sgp calibrate``: positions and intensities of the lights."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def spheres(
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
 
-    Directions from one sphere; positions with a camera, a radius and two or more spheres.
+    One sphere gives light directions. Two or more spheres with a camera and a radius give light
+    positions.
 
     For example:
 
@@ -49,33 +50,35 @@ def spheres(
     Parameters
     ----------
     source
-        A session or a folder of images, one for each light; short brackets sharpen the highlights.
+        Session or folder of images, one image for each light; short exposure times give sharper
+        highlights.
     out
-        lights.json to write; lights.lp and lights.png (what was found) go beside it.
+        lights.json file to write; lights.lp and lights.png (a picture of the result) are written
+        to the same folder.
     radius_mm
-        Radius of the spheres in mm. Where they differ, give it once for each sphere: in any order
-        for spheres that are found (the larger radius goes to the larger outline), in the order of
-        --mask or --sphere for those.
+        Radius of the spheres in mm. If the radii differ, repeat the option for each sphere: in any
+        order for spheres that are detected (the larger radius belongs to the larger outline), else
+        in the order of --mask or --sphere.
     camera
-        Camera of the images; default: that of the session.
+        Camera file of the images; default: the camera of the session.
     mask
-        Image of a sphere's disc; may be given more than once; default: the mask file of a plain
-        folder of images (mask.* or *.mask.*), else the spheres are found. The mask of any other
-        source shows the object and is not used.
+        Mask image of one sphere; may be repeated; default: the mask file of a plain folder of
+        images (mask.* or *.mask.*), else the spheres are detected. The mask of any other source
+        shows the object and is not used.
     sphere
-        Rough outline x,y,radius in pixels; may be given more than once.
+        Rough outline x,y,radius of a sphere in pixels; may be repeated.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Replace files that exist.
+        Overwrite existing files.
     """
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
     if mask and sphere:
-        raise UsageError("--mask and --sphere both say where the spheres are: give one of them")
+        raise UsageError("--mask and --sphere both give the outlines of the spheres: give only one")
     given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
-    # A folder may hold one mask for each sphere; with one given, the reader need not choose.
+    # A folder may contain one mask for each sphere; giving one spares the reader the choice.
     first, others = (mask[0], mask[1:]) if mask else (None, ())
     opened, files = open_source(
         source, camera=camera, mask=first, others=others, max_pixels=max_pixels
@@ -83,7 +86,9 @@ def spheres(
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
     if any(radius > largest for _, _, radius in given):
-        raise UsageError(f"--sphere: a radius beyond the image's {largest} pixels is no outline")
+        raise UsageError(
+            f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
+        )
     marked = list(mask)
     if opened.mask_path is not None and opened.mask_origin == "folder" and not given:
         marked = [opened.mask_path]
@@ -133,10 +138,10 @@ def intensities(
     max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Estimate how strong the lights are, and how they spread, from a matte card.
+    """Estimate the intensities of the lights, and their angular falloff, from a matte card.
 
-    The card lies at the working plane; chrome spheres may lie on it, so the recording that gave
-    the positions will do.
+    The card is in the working plane. Chrome spheres may be on it, so the recording from which the
+    positions were estimated can be used.
 
     For example:
 
@@ -145,25 +150,25 @@ def intensities(
     Parameters
     ----------
     source
-        A session or a folder of images of the card, one for each light.
+        Session or folder of images of the card, one image for each light.
     lights
-        Positions of the lights.
+        Lights file with positions.
     out
-        lights.json to write.
+        lights.json file to write.
     camera
-        Camera of the images; default: that of the session.
+        Camera file of the images; default: the camera of the session.
     mask
-        Image of the card; default: the whole frame, where what is not the card is left out as
-        outliers. The source's own mask, which shows an object or a sphere, is not used.
+        Mask image of the card; default: the complete frame, with everything except the card removed
+        as outliers. The mask of the source is not used, because it shows an object or a sphere.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Replace a file that exists.
+        Overwrite an existing file.
     """
     check_file(out, ".json", force=force)
     opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
     if opened.camera is None:
-        raise DataError(f"{source}: no camera is known for these images: give --camera")
+        raise DataError(f"{source}: the camera of these images is not known: give --camera")
     stack = _undivided(opened)
     positions = read_lights(lights)
     order, by_name = positions.match(stack.ids)
@@ -185,8 +190,8 @@ def intensities(
         },
         warnings=[*opened.warnings, *stack.warnings, *by_order, *found.warnings],
         summary=[
-            f"{len(strength)} lights, {strength.min():.2f} to {strength.max():.2f} of their mean, "
-            f"mu {found.mu:.2f}; the card fits to {found.residual:.1%}"
+            f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
+            f"their mean, mu {found.mu:.2f}; residual on the card {found.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
@@ -196,21 +201,21 @@ def intensities(
 
 
 def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> None:
-    """Add to an error which mask was used without being given, or was left aside."""
+    """Add a note to an error about a mask that was found and used, or found and not used."""
     if marked and source.mask_origin == "folder":
         error.add_note(
-            f"{marked[0]} was taken as the mask of a sphere: if it shows an object, move it out of "
+            f"{marked[0]} was used as the mask of a sphere: if it shows an object, move it out of "
             "the folder"
         )
     elif not marked and source.mask_origin == "recording":
         error.add_note(
-            f"{source.mask_path} was not used, as it shows the object: if it marks a sphere, give "
-            "it with --mask"
+            f"{source.mask_path} was not used, because it shows the object: if it shows a sphere, "
+            "give it with --mask"
         )
 
 
 def _undivided(source: Source) -> Stack:
-    """Read a stack as it was recorded: intensities that the source knows are left in."""
+    """Read a stack as recorded, without dividing by the light intensities of the source."""
     with progress("reading") as advance:
         return linear_stack(replace(source, lights=None), on_progress=advance)
 
@@ -218,7 +223,7 @@ def _undivided(source: Source) -> Stack:
 def _write_lights(
     out: Path, lights: Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
-    """Write lights.json with its record inside: it is handed on by itself."""
+    """Write lights.json including its record, because the file is passed on without its folder."""
     made_by = provenance(command, parameters, result.inputs)
     made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
     write_lights(out, lights, provenance=made_by)

@@ -1,4 +1,4 @@
-"""``sgp demo``: the simulated rig from capture to surface, judged by the simulator's truth."""
+"""``sgp demo``: from capture to surface on the simulated rig, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _LONG_US, _SHORT_US = 20_000.0, 40.0
 
 
 def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Result:
-    """Record and process a simulated object, and compare every result with the truth.
+    """Record and process a simulated object, and compare every result with the ground truth.
 
-    Two recordings on the simulated rig, through real serial bytes: chrome spheres, which give the
-    lights, and a coin, which gives normals, detail and a surface.
+    The simulated rig, which uses the real serial protocol, records chrome spheres, from which the
+    lights are calibrated, and a coin, from which normals, detail and a surface are computed.
 
     For example:
 
@@ -49,11 +49,11 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
     Parameters
     ----------
     out
-        Folder for everything; an earlier demo's files there are replaced.
+        Folder for all results; files of an earlier demo in it are replaced.
     seed
-        Of the coin, the lights' spread and the noise.
+        Seed of the coin, the spread of the lights and the noise.
     force
-        Write into a folder that holds other files already.
+        Write into a folder that already contains other files.
     """
     with claimed(out, force=force) as folder:
         return _demo(out, seed, folder)
@@ -129,14 +129,14 @@ def _capture(
 
 
 def _marks(*sessions: Session) -> list[Path]:
-    """Return the files whose hashes stand for whole sessions."""
+    """Return the files whose hashes identify complete sessions."""
     return [session.folder / "COMPLETE" for session in sessions]
 
 
 def _calibrate(
     session: Session, scene: Scene
 ) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
-    """Positions from the spheres, intensities from the card that they lie on."""
+    """Estimate positions from the spheres, and intensities from the card under them."""
     with progress("calibration") as advance:
         stack = linear_stack(read_source(session.folder), on_progress=advance)
     camera = bench_camera()
@@ -148,7 +148,7 @@ def _calibrate(
 
 
 class _Errors:
-    """What the demo's results are off by."""
+    """Errors of the demo's results."""
 
     def __init__(self, lights: Lights, outcome: Outcome, rendering: Rendering) -> None:
         truth = rendering.truth

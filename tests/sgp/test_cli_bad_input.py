@@ -133,7 +133,7 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["rig", "check", "--rig", "unicorn"], "unicorn", id="unknown rig"),
         pytest.param(
             ["calibrate", "spheres", "c", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
-            "give one of them",
+            "give only one",
             id="spheres marked twice",
         ),
     ],

@@ -78,7 +78,7 @@ def test_an_object_in_the_mask_file_of_a_plain_folder_is_named(sgp, chrome, tmp_
     write_png(chrome / "mask.png", disc((150, 120), 20))
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json")
     said = answer.error_line(5)
-    assert f"{chrome / 'mask.png'} was taken as the mask of a sphere" in said
+    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in said
 
 
 def test_a_given_outline_comes_before_the_mask_file(sgp, chrome, tmp_path):
@@ -152,7 +152,7 @@ def test_where_no_sphere_is_found_the_mask_left_aside_is_named(sgp, chrome, tmp_
         write_png(path, np.full(SIZE, 9000, np.uint16))
     source, mask = made(sgp, chrome)
     answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
-    assert f"{mask} was not used, as it shows the object" in answer.error_line(5)
+    assert f"{mask} was not used, because it shows the object" in answer.error_line(5)
 
 
 @pytest.fixture(scope="module")

@@ -404,7 +404,7 @@ def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp
     answer = sgp("capture", "verify", out)
     assert answer.code == 4
     assert f"`capture resume {out} --retake-damaged`" in answer.out
-    assert "nothing was missing" in sgp(*words).err
+    assert "no shot is missing" in sgp(*words).err
     assert sgp(*words, "--retake-damaged").code == 0
     assert sgp("capture", "verify", out).code == 0
 
@@ -498,7 +498,7 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
     journal = (out / "journal.jsonl").read_bytes()
     answer = sgp("capture", "resume", out, "--rig", rig)
     assert answer.code == 0
-    assert "complete already: nothing was missing" in answer.err
+    assert "complete already: no shot is missing" in answer.err
     assert (out / "journal.jsonl").read_bytes() == journal
 
 

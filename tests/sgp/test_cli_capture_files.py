@@ -57,7 +57,7 @@ def test_compacting_a_session(sgp, session, made):
     assert metrics["bytes_after"] == sum(f.stat().st_size for f in (session / "frames").iterdir())
     verified = sgp("capture", "verify", session)
     assert verified.code == 0
-    assert "whole and complete" in verified.out
+    assert "intact and complete" in verified.out
     same(made, session)
     again = sgp("capture", "compact", session)
     assert again.code == 0
@@ -243,7 +243,7 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 130, said
-    assert "the same command goes on" in said
+    assert "run the same command again to continue" in said
     assert "Traceback" not in said
     tethered(folder, [0, 2, 4, 6, 8, 10, 12])
     assert sgp("capture", *words, "--timeout-s", 20).code == 0
@@ -253,10 +253,12 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        pytest.param(["--watch"], "give --leds or --plan", id="no-shots"),
-        pytest.param(["--watch", "--leds", "3", "--plan", "p.toml"], "one of the two", id="both"),
-        pytest.param(["--leds", "3"], "--leds is for --watch", id="not-watching"),
-        pytest.param(["--interval-s", "3"], "--interval-s is for --watch", id="interval"),
+        pytest.param(["--watch"], "requires either --leds or --plan", id="no-shots"),
+        pytest.param(
+            ["--watch", "--leds", "3", "--plan", "p.toml"], "either --leds or --plan", id="both"
+        ),
+        pytest.param(["--leds", "3"], "--leds requires --watch", id="not-watching"),
+        pytest.param(["--interval-s", "3"], "--interval-s requires --watch", id="interval"),
         pytest.param(
             ["--watch", "--leds", "3", "--no-gaps", "--interval-s", "2"], "--no-gaps", id="no-time"
         ),

@@ -116,7 +116,7 @@ def test_outputs_are_refused_before_the_work(sgp, recording, session, place):
         ("demo", "--out", out),
         ("bench", "paper", "--out", out),
     ):
-        assert "the name is not UTF-8: choose another one" in sgp(*words).error_line(2)
+        assert "the name is not UTF-8: choose another name" in sgp(*words).error_line(2)
 
 
 def test_words_that_are_not_utf_8(sgp, recording, place):

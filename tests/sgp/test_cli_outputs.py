@@ -52,7 +52,7 @@ def test_force_removes_what_the_earlier_result_alone_had(sgp, words, tmp_path):
 def test_results_never_go_into_the_source(sgp, words, recording, where):
     answer = sgp(*words, "--out", recording.parent / where, "--force")
     assert answer.code == 2
-    assert "read from" in answer.err
+    assert "is in the folder of the input" in answer.err
     assert not (recording / "mask.png").exists()
 
 

@@ -130,7 +130,7 @@ def test_the_bench_in_order_is_told(bench, sgp):
     assert (told["camera"]["serial"], told["camera"]["pixel_format"]) == ("cam-7", "Mono12")
     plain = sgp("rig", "check", "--rig", bench.rig)
     assert "bench 1, 36 LEDs" in plain.out
-    assert "no self-test can tell swapped LEDs" in plain.err
+    assert "the self-test cannot detect swapped LEDs" in plain.err
 
 
 def test_check_tells_what_is_not_an_error_yet(bench, sgp):
@@ -479,11 +479,11 @@ scene = "plane"
 @pytest.mark.parametrize(
     ("wiring", "code", "said"),
     [
-        pytest.param("", 0, "nothing is wrong", id="in order"),
+        pytest.param("", 0, "no faults", id="in order"),
         pytest.param(
             "wiring = {swapped = [[3, 7]]}", 3, "LED 3 shines from where LED 7", id="swapped"
         ),
-        pytest.param("lamps = {dead = [5]}", 3, "one thing is wrong", id="dead"),
+        pytest.param("lamps = {dead = [5]}", 3, "1 fault", id="dead"),
     ],
 )
 def test_the_self_test_tells_what_it_found(sgp, tmp_path, wiring, code, said):

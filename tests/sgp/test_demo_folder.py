@@ -71,7 +71,7 @@ def test_a_killed_demo_is_begun_again(killed):
 def test_a_file_of_others_is_never_replaced(killed, file):
     (killed / file).write_text("mine")
     with (
-        pytest.raises(UsageError, match=f"{file} was not made by a demo"),
+        pytest.raises(UsageError, match=f"{file} was not written by a demo"),
         claimed(killed, force=True),
     ):
         pass
@@ -91,7 +91,7 @@ def test_links_are_refused_and_not_followed(killed, tmp_path):
     (victim / "file").write_text("x")
     (killed / "recording" / "link").symlink_to(victim)
     with (
-        pytest.raises(UsageError, match="link was not made by a demo"),
+        pytest.raises(UsageError, match="link was not written by a demo"),
         claimed(killed, force=True),
     ):
         pass
@@ -100,8 +100,8 @@ def test_links_are_refused_and_not_followed(killed, tmp_path):
 
 def test_a_folder_of_others_is_refused(tmp_path):
     (tmp_path / "lights.json").write_text("mine")
-    refused(tmp_path, "already holds files")
-    refused(tmp_path, "was not made by a demo", force=True)
+    refused(tmp_path, "already contains files")
+    refused(tmp_path, "was not written by a demo", force=True)
 
 
 def test_a_mark_of_an_earlier_version_is_understood(tmp_path):
@@ -117,12 +117,12 @@ def test_a_mark_of_an_earlier_version_is_understood(tmp_path):
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"files": 3}', '{"unfinished": 3}', "null"])
 def test_a_damaged_mark_makes_no_file_ours(killed, text):
     (killed / MARK).write_text(text)
-    refused(killed, "was not made by a demo")
+    refused(killed, "was not written by a demo")
 
 
 def test_two_demos_do_not_work_in_one_folder(tmp_path):
     with claimed(tmp_path / "demo", force=False):
-        refused(tmp_path / "demo", "another demo is at work")
+        refused(tmp_path / "demo", "another demo is running")
         assert names(tmp_path / "demo") == [MARK]
 
 
