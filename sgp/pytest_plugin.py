@@ -141,12 +141,14 @@ def _sgp_bench(request: pytest.FixtureRequest) -> _Bench:
     if (complaint := foreign_package()) is not None:
         pytest.fail(f"sgp: {complaint}", pytrace=False)
     stated = {name: request.config.getini(f"sgp_{name}") for name in _OPTIONS}
-    said: dict[str, Any] = {name: text for name, text in stated.items() if text}
+    options: dict[str, Any] = {name: text for name, text in stated.items() if text}
     for name in ("leds", "seed"):
-        if str(said.get(name)).isdecimal():
-            said[name] = int(said[name])
-    if "noise" in said:
-        said["noise"] = {"true": True, "false": False}.get(said["noise"].lower(), said["noise"])
+        if str(options.get(name)).isdecimal():
+            options[name] = int(options[name])
+    if "noise" in options:
+        options["noise"] = {"true": True, "false": False}.get(
+            options["noise"].lower(), options["noise"]
+        )
     for marker in reversed(list(request.node.iter_markers("sgp"))):
         for name in (*marker.args, *marker.kwargs):
             if marker.args or name not in _OPTIONS:
@@ -154,12 +156,12 @@ def _sgp_bench(request: pytest.FixtureRequest) -> _Bench:
                     f"the marker sgp accepts {', '.join(_OPTIONS)} as keywords, not {name!r}",
                     pytrace=False,
                 )
-        said |= marker.kwargs
-    said.setdefault("scene", _SCENE)
-    if not str(said["scene"]).endswith(".toml"):
-        said = _OF_NAMED_SCENES | said
+        options |= marker.kwargs
+    options.setdefault("scene", _SCENE)
+    if not str(options["scene"]).endswith(".toml"):
+        options = _OF_NAMED_SCENES | options
     try:
-        return _Bench(**said)
+        return _Bench(**options)
     except ValueError as error:
         complaint = str(error)
     pytest.fail(f"sgp: {complaint}", pytrace=False)

@@ -92,7 +92,9 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     made.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
     table, made.profiles, panels = height_profiles(sources, textures, advance)
     made.tables.append(table)
-    made.pictures["height_profile"] = Picture("Heights, sorted by the target's (order 8)", panels, 2)
+    made.pictures["height_profile"] = Picture(
+        "Heights, sorted by the target's (order 8)", panels, 2
+    )
     if sources.data is None:
         made.left_out.append(
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
