@@ -125,11 +125,11 @@ def _make_room(out: Path, *, force: bool) -> None:
     remove_rests(out)
     if not mark.is_file() or mark.is_symlink():
         check_folder(out, force=force)
-    known, at_work = _read(mark)
+    hashes, at_work = _read(mark)
     for path in _files(out, _MADE):
         name = path.relative_to(out)
         own = name.parts[0] in at_work or (
-            not path.is_symlink() and known.get(str(name)) == sha256(path)
+            not path.is_symlink() and hashes.get(str(name)) == sha256(path)
         )
         if path.is_symlink() or not own:
             raise UsageError(
@@ -157,8 +157,8 @@ def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
 def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
     """Return the hashes in a mark file, and the files of the stage that did not finish."""
     try:
-        known = parse_json(read_bounded(mark))
-        files, at_work = known.get("files", known), known.get("unfinished", [])
+        content = parse_json(read_bounded(mark))
+        files, at_work = content.get("files", content), content.get("unfinished", [])
         return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
     except (FileNotFoundError, UnreadableError, AttributeError, TypeError):
         return {}, ()

@@ -80,7 +80,7 @@ def write_diligent(
         raise DataError(
             f"{session.folder}: its LEDs do not match the lights: the ids must be the same"
         )
-    known = lights.take(indices)
+    matched = lights.take(indices)
     names = []
     for done, shot in enumerate(shots.values(), 1):
         if shot.exposure_us not in darks:
@@ -100,8 +100,8 @@ def write_diligent(
         files.append(folder / "Normal_gt.mat")
         write_normals_mat(files[-1], normals)
     tables = {
-        "light_directions.txt": _rows(known.unit_directions),
-        "light_intensities.txt": _rows(np.asarray(known.intensities)),
+        "light_directions.txt": _rows(matched.unit_directions),
+        "light_intensities.txt": _rows(np.asarray(matched.intensities)),
         "filenames.txt": "".join(f"{name}\n" for name in names),
     }
     for name, text in tables.items():

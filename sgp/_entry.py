@@ -58,12 +58,12 @@ def foreign_package() -> str | None:
     """
     ours = Path(__file__).parents[1]
     for name in PACKAGES:
-        found = _place(name)
-        if found is None:
+        places = _place(name)
+        if places is None:
             return f"the package {name} of sgp is missing in {ours}: install sgp again"
-        if not any(_same(place, ours / name) for place in found):
+        if not any(_same(place, ours / name) for place in places):
             return (
-                f"the package {name} of sgp is hidden by another one, {found[0]}: rename or remove "
+                f"the package {name} of sgp is hidden by another one, {places[0]}: rename or remove "
                 f"the other one, or {_ADVICE}"
             )
     return None

@@ -88,10 +88,10 @@ def earlier_files(out: Path, record: str) -> list[Path]:
 def _earlier_outputs(record: Path) -> list[str]:
     """Return the files that a record names in its own folder; none if it cannot be read."""
     try:
-        found = parse_json(read_bounded(record))
+        content = parse_json(read_bounded(record))
     except (FileNotFoundError, UnreadableError):
         return []
-    outputs = found.get("outputs") if isinstance(found, dict) else None
+    outputs = content.get("outputs") if isinstance(content, dict) else None
     names = outputs.values() if isinstance(outputs, dict) else ()
     return [
         name
@@ -199,9 +199,9 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
     record = {
         **provenance(command, parameters, result.inputs),
         "outputs": {
-            name: made.relative_to(path.parent)
-            for name, made in result.outputs.items()
-            if made.is_relative_to(path.parent)
+            name: output.relative_to(path.parent)
+            for name, output in result.outputs.items()
+            if output.is_relative_to(path.parent)
         },
         "metrics": result.metrics,
         "warnings": result.warnings,

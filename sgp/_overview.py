@@ -69,8 +69,8 @@ def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
     image = image[_box(mask)]
 
     def draw(axes: Axes) -> None:
-        known = image[np.isfinite(image)]
-        white = float(np.quantile(known, 0.995)) if known.size else 0.0
+        finite = image[np.isfinite(image)]
+        white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
         shown = np.nan_to_num(image / (white or 1.0), nan=1.0)
         axes.imshow(np.clip(shown, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
         axes.axis("off")
@@ -123,7 +123,7 @@ def shaded_panel(title: str, height: Image) -> Panel:
     return Panel(title, draw)
 
 
-def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
+def spheres_panel(title: str, values: Image, calibration: SphereCalibration) -> Panel:
     """Show the detected outlines and highlights over the brightest value of each pixel."""
 
     def draw(axes: Axes) -> None:
@@ -132,7 +132,7 @@ def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
         for image in values:
             np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
         axes.imshow(np.clip(brightest, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
-        for sphere in found.spheres:
+        for sphere in calibration.spheres:
             outline = sphere.outline
             a, b = outline.semi_axes_px
             axes.add_patch(
@@ -140,7 +140,7 @@ def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
                     outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
                 )
             )
-        spots = found.highlights_px.reshape(-1, 2)
+        spots = calibration.highlights_px.reshape(-1, 2)
         axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
         axes.axis("off")
 

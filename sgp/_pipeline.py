@@ -48,13 +48,13 @@ def process(
 
     def write(name: str, files_of: Callable[[Path], Result]) -> None:
         record = f"{name}.json"
-        made = files_of(claim_folder(out / name, record))
-        made.inputs = files
-        write_record(out / name / record, "sgp run", parameters, made)
-        merged.outputs.update({f"{name}.{key}": path for key, path in made.outputs.items()})
-        merged.metrics[name] = made.metrics
-        merged.warnings += made.warnings
-        merged.summary += [f"{name:<8} {line}" for line in made.summary]
+        result = files_of(claim_folder(out / name, record))
+        result.inputs = files
+        write_record(out / name / record, "sgp run", parameters, result)
+        merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
+        merged.metrics[name] = result.metrics
+        merged.warnings += result.warnings
+        merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
         stage = compute_normals(source, options)

@@ -13,7 +13,7 @@ _BESIDE_JSON = re.compile(f"[{_COMMANDS}]")
 
 def printable(text: str) -> str:
     """Return one line of text with all control characters escaped."""
-    return _OBEYED.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+    return _OBEYED.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def printable_lines(text: str) -> str:
@@ -23,4 +23,4 @@ def printable_lines(text: str) -> str:
 
 def printable_json(text: str) -> str:
     """Escape the control characters that JSON leaves as they are; they occur only in strings."""
-    return _BESIDE_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _BESIDE_JSON.sub(lambda match: f"\\u{ord(match[0]):04x}", text)

@@ -93,13 +93,13 @@ def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
     """Register commands, with help texts from their docstrings, without importing the module."""
     source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
     nodes = ast.parse(source).body
-    found = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
+    commands = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
     for function in functions:
         app.command(
             f"sgp.commands.{module}:{function}",
             name=function.rstrip("_"),
-            help=_text(found[function]),
-            help_formatter=HelpPage(_optional(found[function].args)),
+            help=_text(commands[function]),
+            help_formatter=HelpPage(_optional(commands[function].args)),
         )
 
 
@@ -109,8 +109,8 @@ def _text(command: ast.FunctionDef) -> str:
 
 def _optional(arguments: ast.arguments) -> str:
     """Return the optional positional arguments in the notation of a usage line."""
-    given = len(arguments.args) - len(arguments.defaults)
-    names = [f"[{one.arg.upper()}]" for one in arguments.args[given:]]
+    required = len(arguments.args) - len(arguments.defaults)
+    names = [f"[{one.arg.upper()}]" for one in arguments.args[required:]]
     if arguments.vararg is not None:
         names.append(f"[{arguments.vararg.arg.upper()}...]")
     return " ".join(names)

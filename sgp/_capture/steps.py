@@ -60,15 +60,15 @@ class MeterOptions:
             "fraction": self.meter_fraction,
             "max_clipped_fraction": self.max_clipped,
         }
-        given = {name: value for name, value in details.items() if value is not None}
+        stated = {name: value for name, value in details.items() if value is not None}
         if self.meter is None:
-            if given:
+            if stated:
                 raise UsageError(
                     "--meter-percentile, --meter-fraction and --max-clipped require --meter each "
                     "or --meter one"
                 )
             return None
-        return MeteringGoal(each=self.meter == "each", **given)
+        return MeteringGoal(each=self.meter == "each", **stated)
 
 
 @dataclass
@@ -82,18 +82,18 @@ class Preparation:
 def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, prepared: Preparation) -> CapturePlan:
     """Return the plan with metered exposure times."""
     with progress("metering") as advance:
-        found = meter_plan(
+        metering = meter_plan(
             rig, plan, goal, on_light=lambda light, done, total: advance(done, total)
         )
-    prepared.events.append(("metered", found.details()))
-    if found.dead_leds:
+    prepared.events.append(("metered", metering.details()))
+    if metering.dead_leds:
         reason = "gave no light when metered"
-        prepared.events.append(("left_out", {"leds": list(found.dead_leds), "reason": reason}))
-    prepared.warnings += found.warnings
-    return found.plan
+        prepared.events.append(("left_out", {"leds": list(metering.dead_leds), "reason": reason}))
+    prepared.warnings += metering.warnings
+    return metering.plan
 
 
-def accept(found: Preflight, prepared: Preparation) -> None:
+def accept(preflight: Preflight, prepared: Preparation) -> None:
     """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
 
     Raises
@@ -101,12 +101,12 @@ def accept(found: Preflight, prepared: Preparation) -> None:
     RigError
         If a check failed.
     """
-    if not found.ok:
-        complaints = "; ".join(f"{check.name}: {check.text}" for check in found.failed)
+    if not preflight.ok:
+        complaints = "; ".join(f"{check.name}: {check.text}" for check in preflight.failed)
         raise RigError(f"the check before recording failed: {complaints}")
-    prepared.events.append(("checked", found.details()))
+    prepared.events.append(("checked", preflight.details()))
     prepared.warnings += [
-        f"{check.name}: {check.text}" for check in found.checks if check.state == "warning"
+        f"{check.name}: {check.text}" for check in preflight.checks if check.state == "warning"
     ]
 
 

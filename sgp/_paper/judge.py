@@ -105,13 +105,13 @@ class _Meant:
     def likeness(self, shape_of: NormalMap, detail_of: NormalMap) -> tuple[float, ...]:
         """Return the `PLAIN` figures of one map's shape and another's detail."""
         figures: list[float] = []
-        for found, meant in (
+        for part, reference in (
             (separate(shape_of, order=1, w=self._w).shape, self._shape),
             (separate(detail_of, order=1, w=self._w).detail, self._detail),
         ):
             protocol: Literal["masked", "paper"] = "paper" if self._region is None else "masked"
-            figures.append(angular_error(found, meant, self._region).mae_deg)
-            figures.append(ssim(found, meant, self._region, protocol=protocol))
+            figures.append(angular_error(part, reference, self._region).mae_deg)
+            figures.append(ssim(part, reference, self._region, protocol=protocol))
         return tuple(figures)
 
     def errors_deg(self, result: NormalMap) -> tuple[float, ...]:

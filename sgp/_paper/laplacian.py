@@ -106,12 +106,12 @@ def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Double, Double], D
     matrix = Bilaplacian(*mesh.edges, inside, anchor)
 
     def solve(b: Double, guess: Double) -> Double:
-        found = np.zeros_like(b)
+        solution = np.zeros_like(b)
         for axis in range(b.shape[1]):
             right_side, start = np.zeros((2, *inside.shape))
             right_side[inside], start[inside] = b[:, axis], guess[:, axis]
-            found[:, axis] = matrix.solve(right_side, start, _TOLERANCE)[inside]
-        return found
+            solution[:, axis] = matrix.solve(right_side, start, _TOLERANCE)[inside]
+        return solution
 
     return solve
 

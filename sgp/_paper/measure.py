@@ -122,17 +122,17 @@ def measure(
     from simulator import OwnedFolder  # not in the process that is measured
 
     with closing(OwnedFolder("sgp-measure-")) as folder:
-        given, made = folder.path / "given.npz", folder.path / "made.npy"
+        inputs, outputs = folder.path / "given.npz", folder.path / "made.npy"
         mask = source.mask & target.mask
         np.savez(
-            given,
+            inputs,
             source=source.normals,
             target=target.normals,
             mask=mask,
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        arguments = (given, made, w, runs, *methods)
+        arguments = (inputs, outputs, w, runs, *methods)
         if script is None:
             call = module_command(__name__, *arguments)
         else:
@@ -142,7 +142,7 @@ def measure(
         environment = os.environ | {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(call, check=True, env=environment, stdout=subprocess.PIPE, text=True)
         figures = json.loads(done.stdout)
-        results = np.load(made)
+        results = np.load(outputs)
     return {
         method: Measured(
             NormalMap(normals, mask),
@@ -170,10 +170,10 @@ class _Bench:
     def prepare(self, method: str) -> Callable[[], NormalMap | Float]:
         """Do the computations that depend on the target only; return a function for the rest."""
         if method in self._peers:
-            given = self._surfaces
-            mesh = GridMesh(given.mesh.mask, given.mesh.faces)  # with an empty cache
-            peer = self._peers[method](given.target, mesh, self._region, self._w)
-            return partial(peer.put, given.source)
+            surfaces = self._surfaces
+            mesh = GridMesh(surfaces.mesh.mask, surfaces.mesh.faces)  # with an empty cache
+            peer = self._peers[method](surfaces.target, mesh, self._region, self._w)
+            return partial(peer.put, surfaces.source)
         order = _ORDERS[method]
         shape = ShapeFilter("gaussian", order, self._w).shape(self._target)
         return lambda: combine(shape, separate(self._source, order=order, w=self._w).detail)
@@ -232,8 +232,13 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
     peers
         All mesh methods by name.
     """
-    given, made, w, runs = Path(arguments[0]), arguments[1], int(arguments[2]), int(arguments[3])
-    with np.load(given) as arrays:
+    inputs, outputs, w, runs = (
+        Path(arguments[0]),
+        arguments[1],
+        int(arguments[2]),
+        int(arguments[3]),
+    )
+    with np.load(inputs) as arrays:
         mask = arrays["mask"]
         source, target = (
             NormalMap(np.where(mask[..., None], arrays[name], 0), mask)
@@ -262,7 +267,7 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
             "again_cpu_s": again_cpu_s,
             "peak_bytes": _peaks(first, min(runs, _MEMORY_RUNS)),
         }
-    np.save(made, np.stack(results))
+    np.save(outputs, np.stack(results))
     print(json.dumps(figures))
 
 

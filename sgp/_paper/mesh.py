@@ -84,8 +84,8 @@ class GridMesh:
         image[self.inside, :-1] = vertices
         image[..., -1] = self.inside
         smooth = cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
-        found = smooth[self.inside]
-        return np.asarray(found[:, :-1] / found[:, -1:], np.float32)
+        sums = smooth[self.inside]
+        return np.asarray(sums[:, :-1] / sums[:, -1:], np.float32)
 
     def laplacian(self, values: Float | Double) -> Double:
         """Return the differences ``(V, k)`` between values and those of their neighbours.

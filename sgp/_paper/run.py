@@ -74,43 +74,45 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
         Called with a description of each step before it begins.
     """
     sources = Sources.found()
-    made = Comparison()
+    comparison = Comparison()
     textures = sources.textures()
     alike, apart, again, panels = of_textures(textures, advance)
-    made.tables += [alike, apart, again]
-    made.pictures["separability"] = Picture(
+    comparison.tables += [alike, apart, again]
+    comparison.pictures["separability"] = Picture(
         "Details, and the shape left in them (order 8)", panels, 4
     )
     if sources.data is not None:
-        made.tables.append(chain(sources, advance))
+        comparison.tables.append(chain(sources, advance))
     exchanged, panels = exchange(textures, advance)
-    made.tables.append(exchanged)
-    made.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
+    comparison.tables.append(exchanged)
+    comparison.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     tables, panels = by_resolution(sources, points, runs, advance)
-    made.tables += tables
-    made.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
-    table, made.profiles, panels = height_profiles(sources, textures, advance)
-    made.tables.append(table)
-    made.pictures["height_profile"] = Picture(
+    comparison.tables += tables
+    comparison.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
+    table, comparison.profiles, panels = height_profiles(sources, textures, advance)
+    comparison.tables.append(table)
+    comparison.pictures["height_profile"] = Picture(
         "Heights, sorted by the target's (order 8)", panels, 2
     )
     if sources.data is None:
-        made.left_out.append(
+        comparison.left_out.append(
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
             "are left out; all data here are simulated"
         )
     else:
         tables, panels = onto_diligent(sources, runs, advance)
-        made.tables += tables
-        made.pictures["diligent"] = Picture("Cracks on the DiLiGenT targets (order 1)", panels, 5)
+        comparison.tables += tables
+        comparison.pictures["diligent"] = Picture(
+            "Cracks on the DiLiGenT targets (order 1)", panels, 5
+        )
         table, panels = local_transfers(sources, advance)
-        made.tables.append(table)
-        made.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
+        comparison.tables.append(table)
+        comparison.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
     if quick:
-        made.left_out.append(
+        comparison.left_out.append(
             f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "
             "ratio"
         )
-    made.files = sorted(sources.files)
-    return made
+    comparison.files = sorted(sources.files)
+    return comparison

@@ -42,8 +42,10 @@ class Sources:
 
     def textures(self) -> dict[str, NormalMap]:
         """Return the surfaces whose detail is measured, by name."""
-        given = {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
-        return given | {
+        measured = (
+            {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
+        )
+        return measured | {
             "scales (simulated)": _relief(LizardScales(_SKIN_MM, outline="square")),
             "cloth (simulated)": _relief(Textile(_CLOTH_MM, outline="square")),
             "carving (simulated)": _relief(WoodCarving(_WOOD_MM, outline="square")),

@@ -31,11 +31,11 @@ class Surfaces:
     def of(cls, source: NormalMap, target: NormalMap) -> Surfaces:
         """Integrate two maps of the same size and mask."""
         to_surface = integrate(target)
-        made = height_mesh(to_surface)
-        pixels = GridMesh(to_surface.mask, made.faces)
-        ends = made.vertices
+        triangles = height_mesh(to_surface)
+        pixels = GridMesh(to_surface.mask, triangles.faces)
+        ends = triangles.vertices
         starts, whole = _surface_on(source, pixels, ends)
-        return cls(starts, ends, GridMesh(pixels.mask, made.faces[whole]))
+        return cls(starts, ends, GridMesh(pixels.mask, triangles.faces[whole]))
 
     def read(self, vertices: Float, elsewhere: NormalMap) -> NormalMap:
         """Return a map of the area-weighted normals of the vertices.
@@ -56,8 +56,8 @@ def _surface_on(normal_map: NormalMap, mesh: GridMesh, instead: Float) -> tuple[
     Vertices that the surface does not cover are taken from `instead`.
     """
     surface = integrate(normal_map)
-    known = surface.mask[mesh.mask]
-    vertices = np.where(known[:, None], surface.points()[mesh.mask], instead)
+    covered = surface.mask[mesh.mask]
+    vertices = np.where(covered[:, None], surface.points()[mesh.mask], instead)
     parts = surface.parts[mesh.mask][mesh.faces]
     return vertices, (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(axis=1)
 

@@ -49,21 +49,21 @@ def paper(
     from sgp._write_profile import write_profile_data
 
     count = runs or (1 if quick else 10)
-    found = run_all(quick=quick, runs=count, advance=note)
+    comparison = run_all(quick=quick, runs=count, advance=note)
     claim_folder(out, "bench.json")
-    result = Result(warnings=list(found.left_out), inputs=found.files)
+    result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
-    for name, picture in found.pictures.items():
+    for name, picture in comparison.pictures.items():
         result.outputs[name] = out / f"{name}.png"
         write_overview(result.outputs[name], *picture)
-    for name, profile in found.profiles.items():
+    for name, profile in comparison.profiles.items():
         result.outputs[f"{name}_data"] = out / f"{name}.csv"
         write_profile_data(result.outputs[f"{name}_data"], profile)
-    left_out = [f"Note: {line}." for line in found.left_out]
-    text = "\n\n".join([found.preface, *left_out, *map(markdown, found.tables)])
+    left_out = [f"Note: {line}." for line in comparison.left_out]
+    text = "\n\n".join([comparison.preface, *left_out, *map(markdown, comparison.tables)])
     write_durably(result.outputs["tables"], f"{text}\n".encode())
-    tables = {table.key: asdict(table) for table in found.tables}
+    tables = {table.key: asdict(table) for table in comparison.tables}
     write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
-    result.metrics = {"tables": len(found.tables), "runs": count, "quick": quick}
-    result.summary = [f"{len(found.tables)} tables in {result.outputs['tables']}"]
+    result.metrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
+    result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result

@@ -77,7 +77,7 @@ def spheres(
         check_file(path, suffix, force=force)
     if mask and sphere:
         raise UsageError("--mask and --sphere both give the outlines of the spheres: give only one")
-    given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
+    outlines = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
     # A folder may contain one mask for each sphere; giving one spares the reader the choice.
     first, others = (mask[0], mask[1:]) if mask else (None, ())
     opened, files = open_source(
@@ -85,28 +85,28 @@ def spheres(
     )
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
-    if any(radius > largest for _, _, radius in given):
+    if any(radius > largest for _, _, radius in outlines):
         raise UsageError(
             f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
         )
     marked = list(mask)
-    if opened.mask_path is not None and opened.mask_origin == "folder" and not given:
+    if opened.mask_path is not None and opened.mask_origin == "folder" and not outlines:
         marked = [opened.mask_path]
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     try:
-        found = calibrate_spheres(
+        calibration = calibrate_spheres(
             stack,
             masks=[read_mask_shares(path, stack.values.shape[1:]) for path in marked],
-            circles=given,
+            circles=outlines,
             camera=opened.camera,
             radius_mm=radii,
         )
     except EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
-    result = _describe(found)
+    result = _describe(calibration)
     result.outputs = outputs
-    result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
+    result.warnings = [*opened.warnings, *stack.warnings, *calibration.warnings]
     result.inputs = files
     parameters = {
         "source": source,
@@ -115,14 +115,14 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
     }
-    _write_lights(out, found.lights, "sgp calibrate spheres", parameters, result)
-    write_lights(outputs["lp"], found.lights)
+    _write_lights(out, calibration.lights, "sgp calibrate spheres", parameters, result)
+    write_lights(outputs["lp"], calibration.lights)
 
     from sgp._overview import lights_panel, spheres_panel, write_overview
 
     panels = [
-        spheres_panel("spheres and highlights", stack.values, found),
-        lights_panel("lights as the camera sees them", found.lights),
+        spheres_panel("spheres and highlights", stack.values, calibration),
+        lights_panel("lights as the camera sees them", calibration.lights),
     ]
     write_overview(outputs["picture"], str(source), panels, columns=2)
     return result
@@ -176,27 +176,27 @@ def intensities(
     card = np.ones(stack.values.shape[1:], np.bool_)
     if mask is not None and opened.mask is not None:
         card = opened.mask
-    found = calibrate_intensities(
+    calibration = calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
-    strength = np.asarray(found.lights.intensities)[:, 0]
+    strength = np.asarray(calibration.lights.intensities)[:, 0]
     result = Result(
         outputs={"lights": out},
         metrics={
             "intensities": strength,
-            "mu": found.mu,
-            "residual": found.residual,
-            "pixels": found.pixels,
+            "mu": calibration.mu,
+            "residual": calibration.residual,
+            "pixels": calibration.pixels,
         },
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *found.warnings],
+        warnings=[*opened.warnings, *stack.warnings, *by_order, *calibration.warnings],
         summary=[
             f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
-            f"their mean, mu {found.mu:.2f}; residual on the card {found.residual:.1%}"
+            f"their mean, mu {calibration.mu:.2f}; residual on the card {calibration.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
     parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
-    _write_lights(out, found.lights, "sgp calibrate intensities", parameters, result)
+    _write_lights(out, calibration.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 
@@ -229,12 +229,12 @@ def _write_lights(
     write_lights(out, lights, provenance=made_by)
 
 
-def _describe(found: SphereCalibration) -> Result:
-    residual = found.residuals_deg[np.isfinite(found.residuals_deg)]
+def _describe(calibration: SphereCalibration) -> Result:
+    residual = calibration.residuals_deg[np.isfinite(calibration.residuals_deg)]
     result = Result(
         metrics={
-            "lights": len(found.lights),
-            "near": found.lights.near,
+            "lights": len(calibration.lights),
+            "near": calibration.lights.near,
             "spheres": [
                 {
                     "centre_px": sphere.outline.centre_px,
@@ -244,15 +244,15 @@ def _describe(found: SphereCalibration) -> Result:
                     "coverage": sphere.coverage,
                     "rms_px": sphere.rms_px,
                 }
-                for sphere in found.spheres
+                for sphere in calibration.spheres
             ],
             "residual_deg": float(np.mean(residual)) if len(residual) else None,
         }
     )
-    kind = "positions" if found.lights.near else "directions"
-    balls = "1 sphere" if len(found.spheres) == 1 else f"{len(found.spheres)} spheres"
-    result.summary = [f"{len(found.lights)} light {kind} from {balls}"]
-    for sphere in found.spheres:
+    kind = "positions" if calibration.lights.near else "directions"
+    balls = "1 sphere" if len(calibration.spheres) == 1 else f"{len(calibration.spheres)} spheres"
+    result.summary = [f"{len(calibration.lights)} light {kind} from {balls}"]
+    for sphere in calibration.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
     if len(residual):

@@ -222,45 +222,47 @@ def verify(session: Path) -> Result:
     session
         Folder of the session.
     """
-    found = verify_session(session)
+    checked = verify_session(session)
     result = Result(
         metrics={
-            "whole": found.ok,
-            "complete": found.complete,
-            "frames": found.frames,
-            "events": found.events,
-            "bytes": found.bytes,
-            "problems": list(found.problems),
-            "missing": list(found.missing),
-            "left_out": list(found.left_out),
-            "damaged": list(found.damaged),
-            "set_aside": list(found.set_aside),
+            "whole": checked.ok,
+            "complete": checked.complete,
+            "frames": checked.frames,
+            "events": checked.events,
+            "bytes": checked.bytes,
+            "problems": list(checked.problems),
+            "missing": list(checked.missing),
+            "left_out": list(checked.left_out),
+            "damaged": list(checked.damaged),
+            "set_aside": list(checked.set_aside),
         },
-        warnings=list(found.warnings),
-        summary=list(found.problems),
-        ok=found.ok and found.complete,
+        warnings=list(checked.warnings),
+        summary=list(checked.problems),
+        ok=checked.ok and checked.complete,
     )
-    if found.problems:
-        several = "s" if len(found.problems) > 1 else ""
-        result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problem{several}")
-        if len(found.damaged) == len(found.problems) and _can_be_retaken(session):
+    if checked.problems:
+        several = "s" if len(checked.problems) > 1 else ""
+        result.summary.append(f"{session}: DAMAGED, {len(checked.problems)} problem{several}")
+        if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
             result.summary.append(
                 f"if the object has not moved, `capture resume {session} --retake-damaged` takes "
                 "these frames again"
             )
-    elif not found.complete:
+    elif not checked.complete:
         missing = "but the session was not finished"
-        if found.missing:
-            missing = f"{len(found.missing)} are missing, first {found.missing[0]}"
-        result.summary.append(f"{session}: incomplete, {found.frames} frames are intact, {missing}")
+        if checked.missing:
+            missing = f"{len(checked.missing)} are missing, first {checked.missing[0]}"
+        result.summary.append(
+            f"{session}: incomplete, {checked.frames} frames are intact, {missing}"
+        )
     else:
         result.summary.append(
-            f"{session}: intact and complete, {found.frames} frames, {found.bytes / 1e6:.1f} MB"
+            f"{session}: intact and complete, {checked.frames} frames, {checked.bytes / 1e6:.1f} MB"
         )
-        if found.left_out:
+        if checked.left_out:
             result.summary.append(
-                f"{len(found.left_out)} planned frames were skipped because their LED died, first "
-                f"{found.left_out[0]}"
+                f"{len(checked.left_out)} planned frames were skipped because their LED died, first "
+                f"{checked.left_out[0]}"
             )
     return result
 
@@ -314,10 +316,10 @@ def _can_be_retaken(session: Path) -> bool:
 def _damaged(session: Path) -> tuple[Damage, ...]:
     """Verify every frame, and report those that are damaged."""
     with progress("checking") as advance:
-        found = damaged_frames(session, advance)
-    for damage in found:
+        damages = damaged_frames(session, advance)
+    for damage in damages:
         note(f"damaged: {damage.text}")
-    return found
+    return damages
 
 
 def _upright_size(rig: Rig) -> tuple[int, int]:

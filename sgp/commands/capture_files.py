@@ -227,8 +227,8 @@ def import_(
         asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, max_pixels=max_pixels)
         return _import_watched(asked, out, lights, texts)
-    for option, given in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
-        if given is not None:
+    for option, value in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
+        if value is not None:
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
     chosen = None if lights is None else read_lights(lights)

@@ -119,10 +119,10 @@ def check(
             chosen,
             out,
             self_test=not quick,
-            on_check=lambda found, done, total: advance(done, total),
+            on_check=lambda check, done, total: advance(done, total),
         )
-    failed = [found.name for found in flight.failed]
-    summary = [f"{found.state:<9} {found.name:<11} {found.text}" for found in flight.checks]
+    failed = [check.name for check in flight.failed]
+    summary = [f"{check.state:<9} {check.name:<11} {check.text}" for check in flight.checks]
     summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
     return Result(
         metrics={"ready": flight.ok, **flight.details()},

@@ -75,13 +75,13 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     folder.begin("camera.json", "lights.json")
     write_camera(out / "camera.json", bench_camera())
     with watch.stage("calibrate"):
-        found, lights, stack = _calibrate(spheres, scenes["spheres"])
+        calibration, lights, stack = _calibrate(spheres, scenes["spheres"])
         write_lights(out / "lights.json", lights)
     source = read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
     outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
     result = outcome.result
-    result.warnings[:0] = found.warnings
+    result.warnings[:0] = calibration.warnings
     errors = _Errors(lights, outcome, truth["coin"])
     folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
@@ -94,7 +94,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
                 error=True,
             ),
             map_panel("height error", errors.height_map_mm, "mm"),
-            spheres_panel("chrome spheres and highlights", stack, found),
+            spheres_panel("chrome spheres and highlights", stack, calibration),
         ]
         write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
     result.metrics |= errors.metrics() | {"seconds": watch.seconds}
@@ -141,10 +141,10 @@ def _calibrate(
         stack = linear_stack(read_source(session.folder), on_progress=advance)
     camera = bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
-    found = calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    calibration = calibrate_spheres(stack, camera=camera, radius_mm=radii)
     card = np.ones(camera.size, np.bool_)
-    strong = calibrate_intensities(stack.values, found.lights, camera.points_on_plane(), card)
-    return found, strong.lights, stack.values
+    strong = calibrate_intensities(stack.values, calibration.lights, camera.points_on_plane(), card)
+    return calibration, strong.lights, stack.values
 
 
 class _Errors:
@@ -152,13 +152,13 @@ class _Errors:
 
     def __init__(self, lights: Lights, outcome: Outcome, rendering: Rendering) -> None:
         truth = rendering.truth
-        found = np.asarray(lights.positions_mm)
+        calibrated = np.asarray(lights.positions_mm)
         true = np.asarray(truth.lights.positions_mm)
-        self.light_deg = angle_deg(found, true)
-        self.light_mm = np.linalg.norm(found - true, axis=1)
+        self.light_deg = angle_deg(calibrated, true)
+        self.light_mm = np.linalg.norm(calibrated - true, axis=1)
         strength, true_strength = (
-            known.mean(axis=1) / known.mean()
-            for known in map(np.asarray, (lights.intensities, truth.lights.intensities))
+            intensities.mean(axis=1) / intensities.mean()
+            for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
         error = angular_error(outcome.normals.stereo.normal_map, truth.normals, truth.mask)

@@ -96,14 +96,14 @@ def combine(
     first, second = (read_normals(path, max_pixels=max_pixels) for path in (shape, detail))
     combined = combine_maps(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
-    known = int(combined.mask.sum())
-    lost = int(first.normal_map.mask.sum()) - known
+    count = int(combined.mask.sum())
+    lost = int(first.normal_map.mask.sum()) - count
     if lost:
         warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are masked out")
     return Result(
         outputs=write_normals(claim_folder(out, "normals.json"), combined),
-        metrics={"pixels": known},
+        metrics={"pixels": count},
         warnings=warnings,
-        summary=[f"{known} normals in {out}"],
+        summary=[f"{count} normals in {out}"],
         inputs=[*first.files, *second.files],
     )

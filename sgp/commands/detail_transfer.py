@@ -207,9 +207,9 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
             f"detail_mae_deg{suffix}": fidelity.detail_mae_deg,
         }
     pairs = {"shape": (own.result.shape, own.shape), "detail": (own.result.detail, own.detail)}
-    for name, (found, meant) in pairs.items():
-        result.metrics[f"{name}_ssim"] = ssim(found, meant, own.detail.mask)
-        result.metrics[f"{name}_ssim_paper"] = ssim(found, meant, protocol="paper")
+    for name, (part, reference) in pairs.items():
+        result.metrics[f"{name}_ssim"] = ssim(part, reference, own.detail.mask)
+        result.metrics[f"{name}_ssim_paper"] = ssim(part, reference, protocol="paper")
     result.summary = [
         _where(done),
         f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",

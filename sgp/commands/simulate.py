@@ -84,13 +84,13 @@ def simulate(
         raise UsageError("--sheet draws all scenes: use it with `sgp simulate list` only")
     check_folder(out)
     watch = Stopwatch()
-    made, files = _scene(scene, lights, size, seed)
-    if layout == "diligent" and made.lens.cfa is not None:
+    chosen, files = _scene(scene, lights, size, seed)
+    if layout == "diligent" and chosen.lens.cfa is not None:
         raise UsageError(
             "--format diligent does not support cameras with a colour mosaic: record a session"
         )
     with watch.stage("render"), progress("rendering") as advance:
-        rendering = render(made, advance)
+        rendering = render(chosen, advance)
     exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
     if layout == "diligent":
         exposures = exposures[:1]  # the layout has one image per light
@@ -112,7 +112,7 @@ def simulate(
         ],
         inputs=files,
     )
-    if dead := made.lamps.dead:
+    if dead := chosen.lamps.dead:
         result.warnings.append(f"LED {', '.join(map(str, dead))} skipped: dead in the scene")
 
     def recorded(folder: Path) -> Session:
