@@ -63,8 +63,8 @@ def foreign_package() -> str | None:
             return f"the package {name} of sgp is missing in {ours}: install sgp again"
         if not any(_same(place, ours / name) for place in places):
             return (
-                f"the package {name} of sgp is hidden by another one, {places[0]}: rename or remove "
-                f"the other one, or {_ADVICE}"
+                f"the package {name} of sgp is hidden by another one, {places[0]}: rename or "
+                f"remove the other one, or {_ADVICE}"
             )
     return None
 

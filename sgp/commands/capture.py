@@ -261,8 +261,8 @@ def verify(session: Path) -> Result:
         )
         if checked.left_out:
             result.summary.append(
-                f"{len(checked.left_out)} planned frames were skipped because their LED died, first "
-                f"{checked.left_out[0]}"
+                f"{len(checked.left_out)} planned frames were skipped because their LED died, "
+                f"first {checked.left_out[0]}"
             )
     return result
 
