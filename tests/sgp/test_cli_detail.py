@@ -145,13 +145,13 @@ def other_mask(maps):
     [
         pytest.param(None, ["--at", "900,0"], 4, "does not reach the mask", id="outside"),
         pytest.param(None, ["--at", "1.5,0"], 2, "--at must be whole pixels", id="half a pixel"),
-        pytest.param(None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers", id="endless"),
+        pytest.param(None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers", id="infinite"),
         pytest.param(None, ["--at", "1e300,0"], 4, "does not reach the mask", id="far away"),
         pytest.param(
             None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers", id="not a number"
         ),
         pytest.param(None, ["--w", "30"], 4, "larger than the normal map", id="w"),
-        pytest.param(None, ["--scale", "1.1"], 4, "has no place on a target", id="no place"),
+        pytest.param(None, ["--scale", "1.1"], 4, "has no place on a target", id="no position"),
         pytest.param(None, ["--scale", "0"], 2, "--scale", id="no scale"),
         pytest.param(
             None, ["--scale", "1e-9", "--at", "9,9"], 4, "a scale of 1e-09", id="tiny scale"

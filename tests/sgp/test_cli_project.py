@@ -134,7 +134,7 @@ def test_bad_files_get_one_line(sgp, tmp_path, name, text, code, words):
     assert not (tmp_path / "o").exists()
 
 
-def test_a_point_has_no_surface_whatever_the_size(sgp, tmp_path):
+def test_a_single_point_has_no_surface_at_any_size(sgp, tmp_path):
     path = _spoil(tmp_path / "a.xyz", "1 2 3\n" * 3)
     answer = sgp("project", path, "--out", tmp_path / "o", "--size", "64x64")
     assert (answer.code, "places (1)" in answer.err) == (5, True), answer.err

@@ -117,7 +117,7 @@ def test_displacement_onto_a_plane_is_exact():
         np.testing.assert_allclose(moved[INNER], expected[INNER], atol=2e-3)
 
 
-def test_a_constant_displacement_of_a_plane_is_no_detail():
+def test_a_constant_displacement_of_a_plane_is_not_detail():
     moved = transferred(Displacement, surface(np.full_like(X, 5)), surface(WAVES))
     np.testing.assert_allclose(moved, transferred(Displacement, FLAT, surface(WAVES)), atol=1e-5)
 

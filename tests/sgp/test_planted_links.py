@@ -82,9 +82,7 @@ def commands(text: str, root: Path) -> list[list[str]]:
     ],
 )
 @pytest.mark.timeout(900)
-def test_no_writer_follows_what_is_planted(
-    tmp_path: Path, kind: str, text: str, names: int
-) -> None:
+def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, names: int) -> None:
     root, victims = tmp_path / "root", tmp_path / "victims"
     root.mkdir()
     victims.mkdir()
