@@ -337,7 +337,7 @@ def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
     assert picture.dtype == np.uint8
     # Seven frames in rows of six, 200 px wide with the aspect ratio 52 / 64, and their names.
     assert picture.shape == (2 * (162 + 22 + 4), 6 * 204, 3)
-    # The first one is dark, the second is not; clipped pixels would be red, but no pixel is clipped.
+    # The first is dark, the second is not; clipped pixels would be red, but no pixel is clipped.
     assert picture[:162, :200].mean() < 30 < picture[:162, 204:404].mean()
     assert (picture[:162, 204:404, 0] == picture[:162, 204:404, 1]).all()
     assert sgp("capture", "info", out, "--sheet", sheet).code == 2
