@@ -1,11 +1,11 @@
-# Two commands on a fresh machine: `make demo` and `make test`. Each makes .venv, installs the pinned
-# versions and does its job; nothing needs root.
+# Two commands for a new machine: `make demo` and `make test`. Each creates .venv, installs the pinned
+# versions and runs; neither needs root.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
-# Many tests wait for a board or a camera: one worker more than two cores keeps them busy.
+# Many tests wait for a board or a camera: three workers keep two cores busy.
 WORKERS ?= 3
 
 .PHONY: demo test lint install clean clean-kernels genicam-1.5
@@ -29,11 +29,11 @@ $(STAMP): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev]"
 	touch $@
 
-# A second GenTL producer that nobody here wrote, for the camera's tests: they find it through SGP_GENICAM_1_5.
+# A GenTL producer from another project, for the camera tests, which find it through SGP_GENICAM_1_5.
 genicam-1.5: $(STAMP)
 	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --dest $(VENV)/wheels genicam==1.5.0
 
-# numba does not notice a change in a compiled function that another file calls.
+# numba does not detect a change in a compiled function that another file calls.
 clean-kernels:
 	find rig acquisition calibration processing simulator sgp -name '*.nb[ci]' -delete
 

@@ -1,4 +1,4 @@
-"""Print the skipped tests of a junit report; exit 1 for one that nobody expected."""
+"""Print the skipped tests of a junit report; exit with 1 if a skip was not expected."""
 
 import os
 import sys
@@ -7,18 +7,18 @@ from xml.etree import ElementTree as ET
 
 
 def main(report: Path) -> int:
-    surprises = 0
+    unexpected = 0
     for case in ET.parse(report).iter("testcase"):
         skipped = case.find("skipped")
         if skipped is None:
             continue
         reason = skipped.get("message", "")
-        # The real captures are no part of the repository.
+        # The real captures are not part of the repository.
         expected = "SGP_DATA" in reason and not os.environ.get("SGP_DATA")
-        surprises += not expected
+        unexpected += not expected
         mark = "expected" if expected else "NOT EXPECTED"
         print(f"skipped ({mark}): {case.get('classname')}::{case.get('name')}: {reason}")
-    return 1 if surprises else 0
+    return 1 if unexpected else 0
 
 
 if __name__ == "__main__":

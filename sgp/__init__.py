@@ -1,4 +1,4 @@
-"""The front door: commands, plots, reports and the demo. Everything a person sees."""
+"""The command line: commands, plots, reports and the demo."""
 
 from typing import TYPE_CHECKING
 

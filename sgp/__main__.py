@@ -1,11 +1,11 @@
-"""``python -m sgp``: the command ``sgp``, without modules that lie in the working directory."""
+"""``python -m sgp``: the command ``sgp``, ignoring modules in the working directory."""
 
 import os
 import sys
 
 import sgp
 
-# `python -m` puts the working directory first, and a file there may have the name of any module.
+# `python -m` searches the working directory first, where a file may have the name of any module.
 if sys.path[:1] in ([""], [os.getcwd()]) and os.path.dirname(sgp.__path__[0]) != os.getcwd():
     del sys.path[0]
 

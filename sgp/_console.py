@@ -1,4 +1,4 @@
-"""What a person sees while work goes on: progress and notes on stderr, never on stdout."""
+"""Progress bars and notes, on stderr and never on stdout."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Advance = Callable[[int, int], None]
 
 _stderr = Console(file=STDERR, highlight=False, emoji=False)
 
-# Between two lines of progress where there is no terminal for a bar.
+# Interval between lines of progress if stderr is not a terminal.
 _LINE_EVERY_S = 10.0
 
 
 def note(text: str) -> None:
-    """Say one line to the person at the terminal."""
+    """Print one line to stderr."""
     _stderr.print(printable(text), markup=False, soft_wrap=True)
 
 
 @contextmanager
 def _progress(what: str) -> Iterator[Advance]:
-    """Show a bar on a terminal, a line now and then elsewhere; yields ``advance(done, total)``."""
+    """Show a bar on a terminal, or a line from time to time; yields ``advance(done, total)``."""
     if not STDERR.isatty():
         yield _Lines(what)
         return
@@ -44,9 +44,9 @@ def _progress(what: str) -> Iterator[Advance]:
 
 
 class Stages:
-    """Shows the stages of a library call one after another, each with a bar of its own.
+    """Show the stages of a library call one after another, each with its own progress bar.
 
-    A context manager; inside it, it is a `rig.Progress`.
+    A context manager; inside the ``with`` block it is a `rig.Progress`.
     """
 
     def __init__(self) -> None:
@@ -74,16 +74,16 @@ class Stages:
 
 
 class _Lines:
-    """Progress as lines of a log, the first one only when the work turns out to be long."""
+    """Progress as log lines; short work prints none."""
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self._began_s = self._told_s = time.monotonic()
+        self._began_s = self._printed_s = time.monotonic()
 
     def __call__(self, done: int, total: int) -> None:
         now_s = time.monotonic()
-        if now_s - self._told_s < _LINE_EVERY_S or not 0 < done < total:
+        if now_s - self._printed_s < _LINE_EVERY_S or not 0 < done < total:
             return
         left_s = (now_s - self._began_s) * (total - done) / done
         note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")
-        self._told_s = now_s
+        self._printed_s = now_s

@@ -1,4 +1,4 @@
-"""The folder of a demo: which files in it a demo has made, also one that was killed."""
+"""The output folder of the demo, and which files in it were written by a demo."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from sgp._result import dumps
 
 try:
     import fcntl
-except ImportError:  # Windows: two demos in one folder are not noticed
+except ImportError:  # Windows: two demos in one folder are not detected
     fcntl = None  # type: ignore[assignment]
 
 MARK = ".made-by-sgp-demo"
-# What a demo makes; a later demo replaces this and nothing else.
+# Files and folders that a demo writes; a later demo replaces only these.
 _MADE = (
     "calibration",
     "recording",
@@ -35,15 +35,16 @@ _MADE = (
 
 
 class DemoFolder:
-    """The folder in which a demo works.
+    """The output folder of a running demo.
 
-    A mark in it lists the files of the stages that are done, by hash, and what the stage at work
-    makes. So the next demo can tell the files of one that was killed from those of others.
+    A mark file in it lists the files of the finished stages with their hashes, and the files that
+    the current stage writes. From it, the next demo can distinguish the files of a demo that was
+    killed from other files.
 
     Parameters
     ----------
     out
-        The folder, claimed by `claimed`.
+        The folder, locked by `claimed`.
     """
 
     def __init__(self, out: Path) -> None:
@@ -52,13 +53,13 @@ class DemoFolder:
         self._at_work: tuple[str, ...] = ()
 
     def begin(self, *names: str) -> None:
-        """Begin a stage that makes these files or folders; what the one before made is done."""
+        """Begin a stage that writes these files or folders; this finishes the stage before it."""
         self._finish_stage()
         self._at_work = names
         self._write()
 
     def finish(self) -> None:
-        """Note that nothing more is made."""
+        """Record that the last stage has finished."""
         self._finish_stage()
         self._write()
 
@@ -74,13 +75,14 @@ class DemoFolder:
 
 @contextmanager
 def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
-    """Claim a folder for a demo, with the files of earlier ones removed.
+    """Lock a folder for a demo and remove the files of earlier demos.
 
     Raises
     ------
     UsageError
-        If the folder holds other files and ``force`` is not given, if a file that a demo would
-        replace was not made by one or was changed since, or if another demo works in the folder.
+        If the folder contains other files and ``force`` is not given, if a file that the demo would
+        replace was not written by a demo or was changed since, or if another demo is running in
+        the folder.
     """
     existed = out.is_dir()
     if not existed:
@@ -103,13 +105,13 @@ def _locked(out: Path) -> Iterator[None]:
         return
     place = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        # Some file systems have no locks.
+        # Some file systems do not support locks.
         with suppress(OSError):
             try:
                 fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise UsageError(
-                    f"another demo is at work in {out}: wait until it has ended, or choose "
+                    f"another demo is running in {out}: wait until it has ended, or choose "
                     "another --out"
                 ) from None
         yield
@@ -118,20 +120,20 @@ def _locked(out: Path) -> Iterator[None]:
 
 
 def _make_room(out: Path, *, force: bool) -> None:
-    """Clear an earlier demo's own files out of the way; refuse whatever else is in their place."""
+    """Remove the files of an earlier demo; refuse other files with the same names."""
     mark = out / MARK
     remove_rests(out)
     if not mark.is_file() or mark.is_symlink():
         check_folder(out, force=force)
-    known, at_work = _read(mark)
+    hashes, at_work = _read(mark)
     for path in _files(out, _MADE):
         name = path.relative_to(out)
         own = name.parts[0] in at_work or (
-            not path.is_symlink() and known.get(str(name)) == sha256(path)
+            not path.is_symlink() and hashes.get(str(name)) == sha256(path)
         )
         if path.is_symlink() or not own:
             raise UsageError(
-                f"{path} was not made by a demo, or was changed since: move it away, or choose "
+                f"{path} was not written by a demo, or was changed since: move it away, or choose "
                 "another --out"
             )
     for top in _MADE:
@@ -153,10 +155,10 @@ def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
 
 
 def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
-    """Return the hashes of a mark, and what the stage makes at which the demo was killed."""
+    """Return the hashes in a mark file, and the files of the stage that did not finish."""
     try:
-        known = parse_json(read_bounded(mark))
-        files, at_work = known.get("files", known), known.get("unfinished", [])
+        content = parse_json(read_bounded(mark))
+        files, at_work = content.get("files", content), content.get("unfinished", [])
         return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
     except (FileNotFoundError, UnreadableError, AttributeError, TypeError):
         return {}, ()

@@ -1,4 +1,4 @@
-"""Sessions written out as object folders of the DiLiGenT benchmark (Shi et al., 2016)."""
+"""Write sessions as object folders of the DiLiGenT benchmark (Shi et al., 2016)."""
 
 from __future__ import annotations
 
@@ -30,42 +30,43 @@ def write_diligent(
     mask: npt.NDArray[np.bool_] | None = None,
     on_progress: Progress = no_progress,
 ) -> list[Path]:
-    """Write 16-bit linear PNGs with filenames, lights, mask and true normals.
+    """Write 16-bit linear PNGs with file names, lights, mask and true normals.
 
-    An image is the frame less the dark frame of its exposure, 65535 at the white level; what was
-    saturated stays so, and noise below zero is lost, as the layout knows neither dark frames nor a
-    black level. It knows directions only: near lights are written as seen from the origin.
+    Each image is a frame minus the dark frame of its exposure time, scaled to 65535 at the white
+    level. Saturated pixels stay saturated. Noise below zero is clipped, because the layout has
+    neither dark frames nor a black level. The layout has light directions only: near lights are
+    written as directions from the origin.
 
     Parameters
     ----------
     folder
-        Exists already.
+        Existing output folder.
     session
-        Grey frames. The first exposure of each light is taken, and its first repeat.
+        Session with grey frames. The first exposure of each light and its first repeat are used.
     lights
-        One for each LED of the session, by id.
+        One light for each LED of the session, by id.
     normals, mask
-        ``(H, W, 3)`` and ``(H, W)``, where known.
+        True normals of shape ``(H, W, 3)`` and mask of shape ``(H, W)``, if known.
     on_progress
         Receives the stage ``images``, one step per image.
 
     Returns
     -------
     list of Path
-        Every file.
+        All files written.
 
     Raises
     ------
     DataError
         If the session has colour or a filter mosaic, lacks its dark frame, or a light is missing.
     StorageError
-        If the disk refuses.
+        If a file cannot be written.
     """
     camera = session.manifest.camera
     if camera.channels != 1 or camera.cfa is not None:
         raise DataError(
-            f"{session.folder}: frames in colour are not written in the DiLiGenT layout: keep the "
-            "session"
+            f"{session.folder}: colour frames cannot be written in the DiLiGenT layout: use the "
+            "session itself"
         )
     shots: dict[str, SessionFrame] = {}
     for shot in session.frames:
@@ -74,12 +75,14 @@ def write_diligent(
     darks = {shot.exposure_us: shot.read() for shot in session.frames if shot.role == "dark"}
     indices, by_name = lights.match(tuple(shots))
     if not by_name:
-        raise DataError(f"{session.folder}: its LEDs are not those of the lights: match the ids")
-    known = lights.take(indices)
+        raise DataError(
+            f"{session.folder}: its LEDs do not match the lights: the ids must be the same"
+        )
+    matched = lights.take(indices)
     names = []
     for done, shot in enumerate(shots.values(), 1):
         if shot.exposure_us not in darks:
-            raise DataError(f"{shot.path}: has no dark frame of its exposure: record one")
+            raise DataError(f"{shot.path}: no dark frame of the same exposure time: record one")
         raw = shot.read().astype(np.float64)
         signal = (raw - darks[shot.exposure_us]) / (camera.white_dn - camera.black_level_dn)
         signal[raw >= camera.white_dn] = 1.0
@@ -94,8 +97,8 @@ def write_diligent(
         files.append(folder / "Normal_gt.mat")
         write_normals_mat(files[-1], normals)
     tables = {
-        "light_directions.txt": _rows(known.unit_directions),
-        "light_intensities.txt": _rows(np.asarray(known.intensities)),
+        "light_directions.txt": _rows(matched.unit_directions),
+        "light_intensities.txt": _rows(np.asarray(matched.intensities)),
         "filenames.txt": "".join(f"{name}\n" for name in names),
     }
     for name, text in tables.items():

@@ -1,6 +1,7 @@
-"""What happens before anything is loaded: signals, and whether our packages are ours.
+"""Start of the program: handle signals, and check that our packages are not hidden by others.
 
-Nothing here imports more than the interpreter has loaded already: `sgp --help` is to be quick.
+This module imports only modules that the interpreter has already loaded, so that `sgp --help` is
+quick.
 """
 
 from __future__ import annotations
@@ -15,19 +16,19 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-# All in one folder, whichever way they were installed.
+# All of them are in one folder, however they were installed.
 PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
 _ADVICE = "install sgp in an environment of its own (pipx, uv tool)"
 _USAGE = 2
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _NUMBERS = tuple(int(getattr(signal, name)) for name in _NAMES if hasattr(signal, name))
-# The exit code of a program that a signal has ended is so much more than the signal's number.
+# Added to a signal's number, this is the exit code of a program that the signal ended.
 _SIGNALLED = 128
 _ENDING: dict[object, int] = {_SIGNALLED + number: number for number in _NUMBERS}
 
 
 def enter(run: Callable[[], None]) -> None:
-    """Load and run the program, with signals taken, unless a package of ours is not ours."""
+    """Install signal handlers, then load and run the program unless a package of it is foreign."""
     _take_signals()
     sys.unraisablehook, hook = _unraisable, sys.unraisablehook
     try:
@@ -51,39 +52,39 @@ def enter(run: Callable[[], None]) -> None:
 
 
 def foreign_package() -> str | None:
-    """Return what is wrong where a package of ours would be imported from another place.
+    """Return a message if one of our packages would be imported from another place, else None.
 
-    Their names are short, and others use them too. Nothing is imported.
+    The names of our packages are short, and other distributions use them too. Nothing is imported.
     """
     ours = Path(__file__).parents[1]
     for name in PACKAGES:
-        found = _place(name)
-        if found is None:
+        places = _place(name)
+        if places is None:
             return f"the package {name} of sgp is missing in {ours}: install sgp again"
-        if not any(_same(place, ours / name) for place in found):
+        if not any(_same(place, ours / name) for place in places):
             return (
-                f"the package {name} of sgp is hidden by another one, {found[0]}: rename or remove "
-                f"that one, or {_ADVICE}"
+                f"the package {name} of sgp is hidden by another one, {places[0]}: rename or "
+                f"remove the other one, or {_ADVICE}"
             )
     return None
 
 
 def damaged_package(error: ImportError) -> str | None:
-    """Return what is wrong where an import failed in a package of ours, which others wrote over."""
+    """Return a message if an import failed because one of our packages was overwritten."""
     name = (error.name or "").partition(".")[0]
     if name not in PACKAGES:
         return None
     return (
-        f"the package {name} in {Path(__file__).parents[1]} is not that of sgp, or not all of it "
+        f"the package {name} in {Path(__file__).parents[1]} is not the one of sgp or is incomplete "
         f"({error}): another distribution may have replaced it; {_ADVICE}"
     )
 
 
 def _place(name: str) -> list[Path] | None:
-    """Return where a package lies, or where the file of a module does."""
+    """Return the folders of a package, or the file of a module; None if it does not exist."""
     try:
         spec = importlib.util.find_spec(name)
-    except ValueError:  # a module without a spec, which somebody has put there
+    except ValueError:  # a module without a spec: another program has put it into sys.modules
         return [Path(getattr(sys.modules[name], "__file__", None) or name)]
     if spec is None:
         return None
@@ -97,7 +98,7 @@ def _same(one: Path, two: Path) -> bool:
 
 def _take_signals() -> None:
     for number in _NUMBERS:
-        # What is ignored stays so: nohup, and what a shell runs in the background.
+        # Ignored signals stay ignored: nohup, and background jobs of a shell.
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _handle)
 
@@ -105,14 +106,14 @@ def _take_signals() -> None:
 def _handle(number: int, frame: FrameType | None) -> None:
     end_program = getattr(sys.modules.get("rig"), "end_program", None)
     if end_program is None:
-        # Nothing has been begun that could be damaged, and imports swallow exceptions.
+        # No work has started that could be damaged, and imports swallow exceptions.
         _end(number)
     else:
         end_program(number, frame)
 
 
 def _unraisable(lost: Any) -> None:
-    """Let a signal come again whose exception was lost in a finalizer or a callback from C."""
+    """Repeat a signal whose exception was lost in a finalizer or a callback from C."""
     end_later = getattr(sys.modules.get("rig"), "end_later", None)
     error = lost.exc_value
     if end_later is not None and isinstance(error, KeyboardInterrupt):
@@ -124,16 +125,16 @@ def _unraisable(lost: Any) -> None:
 
 
 def _end(number: int) -> None:
-    """End the process now, as `sgp.app` does it later: one line and the code of the signal."""
+    """End the process now, as `sgp.app` does later: print one line, exit with the signal's code."""
     code = _SIGNALLED + number
     text = f"stopped by {'Ctrl-C' if number == signal.SIGINT else signal.Signals(number).name}"
-    # By hand: in a signal handler nothing is imported.
+    # Written without the json module, because a signal handler must not import.
     _say(text, f'{{"ok": false, "error": "{text}", "exit_code": {code}}}')
     os._exit(code)
 
 
 def _say(text: str, record: str = "") -> None:
-    """Write a line to stderr and, with ``--json``, a record to stdout, past Python's buffers."""
+    """Write a line to stderr and, with ``--json``, a record to stdout, both unbuffered."""
     with suppress(OSError):
         os.write(2, f"error: {text}\n".encode(errors="replace"))
     if record and "--json" in sys.argv:

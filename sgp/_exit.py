@@ -1,4 +1,4 @@
-"""Exit codes: one table from what went wrong to what the shell is told."""
+"""Exit codes: one table that maps errors to exit codes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rig import RigError, RigNotFoundError
 
 
 class UsageError(Exception):
-    """An option, path or output folder that cannot be used as asked (exit code 2)."""
+    """Error for an option, path or output folder that cannot be used (exit code 2)."""
 
 
 FAULT = 1
@@ -27,7 +27,7 @@ _CODES: tuple[tuple[type[Exception], int], ...] = (
 )
 
 
-# A path that cannot be meant; with any other reason the system or its disk refuses.
+# Reasons that mean a wrong path; all others mean that the system or the disk refused.
 _WRONG_PATHS = {
     errno.ENOENT,
     errno.ENOTDIR,
@@ -39,19 +39,19 @@ _WRONG_PATHS = {
 
 
 def exit_code(error: BaseException) -> int:
-    """Return the exit code of an error; ``FAULT`` for one that is ours to repair."""
+    """Return the exit code of an error; ``FAULT`` for an error in this program."""
     for kind, code in _CODES:
         if isinstance(error, kind):
             return code
-    if isinstance(error, OSError):  # for a path that no room has checked
+    if isinstance(error, OSError):  # about a path that no package has checked
         return 2 if error.errno in _WRONG_PATHS else 3
     return FAULT
 
 
 def error_text(error: BaseException) -> str:
-    """Return what went wrong, where, and what to do about it, in one line."""
+    """Return one line that says what went wrong, where, and what to do about it."""
     if isinstance(error, OSError) and not isinstance(error, tuple(kind for kind, _ in _CODES)):
         return str(refusal(Path(error.filename or "."), "use it", error))
     if exit_code(error) == FAULT:
-        return f"{type(error).__name__}: {error} (a fault of this program: see --debug)"
+        return f"{type(error).__name__}: {error} (an error in this program: see --debug)"
     return str(error)

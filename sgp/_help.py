@@ -1,4 +1,4 @@
-"""How a command line is used: help pages, and one line about what is wrong with one."""
+"""Help pages, and one-line messages about wrong command lines."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cyclopts.help import DefaultFormatter, HelpPanel, InlineText
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions
 
-# Defaults that say no more than that nothing was given.
+# Defaults that a help page does not show, since they only mean that nothing was given.
 _NOTHING = ("()", '""', "False")
 
 
 class HelpPage(DefaultFormatter):
-    """A help page whose texts are wrapped as wide as the terminal is.
+    """A help page that is wrapped to the width of the terminal.
 
     Parameters
     ----------
     optional
-        How the usage line names the arguments that may be left out.
+        Optional arguments, as the usage line shows them.
     """
 
     def __init__(self, optional: str = "") -> None:
@@ -47,19 +47,20 @@ class HelpPage(DefaultFormatter):
 
 
 def flowing(text: str) -> str:
-    """Put each paragraph on one line, to be wrapped as wide as the terminal is; not examples."""
+    """Join the lines of each paragraph, so that the terminal can wrap it; keep examples as is."""
     return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
 def page(text: str, *examples: str) -> str:
-    """Return the text of a help page with examples, as the docstring of a command has it."""
+    """Return the text of a help page with examples, in the form of a command's docstring."""
     return "\n".join([text, "", "For example:", "", *(f"    {line}" for line in examples)])
 
 
 def usage_complaint(error: CycloptsError, program: str) -> str:
-    """Return in one line what is wrong with a command line, and which help page to read.
+    """Return one line that says what is wrong with a command line and names the help page.
 
-    The parser's own words would load every command to list some, and call an argument an option.
+    The parser's own message would import every command to list some of them, and would call an
+    argument an option.
     """
     words = " ".join([program, *(error.command_chain or ())])
     return f"{_complaint(error, words)} (see `{words} --help`)"
@@ -84,7 +85,7 @@ def _complaint(error: CycloptsError, words: str) -> str:
         positional = argument.field_info.is_positional
         return f"{argument.name.lstrip('-').upper() if positional else argument.name} is missing"
     if isinstance(error, CoercionError) and argument is not None and error.token is not None:
-        # The parser names an option, and not an argument.
+        # The parser's message names an option but not an argument.
         named = error.token.keyword is not None
         return str(error) if named else f"{argument.name.lstrip('-').upper()}: {error}"
     return str(error)

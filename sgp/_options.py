@@ -18,7 +18,7 @@ from sgp._exit import UsageError
 
 
 def _whole(kind: object, tokens: Sequence[Token]) -> int:
-    """Read a whole number; the parser's own reading would round 1.5."""
+    """Read a whole number; the parser's own conversion would round 1.5."""
     text = tokens[0].value
     if not re.fullmatch(r"\s*[-+]?[0-9]{1,30}\s*", text):
         raise CoercionError(msg=f"{_short(text)} is not a whole number", token=tokens[0])
@@ -26,7 +26,7 @@ def _whole(kind: object, tokens: Sequence[Token]) -> int:
 
 
 def _real(kind: object, tokens: Sequence[Token]) -> float:
-    """Read a finite number: of NaN no bound would be true, and infinity is no measure."""
+    """Read a finite number: NaN would pass every bound, and infinity is not a valid quantity."""
     try:
         return _finite(tokens[0].value)
     except ValueError as error:
@@ -47,7 +47,7 @@ def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
-# Words of a command line that a message repeats.
+# Longest part of a command line that a message quotes, in characters.
 _LONGEST = 40
 
 Whole = Annotated[int, Parameter(converter=_whole)]
@@ -59,7 +59,7 @@ Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=1
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
-# What a camera can do is the camera's to say: this is a day.
+# One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
 Gamma = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.1, lte=10))]
 Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
@@ -69,24 +69,26 @@ Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000,
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions:
-    """How a recording becomes normals.
+    """Options for estimating normals from a recording.
 
     Parameters
     ----------
     lights
-        lights.json, .lp or DiLiGenT text; default: those of the source.
+        Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the source.
     camera
-        Needed for lights with positions: our JSON, OpenCV YAML, COLMAP or a 3x3 matrix.
+        Camera file (our JSON, OpenCV YAML, COLMAP or a 3x3 matrix); required if the lights have
+        positions.
     mask
-        Image of the object; default: the source's own, else made from the images.
+        Mask image of the object; default: the mask of the source, else one made from the images.
     method
-        ls (plain least squares) or cauchy (shadows and highlights lose their weight).
+        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
     distant
-        Take lights with positions as directions.
+        Treat lights with positions as distant lights: use their directions only.
     gamma
-        Exponent that makes the images linear (2.2 for display-ready ones); default: linear already.
+        Exponent that makes the images linear (2.2 for display-ready images); default: the images
+        are already linear.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     """
 
     lights: Path | None = None
@@ -111,7 +113,7 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count:
-        raise UsageError(f"{option} {_short(text)}: give {count} numbers with commas between")
+        raise UsageError(f"{option} {_short(text)}: give {count} numbers separated by commas")
     return values
 
 
@@ -121,16 +123,16 @@ def image_size(option: str, text: str) -> tuple[int, int]:
     Raises
     ------
     UsageError
-        If it is anything else, or more pixels than a projection may have.
+        If the text has another form, or the size has more pixels than a projection may have.
     """
     match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", text)
     if match is None:
         raise UsageError(
-            f"{option} {_short(text)}: give width and height in pixels, such as 640x512"
+            f"{option} {_short(text)}: give width and height in pixels, for example 640x512"
         )
     width, height = int(match[1]), int(match[2])
     if width * height > MAX_PROJECTED_PIXELS:
         raise UsageError(
-            f"{option} {text}: {MAX_PROJECTED_PIXELS // 10**6} million pixels are the most"
+            f"{option} {text}: the maximum is {MAX_PROJECTED_PIXELS // 10**6} million pixels"
         )
     return width, height

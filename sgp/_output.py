@@ -1,4 +1,4 @@
-"""Output folders: refused while they hold something, and never left without a record."""
+"""Output folders: refuse those that are not empty, and write a record into each."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ P = ParamSpec("P")
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
-    """Make a command guard its ``out`` folder and leave a record there.
+    """Make a command check its ``out`` folder before the work and write a record there afterwards.
 
-    Before the work, a folder that holds anything is refused unless ``force``, and one that belongs
-    to an input is refused always. After it, the file ``record`` tells parameters, input hashes,
-    software version, figures and warnings; it comes last, so its presence says that the result is
-    whole. With ``out=None`` nothing is written.
+    A folder that is not empty is refused unless ``force`` is given; a folder that belongs to an
+    input is always refused. The file ``record`` contains parameters, input hashes, software
+    version, figures and warnings. It is written last, so its presence means that the result is
+    complete. With ``out=None`` nothing is written.
     """
 
     def decorate(command: Callable[P, Result]) -> Callable[P, Result]:
@@ -60,14 +60,15 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
 
 
 def claim_folder(out: Path, record: str) -> Path:
-    """Make an output folder ready to be written: an earlier result's files and record are removed.
+    """Prepare an output folder for writing: create it, or remove the files of an earlier result.
 
-    Called when the work is done and only writing is left, so that a failing run costs nothing.
+    Commands call this after the computation and before writing, so that a run that fails leaves an
+    earlier result as it was.
 
     Raises
     ------
     StorageError
-        If the disk refuses.
+        If the folder cannot be created or a file cannot be removed.
     """
     make_folder(out)
     remove_rests(out)
@@ -80,18 +81,18 @@ def claim_folder(out: Path, record: str) -> Path:
 
 
 def earlier_files(out: Path, record: str) -> list[Path]:
-    """Return what an earlier result with this record left in a folder, the record first."""
+    """Return the files of an earlier result with this record in a folder, the record first."""
     paths = [out / name for name in (record, *_earlier_outputs(out / record))]
     return [path for path in paths if os.path.lexists(path)]
 
 
 def _earlier_outputs(record: Path) -> list[str]:
-    """Return the files that a record names in its own folder; none where it is not understood."""
+    """Return the files that a record names in its own folder; none if it cannot be read."""
     try:
-        found = parse_json(read_bounded(record))
+        content = parse_json(read_bounded(record))
     except (FileNotFoundError, UnreadableError):
         return []
-    outputs = found.get("outputs") if isinstance(found, dict) else None
+    outputs = content.get("outputs") if isinstance(content, dict) else None
     names = outputs.values() if isinstance(outputs, dict) else ()
     return [
         name
@@ -101,7 +102,7 @@ def _earlier_outputs(record: Path) -> list[str]:
 
 
 def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a command's arguments by name, those in option groups beside the others."""
+    """Return a command's arguments by name, with option groups expanded."""
     flat: dict[str, Any] = {}
     for name, value in arguments.items():
         if is_dataclass(value) and not isinstance(value, type):
@@ -112,30 +113,30 @@ def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _name(command: Callable[..., Result]) -> str:
-    # Commands of one group may lie in several modules: capture.py, capture_files.py.
+    # Commands of one group may be in several modules: capture.py, capture_files.py.
     group = command.__module__.rpartition(".")[2].partition("_")[0]
     words = ["sgp", group, command.__name__.rstrip("_")]
     return " ".join(dict.fromkeys(words))
 
 
 def _paths(values: Iterable[Any]) -> list[Path]:
-    """Return the paths among some arguments, those of options that take several too."""
+    """Return the paths among some arguments, including options with several values."""
     several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
     return [path for group in several for path in group if isinstance(path, Path)]
 
 
 def _check_apart(out: Path, inputs: list[Path]) -> None:
-    """Refuse an output folder that would mix results into an input or a session."""
+    """Refuse an output folder that is an input folder or is inside a session."""
     target = out.resolve()
     for path in inputs:
         folder = path.resolve() if path.is_dir() else path.resolve().parent
         inside = folder in target.parents if path.is_dir() else False
         if path.exists() and (target == folder or inside) and not _is_derived(target):
-            raise UsageError(f"{out} is where {path} is read from: give another --out")
+            raise UsageError(f"{out} is in the folder of the input {path}: give another --out")
     for folder in (target, *target.parents):
         if (folder / "session.toml").is_file() and not _is_derived(target):
             raise UsageError(
-                f"{out} lies in the session {folder}: use its derived/ or another --out"
+                f"{out} is inside the session {folder}: use its derived/ or another --out"
             )
 
 
@@ -147,22 +148,24 @@ def _is_derived(target: Path) -> bool:
 
 
 def check_folder(out: Path, *, force: bool | None = None) -> None:
-    """Refuse an output folder that holds anything, unless ``force``; None where there is no force.
+    """Refuse an output folder that is not empty, unless ``force``.
+
+    ``force=None`` means that the command has no such option.
 
     Raises
     ------
     UsageError
-        If the path is a file, lies below one, has a name that is not UTF-8, or is a folder that is
-        not empty and ``force`` is not given. Rests of writes that never finished do not count.
+        If the path is a file, is below a file, has a name that is not UTF-8, or is a folder that is
+        not empty and ``force`` is not given. Part files of interrupted writes do not count.
     """
     _check_name(out)
     place = next((path for path in (out, *out.absolute().parents) if os.path.lexists(path)), out)
     if os.path.lexists(place) and not place.is_dir():
-        below = "" if place == out else f", and {out} cannot lie below it"
+        below = "" if place == out else f", so {out} cannot be below it"
         raise UsageError(f"{place} is a file{below}: give --out a folder")
     if out.is_dir() and not force and any(not is_rest(path) for path in out.iterdir()):
         instead = "" if force is None else ", or add --force"
-        raise UsageError(f"{out} already holds files: choose another folder{instead}")
+        raise UsageError(f"{out} already contains files: choose another folder{instead}")
 
 
 def check_file(out: Path, suffix: str, *, force: bool) -> None:
@@ -171,35 +174,35 @@ def check_file(out: Path, suffix: str, *, force: bool) -> None:
     Raises
     ------
     UsageError
-        If the path is a folder, has not the suffix, its folder does not exist, or the file does and
-        ``force`` is not given.
+        If the path is a folder, has another suffix, its folder does not exist, or the file exists
+        and ``force`` is not given.
     """
     _check_name(out)
     if out.is_dir():
         raise UsageError(f"{out} is a folder: give --out a file name")
     if out.suffix.lower() != suffix:
-        raise UsageError(f"{out}: a {suffix} file is written here, give --out a name that ends so")
+        raise UsageError(f"{out}: --out must end in {suffix}")
     if not out.parent.is_dir():
-        raise UsageError(f"{out.parent} does not exist: make it, or give another --out")
+        raise UsageError(f"{out.parent} does not exist: create it, or give another --out")
     if out.exists() and not force:
-        raise UsageError(f"{out} exists already: choose another --out, or add --force")
+        raise UsageError(f"{out} already exists: choose another --out, or add --force")
 
 
 def _check_name(out: Path) -> None:
     try:
         str(out).encode()
     except UnicodeEncodeError:
-        raise UsageError(f"{out}: the name is not UTF-8: choose another one") from None
+        raise UsageError(f"{out}: the name is not UTF-8: choose another name") from None
 
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
-    """Write the .json beside a result; a reader sees all of it or none."""
+    """Write the JSON record of a result atomically: a reader never sees a part of it."""
     record = ResultRecord(
         **provenance(command, parameters, result.inputs),
         outputs={
-            name: str(made.relative_to(path.parent))
-            for name, made in result.outputs.items()
-            if made.is_relative_to(path.parent)
+            name: str(output.relative_to(path.parent))
+            for name, output in result.outputs.items()
+            if output.is_relative_to(path.parent)
         },
         metrics=plain(result.metrics),
         warnings=tuple(result.warnings),
@@ -208,7 +211,7 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
-    """Return what a result was made by and from: command, version, parameters, input hashes."""
+    """Return the provenance of a result: command, version, parameters, input hashes."""
     return {
         "command": command,
         "software": Software(name=SOFTWARE, version=software_version()).model_dump(),

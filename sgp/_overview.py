@@ -1,4 +1,4 @@
-"""The overview picture: inputs, lights, normals, shape, detail, height and surface on one sheet."""
+"""The overview picture: inputs, lights, normals, shape, detail, height and surface."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Image = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of the sheet: its title and what draws it."""
+    """One picture of the sheet: its title and the function that draws it."""
 
     title: str
     draw: Callable[[Axes], None]
@@ -33,9 +33,9 @@ class Panel:
 def write_overview(
     path: Path, title: str, panels: Sequence[Panel], columns: int | None = None
 ) -> None:
-    """Lay panels out on a sheet, row by row, and write it as a PNG.
+    """Arrange panels on a sheet, row by row, and write it as a PNG.
 
-    ``columns`` defaults to 4, or 3 or 5 where that leaves fewer places empty.
+    ``columns`` defaults to 4, or to 3 or 5 if that leaves fewer places empty.
     """
     columns = columns or min((4, 3, 5), key=lambda width: -len(panels) % width)
     rows = -(-len(panels) // columns)
@@ -60,17 +60,17 @@ def write_figure(path: Path, figure: Figure) -> None:
 
 
 def _drawable(text: str) -> str:
-    """Return a text that has no half characters, as names that are not UTF-8 have."""
+    """Escape surrogates, which are in names that are not UTF-8."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
 def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
-    """Show a linear image about a mask, its 99.5 % quantile at white, gamma 2.2 for the eye."""
+    """Show a linear image around a mask, with its 99.5 % quantile at white and gamma 2.2."""
     image = image[_box(mask)]
 
     def draw(axes: Axes) -> None:
-        known = image[np.isfinite(image)]
-        white = float(np.quantile(known, 0.995)) if known.size else 0.0
+        finite = image[np.isfinite(image)]
+        white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
         shown = np.nan_to_num(image / (white or 1.0), nan=1.0)
         axes.imshow(np.clip(shown, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
         axes.axis("off")
@@ -79,7 +79,7 @@ def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
 
 
 def normals_panel(title: str, normal_map: NormalMap) -> Panel:
-    """Show normals as colours: right is red, up is green, toward the camera is blue."""
+    """Show normals as colours: red is right, green is up, blue is toward the camera."""
 
     def draw(axes: Axes) -> None:
         colours = np.where(normal_map.mask[..., None], normal_map.normals / 2 + 0.5, 1.0)
@@ -90,7 +90,7 @@ def normals_panel(title: str, normal_map: NormalMap) -> Panel:
 
 
 def map_panel(title: str, values: Image, unit: str, *, error: bool = False) -> Panel:
-    """Show a scalar map with its scale; NaN is left white; errors start at 0."""
+    """Show a scalar map with its scale; NaN is white; scales of errors start at 0."""
 
     def draw(axes: Axes) -> None:
         finite = values[np.isfinite(values)]
@@ -98,7 +98,7 @@ def map_panel(title: str, values: Image, unit: str, *, error: bool = False) -> P
         box = _box(np.isfinite(values))
         shown = axes.imshow(values[box], cmap="magma" if error else "viridis", vmin=low, vmax=high)
         axes.axis("off")
-        beyond = "max" if error else "both"  # the scale leaves out the most extreme pixels
+        beyond = "max" if error else "both"  # the scale excludes the most extreme pixels
         axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.8, extend=beyond)
 
     return Panel(title, draw)
@@ -123,16 +123,16 @@ def shaded_panel(title: str, height: Image) -> Panel:
     return Panel(title, draw)
 
 
-def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
-    """Show the outlines and highlights that were found over the brightest value of each pixel."""
+def spheres_panel(title: str, values: Image, calibration: SphereCalibration) -> Panel:
+    """Show the detected outlines and highlights over the brightest value of each pixel."""
 
     def draw(axes: Axes) -> None:
-        # Saturated samples are NaN, short exposures may exceed 1: both are white here.
+        # Saturated values are NaN, short exposures may exceed 1: both are white here.
         brightest = np.zeros(values.shape[1:], np.float32)
         for image in values:
             np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
         axes.imshow(np.clip(brightest, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
-        for sphere in found.spheres:
+        for sphere in calibration.spheres:
             outline = sphere.outline
             a, b = outline.semi_axes_px
             axes.add_patch(
@@ -140,7 +140,7 @@ def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
                     outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
                 )
             )
-        spots = found.highlights_px.reshape(-1, 2)
+        spots = calibration.highlights_px.reshape(-1, 2)
         axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
         axes.axis("off")
 
@@ -148,7 +148,7 @@ def spheres_panel(title: str, values: Image, found: SphereCalibration) -> Panel:
 
 
 def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Panel:
-    """Show light directions as the camera sees them: overhead in the centre, horizon at the rim."""
+    """Show light directions as seen by the camera: overhead in the centre, horizon at the rim."""
 
     def draw(axes: Axes) -> None:
         angle = np.linspace(0, 2 * np.pi, 181)
@@ -180,14 +180,14 @@ def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Pan
 
 
 def profile_panel(title: str, profile: HeightProfile) -> Panel:
-    """Plot a result's heights, as they are and smoothed, over the target's in ascending order."""
+    """Plot a result's heights, raw and smoothed, in ascending order of the target's heights."""
 
     def draw(axes: Axes) -> None:
         pick = profile.ranks()
         smoothed, result, target = (
             heights[pick] for heights in (profile.smoothed, profile.result, profile.target)
         )
-        # The mean lies within the result's scatter: small dots on large ones show both.
+        # The mean is within the scatter of the result: small dots on large ones show both.
         axes.plot(pick, result, ".", color="tab:green", ms=5, mew=0, label="result")
         axes.plot(pick, smoothed, ".", color="tab:red", ms=2, mew=0, label="result, 5 x 5 mean")
         axes.plot(pick, target, "-", color="tab:blue", label="target, sorted")
@@ -206,10 +206,10 @@ def _range(finite: Image) -> tuple[float, float]:
 
 
 def _box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return the part of a picture that holds the mask, with a little air around it."""
+    """Return the slices of a picture that contain the mask, with a margin around it."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    air = 2 + max(len(rows), len(columns)) // 50
+    margin = 2 + max(len(rows), len(columns)) // 50
     return (
-        slice(max(rows[0] - air, 0), rows[-1] + 1 + air),
-        slice(max(columns[0] - air, 0), columns[-1] + 1 + air),
+        slice(max(rows[0] - margin, 0), rows[-1] + 1 + margin),
+        slice(max(columns[0] - margin, 0), columns[-1] + 1 + margin),
     )

@@ -1,4 +1,4 @@
-"""From a source to normals, shape, detail and surface, written into one folder."""
+"""Compute normals, shape, detail and surface from a source, and write them into one folder."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sgp._write import write_normals_stage, write_separation, write_surface
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Everything the pipeline made of one source."""
+    """All results of the pipeline for one source."""
 
     normals: Reconstruction
     parts: Separation
@@ -48,13 +48,13 @@ def process(
 
     def write(name: str, files_of: Callable[[Path], Result]) -> None:
         record = f"{name}.json"
-        made = files_of(claim_folder(out / name, record))
-        made.inputs = files
-        write_record(out / name / record, "sgp run", parameters, made)
-        merged.outputs.update({f"{name}.{key}": path for key, path in made.outputs.items()})
-        merged.metrics[name] = made.metrics
-        merged.warnings += made.warnings
-        merged.summary += [f"{name:<8} {line}" for line in made.summary]
+        result = files_of(claim_folder(out / name, record))
+        result.inputs = files
+        write_record(out / name / record, "sgp run", parameters, result)
+        merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
+        merged.metrics[name] = result.metrics
+        merged.warnings += result.warnings
+        merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
         stage = compute_normals(source, options)
@@ -72,7 +72,7 @@ def process(
 
 
 def overview_panels(outcome: Outcome, true_lights: Lights | None = None) -> list[Panel]:
-    """Return the pictures that every recording has."""
+    """Return the overview pictures that can be drawn for any recording."""
     stage, surface = outcome.normals, outcome.surface
     normal_map, names = stage.stereo.normal_map, stage.lights.ids
     lights_title = "lights" if true_lights is None else "lights (red: truth)"

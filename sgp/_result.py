@@ -1,4 +1,4 @@
-"""What a command hands back."""
+"""The result that a command returns."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from sgp._printable import printable_json
 
 @dataclass
 class Result:
-    """The outcome of a command: files, figures, warnings and what to say to a person.
+    """The outcome of a command: files, figures, warnings and lines to print.
 
     Parameters
     ----------
     outputs
-        Name to path of every file a caller may want.
+        Path of every file that a caller may use, by name.
     metrics
-        Figures by name, units in the name.
+        Figures by name; the names include the units.
     warnings
-        One line each.
+        Warnings of one line each.
     summary
-        Lines for a person; with ``--json`` they are not shown.
+        Lines for the terminal; not printed with ``--json``.
     inputs
-        The files that were read, to be recorded by their hashes.
+        Files that were read; the record contains their hashes.
     ok
-        False where the command ran but what it examined is not in order.
+        False if the command ran but found faults in the data or the rig that it examined.
     failing_code
-        The exit code of that: 4 for a recording, 3 for a rig.
+        Exit code if ``ok`` is False: 4 for a recording, 3 for a rig.
     """
 
     outputs: dict[str, Path] = field(default_factory=dict)
@@ -55,16 +55,16 @@ class Result:
 
 
 def dumps(value: Mapping[str, Any]) -> str:
-    """Return strict JSON: numpy scalars become numbers, what is not finite becomes null.
+    """Return strict JSON: numpy scalars become numbers, values that are not finite become null.
 
-    Bytes of names that are not UTF-8 become escapes, from which Python reads the same name.
+    Bytes of names that are not UTF-8 become escapes, which Python decodes to the same name.
     """
     text = json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
     return printable_json(text).encode("utf-8", "backslashreplace").decode()
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON knows it: paths as text, arrays as lists, null for NaN."""
+    """Return a value in JSON types: paths as text, arrays as lists, None for NaN and infinity."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):

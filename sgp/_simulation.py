@@ -1,4 +1,4 @@
-"""A rendered scene recorded as an operator would: exposures metered, no time wasted."""
+"""Record a rendered scene as an operator would, with metered exposure times."""
 
 from __future__ import annotations
 
@@ -13,24 +13,25 @@ from rig import RigConfig
 from sgp._console import Stages
 from simulator import Rendering, rig_for
 
-# How much of the sensor's range a metered exposure fills: room for noise and for flicker.
+# Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
 _FILL = 0.8
 _METERED_PIXELS = 100_000
 _EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
 
 
 def metered_exposures(rendering: Rendering) -> tuple[float, ...]:
-    """Choose exposures that use the sensor: one for matte things, a short one for mirrored LEDs.
+    """Choose exposure times: one for matte surfaces, a short one for highlights on spheres.
 
     Parameters
     ----------
     rendering
-        What will be recorded.
+        The rendered scene.
 
     Returns
     -------
     tuple of float
-        Microseconds of two digits, longest first; one exposure where no sphere is in view.
+        Exposure times in µs, rounded to two digits, longest first; only one if no sphere is in
+        view.
     """
     truth = rendering.truth
     spheres: npt.NDArray[np.bool_] = np.any(truth.sphere_masks, axis=0)
@@ -44,7 +45,7 @@ def metered_exposures(rendering: Rendering) -> tuple[float, ...]:
 def _brightest(
     planes: npt.NDArray[np.float32], where: npt.NDArray[np.bool_], quantile: float
 ) -> float:
-    """Return the signal, photons per microsecond, that so large a part of pixels stays under."""
+    """Return the largest quantile over all lights of the signal, in photons per microsecond."""
     places = np.flatnonzero(where)
     if quantile < 1:
         places = places[:: -(-len(places) // _METERED_PIXELS)]
@@ -70,14 +71,14 @@ def record_simulated(
     seed: int,
     noisy: bool,
 ) -> Session:
-    """Record a rendering through the simulated rig, without waiting for exposures to pass.
+    """Record a rendering with the simulated rig, without waiting for the exposure times.
 
-    The scene's dead LEDs are left out, as an operator would list them in the rig file.
+    The plan skips the scene's dead LEDs, as an operator would list them in the rig file.
 
     Raises
     ------
     RigError, DataError, StorageError
-        As recording does; what was recorded by then stays whole.
+        As for `acquisition.record`; the frames recorded before the error stay intact.
     """
     truth = rendering.truth
     leds, lamps = len(rendering.planes), rendering.scene.lamps

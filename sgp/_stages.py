@@ -1,4 +1,4 @@
-"""The first stage of the commands that start from a recording."""
+"""First stage of the commands that process a recording."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def open_source(
     others: Sequence[Path] = (),
     max_pixels: int = MAX_PIXELS,
 ) -> tuple[Source, list[Path]]:
-    """Read a SOURCE with the files that options add to it; return it and every file, for hashing.
+    """Read a source with the files given as options; return it and all its files, for hashing.
 
-    ``others`` are files that the command reads itself: they may lie in the folder of the source.
+    ``others`` are files that the command reads itself; they may be in the folder of the source.
 
     Raises
     ------
     MissingPathError, DataError
-        If a file is missing, not understood, or does not fit the images.
+        If a file is missing, cannot be read, or does not match the images.
     """
     source = read_source(
         path,
@@ -51,7 +51,7 @@ def open_source(
 
 
 def compute_normals(source: Source, options: SourceOptions) -> Reconstruction:
-    """Run `processing.reconstruct` up to the normals, with its progress on the terminal."""
+    """Run `processing.reconstruct` up to the normals and show its progress."""
     with Stages() as progress:
         return reconstruct(
             source,
@@ -64,7 +64,7 @@ def compute_normals(source: Source, options: SourceOptions) -> Reconstruction:
 
 
 class Stopwatch:
-    """Seconds by stage, in the order in which the stages ran."""
+    """Duration of each stage in seconds, in the order in which the stages ran."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""stderr that nothing fails at: a log that cannot be written must not end the work."""
+"""A stderr that never raises: a log that cannot be written must not end the work."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, Final, TextIO, cast
 
 
 class _Stderr(io.TextIOBase):
-    """Whatever ``sys.stderr`` is at the time; what it cannot take is lost, like all after it."""
+    """Proxy for the current ``sys.stderr``; after a failed write it discards all output."""
 
     def write(self, text: str) -> int:
         try:
             if (file := _present()) is not None:
                 file.write(text)
-        except (OSError, ValueError):  # a full disk, a reader that has gone; a file that is closed
+        except (OSError, ValueError):  # a full disk, a reader that has exited, a closed file
             _give_up()
         return len(text)
 
@@ -42,12 +42,12 @@ STDERR: Final = cast(TextIO, _Stderr())
 
 
 def _present() -> Any:
-    # A bar puts itself in the place of stderr, and writes to this here.
+    # A progress bar replaces sys.stderr by a proxy that writes to the real file.
     return getattr(sys.stderr, "rich_proxied_file", sys.stderr)
 
 
 def _give_up() -> None:
-    """Let what is written later, by the interpreter at its end too, go nowhere."""
+    """Discard all later output, including that of the interpreter when it exits."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, STDERR.fileno())

@@ -1,4 +1,4 @@
-"""Results of the stages as files in a folder, with the figures to report."""
+"""Write the results of the stages into a folder, and return the figures to report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sgp._result import Result
 
 
 def write_normals_stage(folder: Path, stage: Reconstruction) -> Result:
-    """Write normals.exr and .png, albedo, residual, used, mask; returns files and figures."""
+    """Write normals.exr and .png, albedo, residual, used and mask; return files and figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
     result.outputs = write_normals(folder, solved.normal_map)
@@ -53,14 +53,14 @@ def write_normals_stage(folder: Path, stage: Reconstruction) -> Result:
 
 
 def write_separation(folder: Path, parts: Separation) -> Result:
-    """Write shape and detail as EXR and 16-bit PNG, with their mask; returns files and figures."""
+    """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs = write_normals(folder, parts.shape, name="shape")
     outputs |= write_normals(folder, parts.detail, name="detail")
     separability = parts.separability_deg
     return Result(
         outputs=outputs,
         metrics={"separability_deg": separability},
-        summary=[f"separability {separability:.2f} deg (shape left in the detail; 0 is none)"],
+        summary=[f"separability {separability:.2f} deg (shape left in the detail; 0 is best)"],
     )
 
 
@@ -71,7 +71,7 @@ def write_surface(
     *,
     formats: tuple[str, ...] = ("ply",),
 ) -> Result:
-    """Write height.exr, depth.exr where there is one, mask.png and meshes."""
+    """Write height.exr, depth.exr if there is a depth, mask.png and meshes."""
     result = Result(warnings=list(height_map.warnings))
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
     write_exr(result.outputs["height"], height_map.height)
@@ -91,7 +91,7 @@ def write_surface(
         "iterations": height_map.iterations,
     }
     result.summary = [
-        f"height spans {result.metrics['height_range']:.4g} {height_map.unit}, "
+        f"height range {result.metrics['height_range']:.4g} {height_map.unit}, "
         f"{result.metrics['vertices']} vertices"
     ]
     return result

@@ -1,4 +1,4 @@
-"""The height profile of a result along its target, as the paper plots it."""
+"""Height profile of a result along its target, as the paper plots it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sgp._result import Result
 def write_height_profile(
     out: Path, target: NormalMap, transferred: NormalMap, result: Result
 ) -> None:
-    """Integrate two maps, write their height profile as picture and data, and add its figures."""
+    """Integrate two maps, write their height profile as picture and table, and add its figures."""
     profile = height_profile(integrate(target), integrate(transferred))
     picture, data = out / "height_profile.png", out / "height_profile.csv"
     panel = profile_panel(f"rms {profile.rms:.3g} {profile.unit}", profile)
@@ -29,13 +29,13 @@ def write_height_profile(
         f"height_range_{profile.unit}": profile.target_range,
     }
     result.summary.append(
-        f"heights       {profile.rms:.3g} {profile.unit} rms apart, of {profile.target_range:.3g} "
-        f"(smoothed {profile.smoothed_rms:.3g})"
+        f"heights       rms difference {profile.rms:.3g} {profile.unit}, range "
+        f"{profile.target_range:.3g} (smoothed {profile.smoothed_rms:.3g})"
     )
 
 
 def write_profile_data(path: Path, profile: HeightProfile) -> None:
-    """Write the points that `profile_panel` draws as a table: rank of the pixel, heights."""
+    """Write the points that `profile_panel` draws as a table of pixel ranks and heights."""
     pick = profile.ranks()
     heights = ("target", "result", "smoothed")
     rows = np.column_stack([pick, *(getattr(profile, name)[pick] for name in heights)])

@@ -1,4 +1,4 @@
-"""The commands ``sgp`` and ``capture``: one parser, one place where errors become exit codes."""
+"""The commands ``sgp`` and ``capture``: one parser, one place that maps errors to exit codes."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from sgp._help import HelpPage, flowing, page, usage_complaint
 from sgp._printable import printable, printable_lines
 from sgp._stderr import STDERR
 
-# Idle threads of numba's OpenMP pool would spin, which costs several times the work itself.
+# Idle threads of numba's OpenMP pool would spin and use several times the CPU time of the work.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-# The exit code of a program that a signal has ended is so much more than the signal's number.
+# Added to a signal's number, this is the exit code of a program that the signal ended.
 _SIGNALLED = 128
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
 _TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
-# Of each group its help page, and its commands by module.
+# For each group: its help page, and its commands by module.
 _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "capture": (
         page(
-            "Record sessions, check them and bring in others.",
+            "Record, check, import and export sessions.",
             "capture plan plan.toml --rig bench.toml",
             "capture run recordings/owl --rig bench.toml --plan plan.toml",
             "capture verify recordings/owl",
@@ -42,7 +42,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "rig": (
         page(
-            "Talk to a rig: board and camera.",
+            "Check and operate a rig: LED board and camera.",
             "sgp rig list",
             "sgp rig check --rig bench.toml",
         ),
@@ -50,14 +50,14 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate where the lights are and how strong.",
+            "Estimate the positions and intensities of the lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
         ),
         {"calibrate": ("spheres", "intensities")},
     ),
     "detail": (
         page(
-            "Split normal maps into shape and detail, combine, transfer and measure them.",
+            "Split normal maps into shape and detail; combine, transfer and measure them.",
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
@@ -69,7 +69,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "bench": (
         page(
-            "Make the paper's tables anew, beside its own figures.",
+            "Recompute the paper's tables and compare them with the published figures.",
             "sgp bench paper --out tables --quick",
         ),
         {"bench": ("paper",)},
@@ -90,16 +90,16 @@ def _app(name: str, text: str) -> App:
 
 
 def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
-    """Name commands with the help of their docstrings, read without running the module."""
+    """Register commands, with help texts from their docstrings, without importing the module."""
     source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
     nodes = ast.parse(source).body
-    found = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
+    commands = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
     for function in functions:
         app.command(
             f"sgp.commands.{module}:{function}",
             name=function.rstrip("_"),
-            help=_text(found[function]),
-            help_formatter=HelpPage(_optional(found[function].args)),
+            help=_text(commands[function]),
+            help_formatter=HelpPage(_optional(commands[function].args)),
         )
 
 
@@ -108,9 +108,9 @@ def _text(command: ast.FunctionDef) -> str:
 
 
 def _optional(arguments: ast.arguments) -> str:
-    """Return the positional arguments that may be left out, as a usage line has them."""
-    given = len(arguments.args) - len(arguments.defaults)
-    names = [f"[{one.arg.upper()}]" for one in arguments.args[given:]]
+    """Return the optional positional arguments in the notation of a usage line."""
+    required = len(arguments.args) - len(arguments.defaults)
+    names = [f"[{one.arg.upper()}]" for one in arguments.args[required:]]
     if arguments.vararg is not None:
         names.append(f"[{arguments.vararg.arg.upper()}...]")
     return " ".join(names)
@@ -125,12 +125,12 @@ def _group(name: str) -> App:
 
 
 def build() -> App:
-    """Return the whole command tree of ``sgp``."""
+    """Return the complete command tree of ``sgp``."""
     app = _app(
         "sgp",
         page(
-            "Photometric stereo from a rig or from photographs, and the surface detail in its "
-            "normals.",
+            "Photometric stereo from a rig or from photographs, and analysis of surface detail in "
+            "normal maps.",
             "sgp demo --out demo",
             "sgp run photographs/ --lights lights.json --out result",
         ),
@@ -156,14 +156,14 @@ def run(app: App, tokens: list[str]) -> int:
         Parameters
         ----------
         json
-            Print one JSON object on stdout: outputs, metrics, warnings.
+            Print one JSON object with outputs, metrics and warnings to stdout.
         debug
-            Show the stack trace of an error.
+            Print the stack trace of an error.
         """
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         return result, json
 
-    for stream in (sys.stdout, sys.stderr):  # what they cannot encode is escaped
+    for stream in (sys.stdout, sys.stderr):  # escape characters that they cannot encode
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     app.meta.suppress_keyboard_interrupt = False
@@ -173,7 +173,7 @@ def run(app: App, tokens: list[str]) -> int:
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
         code = _show(*outcome) if isinstance(outcome, tuple) else 0
-        if sys.stdout is not None:  # it was closed before the start
+        if sys.stdout is not None:  # None if it was closed before the start
             sys.stdout.flush()
         return code
     except CycloptsError as error:
@@ -182,17 +182,17 @@ def run(app: App, tokens: list[str]) -> int:
         return fail(error, 130, "stopped by Ctrl-C")
     except SystemExit as error:
         if isinstance(error.__context__, BrokenPipeError):
-            return 0  # a help page whose reader has gone: the console sends the rest nowhere
-        # What the rig makes of SIGTERM and SIGHUP once its lights are out.
+            return 0  # the reader of a help page has exited; the console discards the rest
+        # The rig raises this on SIGTERM and SIGHUP after its LEDs are off.
         if not isinstance(error.code, int) or error.code <= _SIGNALLED:
             raise
         name = signal.Signals(error.code - _SIGNALLED).name
         return fail(error, error.code, f"stopped by {name}")
     except BrokenPipeError:
-        # The reader of our output has gone; what it wanted it has.
+        # The reader of our output, for example `head`, has exited: this is not an error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except Exception as error:  # noqa: BLE001 - the front door turns every error into one line
+    except Exception as error:  # noqa: BLE001 - every error becomes one line here
         from sgp._exit import error_text, exit_code
 
         return fail(error, exit_code(error), error_text(error))
@@ -207,7 +207,7 @@ def _show(result: Any, as_json: bool) -> int:
     if as_json:
         print(result.to_json())
     else:
-        # Whoever reads the last line has what they came for: what they are to know comes first.
+        # Warnings are printed first, so that the last line on the terminal is the result.
         for warning in result.warnings:
             note(f"note: {warning}")
         for line in result.summary:
@@ -216,9 +216,9 @@ def _show(result: Any, as_json: bool) -> int:
 
 
 def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
-    # Notes were added to the error on its way, such as LEDs that are not confirmed off.
-    said = "; ".join([text, *getattr(error, "__notes__", ())])
-    line = printable(" ".join(said.split()))
+    # Callers add notes to an error, for example LEDs that are not confirmed off.
+    message = "; ".join([text, *getattr(error, "__notes__", ())])
+    line = printable(" ".join(message.split()))
     if debug:
         import traceback
 

@@ -1,6 +1,6 @@
-"""Fixtures for the tests of those who have no rig at hand; see docs/testing-without-hardware.md.
+"""Fixtures for tests without a rig; see docs/testing-without-hardware.md.
 
-pytest imports this in every run, so all that is heavy is imported when a fixture is first used.
+pytest imports this module in every run, so slow imports wait until a fixture is first used.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from simulator import Rendering, Scene, Truth
 
 _OPTIONS = {
-    "scene": "what the simulated rig sees: a name that `sgp simulate list` prints, or a .toml file",
-    "size": "its camera's pixels, WIDTHxHEIGHT",
-    "leds": "its number of LEDs",
-    "seed": "seed of its surface, lights and noise",
-    "noise": "false leaves the sensor's noise out",
+    "scene": "scene of the simulated rig: a name that `sgp simulate list` prints, or a .toml file",
+    "size": "size of the image in pixels, WIDTHxHEIGHT",
+    "leds": "number of LEDs",
+    "seed": "seed of surface, lights and noise",
+    "noise": "false disables the noise of the sensor",
 }
-# Small and quick. A scene file has its own size, LEDs and seed.
+# Small and quick. A scene file has its own size, number of LEDs and seed.
 _SCENE = "coin"
 _OF_NAMED_SCENES = {"size": "160x128", "leds": 12, "seed": 0}
 _MARKER = (
-    "sgp(scene, size, leds, seed, noise): what the fixtures simulated_rig, simulated_session and "
-    "simulated_truth see, where it differs from the ini options sgp_*"
+    "sgp(scene, size, leds, seed, noise): options of the fixtures simulated_rig, "
+    "simulated_session and simulated_truth, which override the ini options sgp_*"
 )
 
 
 @dataclass(frozen=True)
 class _Bench:
-    """What lies under the simulated camera; the fields are the marker's arguments.
+    """The simulated scene; the fields are the arguments of the marker.
 
-    None is the scene's own.
+    None means the value of the scene.
     """
 
     scene: str
@@ -56,14 +56,14 @@ class _Bench:
         if not isinstance(self.noise, bool):
             raise ValueError(f"noise {self.noise!r} is neither true nor false")
         if self.size is not None and _pixels(self.size) is None:
-            raise ValueError(f"size {self.size!r} must read like 160x128")
+            raise ValueError(f"size {self.size!r} must have the form 160x128")
         for name, least in (("leds", 1), ("seed", 0)):
             value = getattr(self, name)
             if value is not None and (type(value) is not int or value < least):
-                raise ValueError(f"{name} {value!r} is not a whole number from {least} on")
+                raise ValueError(f"{name} {value!r} is not a whole number of at least {least}")
 
     def build(self, root: Path) -> Scene:
-        """Make the scene; a scene file is found from the folder of the ini file."""
+        """Return the scene; paths of scene files are relative to the folder of the ini file."""
         from simulator import read_scene, scene_named
 
         options: dict[str, Any] = {"leds": self.leds, "seed": self.seed}
@@ -81,7 +81,7 @@ def _pixels(size: object) -> tuple[int, int] | None:
 
 
 class _Studio:
-    """Renders and records each bench once in a test run."""
+    """Renders and records each scene once per test run."""
 
     def __init__(self, root: Path, folder: Path) -> None:
         self._root = root
@@ -93,7 +93,7 @@ class _Studio:
         from simulator import render
 
         rendering = render(bench.build(self._root))
-        # Tests share it: one that writes into it must fail, and not the next one.
+        # Tests share it, so it is read-only: a test that writes into it fails itself.
         for field in fields(rendering.truth):
             if hasattr(values := getattr(rendering.truth, field.name), "setflags"):
                 values.setflags(write=False)
@@ -119,7 +119,7 @@ class _Studio:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare the ini options ``sgp_scene`` and so on."""
+    """Declare the ini options ``sgp_scene``, ``sgp_size``, ``sgp_leds`` and so on."""
     for name, text in _OPTIONS.items():
         parser.addini(f"sgp_{name}", text, default="")
 
@@ -136,30 +136,32 @@ def _sgp_studio(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFa
 
 @pytest.fixture
 def _sgp_bench(request: pytest.FixtureRequest) -> _Bench:
-    """Put together what the ini file and the test's markers say; the closest marker wins."""
-    # pytest puts the folders of tests on the search path, and a rig.py may lie there.
+    """Combine the options of the ini file and of the test's markers; the closest marker wins."""
+    # pytest adds the folders of tests to the search path, and one may contain a rig.py.
     if (complaint := foreign_package()) is not None:
         pytest.fail(f"sgp: {complaint}", pytrace=False)
     stated = {name: request.config.getini(f"sgp_{name}") for name in _OPTIONS}
-    said: dict[str, Any] = {name: text for name, text in stated.items() if text}
+    options: dict[str, Any] = {name: text for name, text in stated.items() if text}
     for name in ("leds", "seed"):
-        if str(said.get(name)).isdecimal():
-            said[name] = int(said[name])
-    if "noise" in said:
-        said["noise"] = {"true": True, "false": False}.get(said["noise"].lower(), said["noise"])
+        if str(options.get(name)).isdecimal():
+            options[name] = int(options[name])
+    if "noise" in options:
+        options["noise"] = {"true": True, "false": False}.get(
+            options["noise"].lower(), options["noise"]
+        )
     for marker in reversed(list(request.node.iter_markers("sgp"))):
         for name in (*marker.args, *marker.kwargs):
             if marker.args or name not in _OPTIONS:
                 pytest.fail(
-                    f"the marker sgp takes {', '.join(_OPTIONS)} by name, not {name!r}",
+                    f"the marker sgp accepts {', '.join(_OPTIONS)} as keywords, not {name!r}",
                     pytrace=False,
                 )
-        said |= marker.kwargs
-    said.setdefault("scene", _SCENE)
-    if not str(said["scene"]).endswith(".toml"):
-        said = _OF_NAMED_SCENES | said
+        options |= marker.kwargs
+    options.setdefault("scene", _SCENE)
+    if not str(options["scene"]).endswith(".toml"):
+        options = _OF_NAMED_SCENES | options
     try:
-        return _Bench(**said)
+        return _Bench(**options)
     except ValueError as error:
         complaint = str(error)
     pytest.fail(f"sgp: {complaint}", pytrace=False)
@@ -173,15 +175,15 @@ def _sgp_rendering(_sgp_bench: _Bench, _sgp_studio: _Studio) -> Rendering:
         return _sgp_studio.rendering(_sgp_bench)
     except (DataError, MissingPathError) as error:
         complaint = str(error)
-    # Out here, so that pytest does not print the chain of errors behind it.
+    # Outside of `except`, so that pytest does not print the chain of errors.
     pytest.fail(f"sgp: {complaint}", pytrace=False)
 
 
 @pytest.fixture
 def simulated_rig(_sgp_bench: _Bench, _sgp_rendering: Rendering) -> Iterator[Rig]:
-    """Yield an open `rig.Rig` on a virtual board and camera; it is closed after the test.
+    """Yield an open `rig.Rig` with a virtual board and camera; it is closed after the test.
 
-    It does not wait for exposures to pass.
+    The rig does not wait for the exposure times to pass.
     """
     from simulator import rig_for
 
@@ -195,10 +197,10 @@ def simulated_rig(_sgp_bench: _Bench, _sgp_rendering: Rendering) -> Iterator[Rig
 def simulated_session(
     _sgp_bench: _Bench, _sgp_rendering: Rendering, _sgp_studio: _Studio, tmp_path: Path
 ) -> Path:
-    """Return the folder of a complete recorded session, the test's own copy.
+    """Return the folder of a complete recorded session, a separate copy for each test.
 
-    It holds a dark frame and every LED for each exposure, the camera model, the sensor, and in
-    ``derived/truth`` what is true.
+    It contains, for each exposure time, a dark frame and one frame per LED, the camera model, the
+    sensor, and the ground truth in ``derived/truth``.
     """
     folder = tmp_path / "session"
     shutil.copytree(_sgp_studio.session(_sgp_bench), folder)
@@ -207,5 +209,5 @@ def simulated_session(
 
 @pytest.fixture
 def simulated_truth(_sgp_rendering: Rendering) -> Truth:
-    """Return what is true of the scene that rig and session show, read-only."""
+    """Return the ground truth of the scene that rig and session show, read-only."""
     return _sgp_rendering.truth

@@ -1,4 +1,4 @@
-"""What every test stands on."""
+"""Fixtures for all tests."""
 
 import signal
 
@@ -9,7 +9,7 @@ _WANTED = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
 
 @pytest.fixture(scope="session", autouse=True)
 def _signals_work():
-    """Let signals strike that a shell ignores for what it runs in the background."""
+    """Restore the default handlers of signals that a shell ignores in background jobs."""
     known = [name for name in _WANTED if hasattr(signal, name)]
     before = [signal.signal(getattr(signal, name), _WANTED[name]) for name in known]
     yield
@@ -19,7 +19,7 @@ def _signals_work():
 
 @pytest.fixture(autouse=True)
 def _signals_stay():
-    """Put back the handler of SIGINT: harvesters, used by itself, takes it and keeps it."""
+    """Restore the handler of SIGINT, which harvesters replaces and does not restore."""
     before = signal.getsignal(signal.SIGINT)
     yield
     signal.signal(signal.SIGINT, before)

@@ -1,1 +1,1 @@
-"""What the capture commands say and draw."""
+"""Messages, summaries and contact sheets of the capture commands."""

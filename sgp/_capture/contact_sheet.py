@@ -1,4 +1,4 @@
-"""All scenes on one sheet: lit from one side, as normals, and with the shadows of that light."""
+"""Contact sheet of scenes: each lit from one side, as normals, and with the shadows."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from simulator import Rendering
 
 Picture = npt.NDArray[np.float32]
 
-# The light that draughtsmen use: upper left, and low enough that relief shows.
+# The conventional light of drawings: from the upper left, low enough to show relief.
 _FROM = np.array([-0.6, 0.6, 0.5])
 _COLUMNS = 3
-_PICTURE_IN = 1.6  # the height of one
+_PICTURE_IN = 1.6  # height of one picture
 _TITLE_IN = 0.24
 _GAP, _RIM = 0.03, 0.04  # between pictures, and from the mark to the rim, in heights of a picture
 _BOARD_LIT, _BOARD_DARK = 0.88, 0.5
 
 
 def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None:
-    """Draw three pictures of each rendering, whole frames: lit, normals, shadows.
+    """Draw three pictures of the complete frame of each rendering: lit, normals, shadows.
 
-    All are of the light nearest to the upper left; a yellow mark at the rim of the first picture
-    stands on the side that it comes from.
+    They use the light nearest to the upper left. A yellow mark at the rim of the first picture
+    shows the direction of this light.
 
     Parameters
     ----------
     path
-        A .png.
+        File to write (.png).
     renderings
-        By name; of one size.
+        Renderings by name; all of the same size.
     """
     height, width = next(iter(renderings.values())).truth.size
     aspect = width / height
-    whole = 3 * aspect + 5 * _GAP  # three pictures, and air before the next scene
+    whole = 3 * aspect + 5 * _GAP  # three pictures, and space before the next scene
     rows = -(-len(renderings) // _COLUMNS)
     figure = Figure(
         figsize=(_COLUMNS * whole * _PICTURE_IN, rows * (_PICTURE_IN + _TITLE_IN)), dpi=100

@@ -1,4 +1,4 @@
-"""A contact sheet of a session: every frame that counts, small, upright and named."""
+"""Contact sheet of a session: every frame that counts, small, upright and with its name."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _Picture = npt.NDArray[np.uint8]
 
 
 def write_session_sheet(path: Path, session: Session) -> None:
-    """Draw the frames of a session; samples at the white level are red.
+    """Draw the frames of a session; pixels at the white level are red.
 
-    All lights of one bracket are drawn with the same brightness, so that a weak one looks weak, and
-    frames without light with that of all, so that they look dark.
+    All lights of one bracket share one brightness scale, so that a weak light looks weak. Frames
+    without light use the scale of all lights, so that they look dark.
 
     Parameters
     ----------
     path
-        A .png.
+        File to write (.png).
     session
-        With at least one frame that counts.
+        Session with at least one frame that counts.
 
     Raises
     ------
     DataError
         If a frame is damaged.
     StorageError
-        If the disk refuses.
+        If the file cannot be written.
     """
     frames = session.frames
     unlit = [frame.line for frame in frames if frame.role in ("dark", "ambient")]
@@ -60,7 +60,7 @@ def write_session_sheet(path: Path, session: Session) -> None:
 
 
 def _bright_dn(frame: SessionFrame, frames: Sequence[SessionFrame]) -> int:
-    """Return the grey value that is drawn white."""
+    """Return the raw value that is drawn white."""
     lit = [other for other in frames if other.role in ("light", "flat")]
     if frame in lit:
         lit = [other for other in lit if other.bracket == frame.bracket]
@@ -77,7 +77,7 @@ def _tile(session: Session, frame: SessionFrame, black_dn: float, bright_dn: flo
     shade = np.clip((small - black_dn) / max(bright_dn - black_dn, 1.0), 0, 1) ** _GAMMA
     grey = np.rint(255 * shade).astype(np.uint8)
     picture = grey if grey.ndim == 3 else np.repeat(grey[..., None], 3, axis=2)
-    # One clipped sample colours its place, however small the picture is.
+    # A single clipped pixel colours its pixel in the small picture.
     share = session.manifest.mounting.upright(clipped.astype(np.float32))
     picture[cv2.resize(share, size, interpolation=cv2.INTER_AREA) > 0] = _CLIPPED_RGB
     label = np.full((_TEXT_PX, _WIDTH_PX, 3), 255, np.uint8)

@@ -1,4 +1,4 @@
-"""A session in figures and in lines for a person."""
+"""Describe a session: figures, and lines for the terminal."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from sgp._result import Result
 
 
 def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
-    """Tell what a session holds.
+    """Describe the contents of a session.
 
     Parameters
     ----------
     session
-        Complete or not.
+        Complete or incomplete session.
     warnings
-        What else is to be told.
+        Additional warnings.
 
     Returns
     -------
     Result
-        Its folder, figures, a line for each frame, and how it came about.
+        Folder and figures of the session, its origin, and a line for each frame.
     """
     manifest, camera = session.manifest, session.manifest.camera
     events = Counter(line.event for line in session.events)
@@ -39,14 +39,14 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
         "camera": camera.model_dump(),
         "lights": None if session.lights is None else len(session.lights),
     }
-    # Without a plan nothing says how many there should be.
+    # Without a plan the number of frames that should exist is not known.
     missing = "" if manifest.plan is None else f"{len(session.missing)} missing, "
-    told = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
+    texts = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
     summary = [
         f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
         f"object    {manifest.object or '-'}, by {manifest.operator or '-'}, "
         f"{manifest.started_utc:%Y-%m-%d %H:%M} UTC",
-        *(f"{name:<10}{text}" for name, text in told if text),
+        *(f"{name:<10}{text}" for name, text in texts if text),
         f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
         f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
         + (f", colour filter {camera.cfa}" if camera.cfa else ""),
@@ -68,7 +68,7 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
 
 
 def _dark_dn(session: Session) -> dict[float | None, int]:
-    """Return the 99th percentile of the frames with all LEDs off, by their exposure."""
+    """Return the 99th percentile of the frames with all LEDs off, by exposure time."""
     unlit = sorted(
         (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),
         key=lambda line: line.role == "ambient",

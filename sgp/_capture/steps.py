@@ -1,4 +1,4 @@
-"""What comes before a recording, as an operator asked for it: metering, checks, a dry run."""
+"""Optional steps before a recording: metering, checks, a dry run."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ _Share = Annotated[Real, Parameter(validator=Number(gte=0, lte=1))]
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class MeterOptions:
-    """Whether exposures are chosen on the spot, and how.
+    """Options for metering the exposure times.
 
     Parameters
     ----------
     meter
-        Choose the exposures on the spot instead: each LED its own, or one for all.
+        Meter the exposure times instead of using those of the plan: one for each LED, or one for
+        all LEDs.
     meter_percentile
-        Of the raw values, which is to be at --meter-fraction; default: 99.5.
+        Percentile of raw values to place at the target level (--meter-fraction); default: 99.5.
     meter_fraction
-        Where it is to be, of the range from black to white; default: 0.7.
+        Target level, as a share of the range from black to white level; default: 0.7.
     max_clipped
-        Largest share of saturated samples when metering, where the plan's
-        max_clipped_fraction is not less; default: 0.005.
+        Largest share of saturated pixels when metering, unless the plan's max_clipped_fraction is
+        smaller; default: 0.005.
     """
 
     meter: Metering | None = None
@@ -47,68 +48,68 @@ class MeterOptions:
     max_clipped: _Share | None = None
 
     def goal(self) -> MeteringGoal | None:
-        """Return what to meter for, None where it was not asked for.
+        """Return the goal of metering, or None without ``--meter``.
 
         Raises
         ------
         UsageError
-            If details were given without ``--meter``.
+            If another metering option was given without ``--meter``.
         """
         details = {
             "percentile": self.meter_percentile,
             "fraction": self.meter_fraction,
             "max_clipped_fraction": self.max_clipped,
         }
-        given = {name: value for name, value in details.items() if value is not None}
+        stated = {name: value for name, value in details.items() if value is not None}
         if self.meter is None:
-            if given:
+            if stated:
                 raise UsageError(
-                    "--meter-percentile, --meter-fraction and --max-clipped say how to meter: "
-                    "give --meter each or --meter one too"
+                    "--meter-percentile, --meter-fraction and --max-clipped require --meter each "
+                    "or --meter one"
                 )
             return None
-        return MeteringGoal(each=self.meter == "each", **given)
+        return MeteringGoal(each=self.meter == "each", **stated)
 
 
 @dataclass
-class Told:
-    """What happened before a recording: for its journal, and for the operator."""
+class Preparation:
+    """Events before a recording, for its journal, and warnings for the operator."""
 
     events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
 
-def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, told: Told) -> CapturePlan:
-    """Return the plan with the exposures found on the spot."""
+def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, prepared: Preparation) -> CapturePlan:
+    """Return the plan with metered exposure times."""
     with Stages() as progress:
-        found = meter_plan(rig, plan, goal, on_progress=progress)
-    told.events.append(("metered", found.details()))
-    if found.dead_leds:
+        metering = meter_plan(rig, plan, goal, on_progress=progress)
+    prepared.events.append(("metered", metering.details()))
+    if metering.dead_leds:
         reason = "gave no light when metered"
-        told.events.append(("left_out", {"leds": list(found.dead_leds), "reason": reason}))
-    told.warnings += found.warnings
-    return found.plan
+        prepared.events.append(("left_out", {"leds": list(metering.dead_leds), "reason": reason}))
+    prepared.warnings += metering.warnings
+    return metering.plan
 
 
-def accept(found: Preflight, told: Told) -> None:
-    """Note what a pre-flight found; refuse to go on where it fails.
+def accept(preflight: Preflight, prepared: Preparation) -> None:
+    """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
 
     Raises
     ------
     RigError
         If a check failed.
     """
-    if not found.ok:
-        complaints = "; ".join(f"{check.name}: {check.text}" for check in found.failed)
+    if not preflight.ok:
+        complaints = "; ".join(f"{check.name}: {check.text}" for check in preflight.failed)
         raise RigError(f"the check before recording failed: {complaints}")
-    told.events.append(("checked", found.details()))
-    told.warnings += [
-        f"{check.name}: {check.text}" for check in found.checks if check.state == "warning"
+    prepared.events.append(("checked", preflight.details()))
+    prepared.warnings += [
+        f"{check.name}: {check.text}" for check in preflight.checks if check.state == "warning"
     ]
 
 
 def dry_run(rig: Rig, plan: CapturePlan, shots: Sequence[PlannedShot]) -> Result:
-    """Take shots with all LEDs off, and record nothing."""
+    """Take shots with all LEDs off without recording them."""
     with Stages() as progress:
         seconds = rehearse(rig, plan, on_progress=progress, shots=shots)
     count, info = len(shots), rig.camera.info

@@ -1,1 +1,1 @@
-"""The tables and figures of the paper, made anew beside its own."""
+"""Recompute the tables and figures of the paper for comparison with the published ones."""

@@ -1,10 +1,11 @@
-"""Least squares of differential coordinates on a pixel grid, by the landed multigrid's kernels.
+"""Least squares of differential coordinates on a pixel grid, with the kernels of our multigrid.
 
-With the graph Laplacian L of the grid, minimising |L u - c|^2 + a^2 |u|^2 asks for
-(L^2 + a^2) u = L c. Conjugate gradients in float64 solve that; what makes them converge in a few
-steps is (L + a)^-2, whose product with the matrix has no eigenvalue outside 1/2..1. Two V-cycles
-in float32 stand in for it, over levels that gather 2 x 2 pixels as `processing._surface.multigrid`
-does; the term a makes coarse levels easy, so that no exact solver ends them.
+With the graph Laplacian L of the grid, minimising |L u - c|^2 + a^2 |u|^2 requires
+(L^2 + a^2) u = L c. Conjugate gradients in float64 solve this system. With the preconditioner
+(L + a)^-2 they converge in a few steps, because its product with the matrix has eigenvalues in
+1/2..1 only. Two V-cycles in float32 approximate this preconditioner. Their levels aggregate 2 x 2
+pixels, as in `processing._surface.multigrid`. The term a makes the coarse levels well conditioned,
+so that the coarsest level needs no exact solver.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Double = npt.NDArray[np.float64]
 
 # Smoothing sweeps before and after the coarse correction.
 _SWEEPS = 2
-# Below this many pixels threads cost more than they bring.
+# Below this number of pixels, threads cost more time than they save.
 _SERIAL_PIXELS = 1 << 14
 _COARSEST_PIXELS = 100
 _MAX_ITERATIONS = 200
@@ -59,7 +60,7 @@ class _Level:
 
 
 class Bilaplacian:
-    """The matrix L^2 + a^2 of one grid, ready to be solved for any right-hand side.
+    """The matrix L^2 + a^2 of one grid, with a solver for any right-hand side.
 
     Parameters
     ----------
@@ -67,9 +68,9 @@ class Bilaplacian:
         ``(h+2, w+2)`` float32 edge weights of L with an empty border, as in
         `processing._surface.grid_graph`.
     inside
-        ``(h+2, w+2)`` bool: the pixels that are unknown.
+        ``(h+2, w+2)`` bool: the pixels whose values are unknown.
     anchor
-        The number a, above 0.
+        The number a, greater than 0.
     """
 
     def __init__(
@@ -93,17 +94,21 @@ class Bilaplacian:
         return once
 
     def solve(self, b: Double, start: Double, tolerance: float) -> Double:
-        """Return u, where b is ``(h+2, w+2)`` and 0 outside; `start` is a first guess of it.
+        """Solve for u.
 
         Parameters
         ----------
+        b
+            ``(h+2, w+2)`` right-hand side, 0 outside the mask.
+        start
+            ``(h+2, w+2)`` initial guess of u.
         tolerance
-            2-norm of the residual over that of b, at which to stop.
+            2-norm of the residual, relative to that of b, at which to stop.
 
         Raises
         ------
         ArithmeticError
-            If that is not reached.
+            If the tolerance is not reached.
         """
         u, product = start.copy(), np.zeros_like(b)
         self.apply(u, product)
@@ -129,7 +134,7 @@ class Bilaplacian:
             fine.x[...] = 0
             fine.smooth((0, 1) * _SWEEPS)
             restrict = kernels.restrict_serial if fine.serial else kernels.restrict
-            # The kernel knows L alone: what the screen takes is taken from the right side.
+            # The kernel applies L only, so the screening term is subtracted from the right side.
             restrict(fine.right, fine.down, fine.b - fine.screen * fine.x, fine.x, coarse.b)
         last = levels[-1]
         last.x[...] = 0
@@ -137,13 +142,13 @@ class Bilaplacian:
         for fine, coarse in zip(levels[-2::-1], levels[:0:-1], strict=True):
             prolong = kernels.prolong_serial if fine.serial else kernels.prolong
             prolong(coarse.x, fine.inverse, fine.x)
-            # The colours in reverse order make the cycle symmetric.
+            # The reverse order of the colours makes the cycle symmetric.
             fine.smooth((1, 0) * _SWEEPS)
         return levels[0].x
 
 
 def _gathered(screen: Float) -> Float:
-    """Return a screen summed over 2 x 2 pixels, as the kernels gather them."""
+    """Return a screening term summed over 2 x 2 pixels, as the kernels aggregate them."""
     inner = screen[1:-1, 1:-1]
     inner = np.pad(inner, [(0, length % 2) for length in inner.shape])
     sums = inner[::2, ::2] + inner[1::2, ::2] + inner[::2, 1::2] + inner[1::2, 1::2]

@@ -1,7 +1,7 @@
-"""DSPL, a peer to compare with: detail as displacement along the normals of a smooth base.
+"""DSPL, a peer method for comparison: detail as displacement along the normals of a smooth base.
 
 After Botsch et al., Polygon Mesh Processing (2010), chapter 9. Source and target share their
-faces: the correspondence that a mesh method must otherwise find first is given to it.
+faces, so the correspondence, which a mesh method normally has to compute first, is given.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from sgp._paper.mesh import Float, GridMesh, Mask
 
 
 class Displacement:
-    """One target, ready for the displacements of any source.
+    """One target, prepared for the displacements of any source.
 
     Parameters
     ----------
     target
         ``(V, 3)`` float32 vertices.
     mesh
-        Its faces, and those of every source: vertices of one number correspond.
+        Faces of the target and of every source: vertices with the same index correspond.
     region
         ``(V,)`` bool: the vertices that receive the source's detail, blended in over the width of
-        the base's filter; the others keep their places. Default: all.
+        the base filter; the other vertices do not move. Default: all.
     w
-        Of the paper's Gaussian that smooths the bases.
+        Half width of the paper's Gaussian, which smooths the bases.
     """
 
     def __init__(
@@ -35,12 +35,12 @@ class Displacement:
         self._normals = mesh.normals(self._base)
         self._weight: Float | None = None
         if region is not None:
-            # Outside the weight is 0 and stays so: nothing there may move.
+            # The weight outside the region stays 0: vertices there must not move.
             blurred = mesh.base(region[:, None].astype(np.float32), w)
             self._weight = np.where(region[:, None], blurred, np.float32(0))
 
     def put(self, source: Float) -> Float:
-        """Return the target's base, ``(V, 3)``, displaced as the source is from its own base."""
+        """Return the target's base, ``(V, 3)``, with the displacements of the source."""
         base = self._mesh.base(source, self._w)
         height = np.einsum("ij,ij->i", source - base, self._mesh.normals(base))
         moved: Float = self._base + height[:, None] * self._normals

@@ -1,4 +1,4 @@
-"""The faces that are set into other surfaces: which part of what goes where."""
+"""The faces that are transferred to other surfaces, with their positions."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Face(NamedTuple):
     source, target
         Names of the maps.
     ellipse
-        Round the face: column, row, half axes, in pixels of the source.
+        Ellipse around the face: column, row and half axes, in pixels of the source.
     at
-        Column and row of the target where its middle goes.
+        Column and row of its centre in the target.
     scale, rotate_deg, mirror
-        As of `transfer_local`.
+        As in `transfer_local`.
     """
 
     source: str
@@ -40,7 +40,7 @@ class Face(NamedTuple):
     def set_in(
         self, source: NormalMap, target: NormalMap, *, order: int = 8, reach_px: float | None = None
     ) -> LocalTransferResult:
-        """Set the face into the target at the paper's granularity."""
+        """Transfer the face to the target at the paper's granularity."""
         x, y, across, down = self.ellipse
         rows, columns = np.ogrid[: source.size[0], : source.size[1]]
         part: npt.NDArray[np.bool_] = ((columns - x) / across) ** 2 + ((rows - y) / down) ** 2 <= 1

@@ -1,4 +1,4 @@
-"""The figures that the paper prints, as data: what `sgp bench paper` puts beside its own."""
+"""The figures published in the paper, with which `sgp bench paper` compares its own."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SHAPE_SIMILARITY: Mapping[str, Row] = {
     "infinity-norm": (0.0109, 0.0133, 0.0066, 0.0074, 0.0100),
 }
 
-# Figure "Property of the extracted detail component" and the text beside it.
+# Figure "Property of the extracted detail component" and its text.
 SEPARABILITY: Mapping[str, Row] = {
     "detail's shape to z, deg": (0.96, 0.95, 1.47, 0.44, 0.47),
     "SSIM of detail and map, paper's protocol": (0.9566, 0.9531, 0.9882, 0.9557, 0.9737),
@@ -34,7 +34,7 @@ CHAIN_SHAPE_DEG_MAX = 2.08
 CHAIN_DETAIL_DEG_MAX = 5.0
 CHAIN_DETAIL_SSIM_MIN = 0.9980
 
-# Figure "three properties": details of Circular and Walnut exchanged and taken out again.
+# Figure "three properties": details of Circular and Walnut, exchanged and extracted again.
 CROSS_EXCHANGE_DEG: Row = (4.13, 4.28)
 
 # Table "transferred result between Circular and Bunny with different resolutions".

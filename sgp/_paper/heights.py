@@ -1,4 +1,4 @@
-"""The paper's height profiles: a result's heights along its target's, in ascending order."""
+"""The paper's height profiles: heights of a result, sorted by the heights of its target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sgp._paper.tables import Number, Table
 
 Advance = Callable[[str], None]
 
-# The stand-ins for the paper's two sources, and what their curves are called on disk.
+# The substitutes for the paper's two sources, and the file names of their curves.
 _STAND_INS = {"scales (simulated)": "scales", "cloth (simulated)": "cloth"}
 _BOWL_POINTS = 50_000
 
@@ -20,7 +20,7 @@ _BOWL_POINTS = 50_000
 def height_profiles(
     sources: Sources, textures: dict[str, NormalMap], advance: Advance
 ) -> tuple[Table, dict[str, HeightProfile], list[Panel]]:
-    """Put two details onto one target and read the surfaces' heights; returns curves by name."""
+    """Transfer two details to one target and compare the heights; also returns curves by name."""
     where, target = (
         ("bowl (simulated)", bowl(_BOWL_POINTS))
         if sources.data is None
@@ -45,15 +45,15 @@ def height_profiles(
     return (
         Table(
             "height_profile",
-            "Height profile: a result's heights along its target's",
+            "Height profile: heights of a result, sorted by the heights of its target",
             tuple(f"{texture} on {where}" for texture in _STAND_INS),
             rows,
             paper.HEIGHT_PROFILES,
             {"plotted, no figure printed": (None,) * len(paper.HEIGHT_PROFILES)},
             "The paper plots the curves of Lizard and Textile, synthesised over targets that it "
-            "does not name; here the detail is laid side by side (order 8, w=5). Each connected "
-            "part of a surface is free in height and set to its target's mean. The .csv files "
-            "hold the curves.",
+            "does not name. Here the detail is tiled (order 8, w=5). The height of each connected "
+            "part of a surface is undetermined and is set to the mean of its target. The .csv "
+            "files contain the curves.",
         ),
         profiles,
         panels,

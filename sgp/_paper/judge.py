@@ -1,15 +1,17 @@
-"""How far results are from what was to be transferred, by three measures.
+"""Errors of transfer results, by three measures.
 
-The plain errors compare a result's normals with the two maps. A mesh method cannot reach 0 there:
-the maps became surfaces first, and normals are read off its result. The row `FLOOR` says what that
-alone costs. By the two other measures every method goes through one integration and one reading,
-and is compared with normals that went the same way, so that a perfect transfer has an error of 0:
+The plain errors compare a result's normals with the two maps. A mesh method cannot reach 0 in this
+measure, because the maps are first integrated to surfaces, and normals are computed from the
+resulting surface. The row `FLOOR` is the error of this round trip alone. In the two other measures
+every method includes one integration and one computation of normals, and is compared with normals
+of the same round trip, so that a perfect transfer has an error of 0:
 
-- from the same surfaces: the normal domain starts from the normals that are read off the surfaces
-  which the mesh methods get;
-- as surfaces: the normal domain's result is integrated, and normals are read off its surface.
+- from the same surfaces: methods in the normal domain start from the normals of the surfaces that
+  the mesh methods receive;
+- as surfaces: the results of methods in the normal domain are integrated, and normals are computed
+  from the surfaces.
 
-For a mesh method the two are one.
+For a mesh method both measures are the same.
 """
 
 from __future__ import annotations
@@ -46,19 +48,20 @@ def judge(
     region: Mask | None = None,
     w: int = 5,
 ) -> Judged:
-    """Measure the errors of some results by the paper's filter.
+    """Measure the errors of results with the paper's filter.
 
     Parameters
     ----------
     results
-        By method.
+        Results by method.
     source, target
-        The maps, of one size, that all of them were made of. Where the source is not known, the
-        target stands in for it.
+        The maps, of the same size, from which all results were computed. Pixels without a source
+        normal use the target's.
     in_normals
-        Those methods that work on normals, to be run on other maps.
+        The methods that work on normals, to be run on other maps.
     region
-        ``(H, W)`` bool, where errors count. Default: everywhere, with SSIM in the paper's protocol.
+        ``(H, W)`` bool: the pixels whose errors count. Default: all, with SSIM in the paper's
+        protocol.
     w
         Half width of the filter.
 
@@ -67,11 +70,11 @@ def judge(
     Judged
         `PLAIN`, with `FLOOR` among the methods, `SAME_SURFACES` and `AS_SURFACES`.
     """
-    # The mesh methods need a surface wherever the target has one.
+    # The mesh methods need a source surface at all pixels of the target.
     around = np.where(source.mask[..., None], source.normals, target.normals)
-    laid = NormalMap(np.where(target.mask[..., None], around, 0), target.mask)
-    surfaces = Surfaces.of(laid, target)
-    read_source, read_target = surfaces.round_trip(laid), surfaces.round_trip(target)
+    filled = NormalMap(np.where(target.mask[..., None], around, 0), target.mask)
+    surfaces = Surfaces.of(filled, target)
+    read_source, read_target = surfaces.round_trip(filled), surfaces.round_trip(target)
     maps, read = _Meant(source, target, region, w), _Meant(read_source, read_target, region, w)
     judged: Judged = {name: {} for name in (*PLAIN, *SAME_SURFACES, *AS_SURFACES)}
 
@@ -92,7 +95,7 @@ def judge(
 
 
 class _Meant:
-    """What a perfect transfer of one map's detail onto another's shape would hold."""
+    """The shape and the detail of a perfect transfer from one map to another."""
 
     def __init__(self, source: NormalMap, target: NormalMap, region: Mask | None, w: int) -> None:
         self._region, self._w = region, w
@@ -102,13 +105,13 @@ class _Meant:
     def likeness(self, shape_of: NormalMap, detail_of: NormalMap) -> tuple[float, ...]:
         """Return the `PLAIN` figures of one map's shape and another's detail."""
         figures: list[float] = []
-        for found, meant in (
+        for part, reference in (
             (separate(shape_of, order=1, w=self._w).shape, self._shape),
             (separate(detail_of, order=1, w=self._w).detail, self._detail),
         ):
             protocol: Literal["masked", "paper"] = "paper" if self._region is None else "masked"
-            figures.append(angular_error(found, meant, self._region).mae_deg)
-            figures.append(ssim(found, meant, self._region, protocol=protocol))
+            figures.append(angular_error(part, reference, self._region).mae_deg)
+            figures.append(ssim(part, reference, self._region, protocol=protocol))
         return tuple(figures)
 
     def errors_deg(self, result: NormalMap) -> tuple[float, ...]:

@@ -1,9 +1,10 @@
-"""LAPL, a peer to compare with: detail as rotated differential coordinates.
+"""LAPL, a peer method for comparison: detail as rotated differential coordinates.
 
-After Sorkine et al., Laplacian Surface Editing (SGP 2004), coating transfer: what the differential
-coordinates of the source have beyond those of its smooth base is turned from the source's base to
-the target's, and the surface with these coordinates is found by least squares. Source and target
-share their faces: the correspondence that a mesh method must otherwise find first is given to it.
+After Sorkine et al., Laplacian Surface Editing (SGP 2004), coating transfer: the difference between
+the differential coordinates of the source and those of its smooth base is rotated from the source's
+base to the target's base, and the surface with these coordinates is computed by least squares.
+Source and target share their faces, so the correspondence, which a mesh method normally has to
+compute first, is given.
 """
 
 from __future__ import annotations
@@ -20,20 +21,20 @@ from sgp._paper.bilaplacian import Bilaplacian
 from sgp._paper.mesh import Float, GridMesh, Mask
 
 Double = npt.NDArray[np.float64]
-# Takes a symmetric positive matrix; returns what solves with it for ``(n, 3)`` right-hand sides.
+# Takes a symmetric positive matrix; returns its solver for ``(n, 3)`` right-hand sides.
 Factorise = Callable[[sparse.csc_array], Callable[[Double], Double]]
 
-# Pull of every vertex toward the target's base, beside the differential coordinates, at w=5. Waves
-# of more than about 22 vertices follow it: these belong to the shape.
+# Weight of the target's base positions relative to the differential coordinates, at w=5. Waves
+# longer than about 22 vertices follow the base: they belong to the shape.
 _ANCHOR = 0.02
-# Next to nothing: in a region it only decides about vertices that no face touches.
+# Negligible: in a region it only determines the vertices without faces.
 _REGION_ANCHOR = 1e-4
-# Relative residual: normals are within .01 degree of those of an exact solution.
+# Relative residual: normals are within 0.01 degree of those of an exact solution.
 _TOLERANCE = 1e-4
 
 
 def superlu(matrix: sparse.csc_array) -> Callable[[Double], Double]:
-    """Factorise by SuperLU: minimum degree of A' + A, no pivoting, as suits such a matrix."""
+    """Factorise with SuperLU: minimum degree of A' + A, without pivoting."""
     factors = linalg.splu(
         matrix,
         permc_spec="MMD_AT_PLUS_A",
@@ -44,22 +45,22 @@ def superlu(matrix: sparse.csc_array) -> Callable[[Double], Double]:
 
 
 class LaplacianEditing:
-    """One target, ready for the differential coordinates of any source.
+    """One target, prepared for the differential coordinates of any source.
 
     Parameters
     ----------
     target
         ``(V, 3)`` float32 vertices.
     mesh
-        Its faces, and those of every source: vertices of one number correspond.
+        Faces of the target and of every source: vertices with the same index correspond.
     region
-        ``(V,)`` bool: the vertices that receive the source's detail; the others keep their places
-        and hold the rim of the region. Default: all.
+        ``(V,)`` bool: the vertices that receive the source's detail; the other vertices do not move
+        and fix the rim of the region. Default: all.
     w
-        Of the paper's Gaussian that smooths the bases.
+        Half width of the paper's Gaussian, which smooths the bases.
     factorise
-        A direct solver instead of multigrid, which is the faster one unless its factors are used
-        again and again. A region is always solved directly, by `superlu` if none is given.
+        Direct solver to use instead of multigrid. Multigrid is faster unless the factors are
+        reused many times. A region is always solved directly, by default with `superlu`.
     """
 
     def __init__(
@@ -74,7 +75,7 @@ class LaplacianEditing:
         self._base = mesh.base(target, w)
         self._normals = mesh.normals(self._base)
         self._region = np.ones(len(target), np.bool_) if region is None else region
-        # Outside the region vertices and their coordinates stay the target's own.
+        # Outside the region, vertices and their coordinates stay those of the target.
         within = self._region[:, None]
         self._start = np.where(within, self._base, target)
         self._wanted = np.where(within, mesh.laplacian(self._base), mesh.laplacian(target))
@@ -87,7 +88,7 @@ class LaplacianEditing:
             self._solve = _directly(mesh, self._region, anchor, factorise or superlu)
 
     def put(self, source: Float) -> Float:
-        """Return the vertices, ``(V, 3)``, whose coordinates are the base's and the detail's."""
+        """Return the vertices, ``(V, 3)``, of the target's base with the source's detail."""
         base = self._mesh.base(source, self._w)
         detail, normals = source - base, self._mesh.normals(base)
         coating = turned(self._mesh.laplacian(detail), normals, self._normals)
@@ -105,12 +106,12 @@ def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Double, Double], D
     matrix = Bilaplacian(*mesh.edges, inside, anchor)
 
     def solve(b: Double, guess: Double) -> Double:
-        found = np.zeros_like(b)
+        solution = np.zeros_like(b)
         for axis in range(b.shape[1]):
             right_side, start = np.zeros((2, *inside.shape))
             right_side[inside], start[inside] = b[:, axis], guess[:, axis]
-            found[:, axis] = matrix.solve(right_side, start, _TOLERANCE)[inside]
-        return found
+            solution[:, axis] = matrix.solve(right_side, start, _TOLERANCE)[inside]
+        return solution
 
     return solve
 
@@ -118,7 +119,7 @@ def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Double, Double], D
 def _directly(
     mesh: GridMesh, region: Mask, anchor: float, factorise: Factorise
 ) -> Callable[[Double, Double], Double]:
-    # Vertices outside the region are known: only the columns of the others are unknowns.
+    # Vertices outside the region are fixed: only the columns of the region are unknowns.
     columns = _matrix(mesh)[:, np.flatnonzero(region)]
     normal = columns.T @ columns + anchor**2 * sparse.eye_array(columns.shape[1])
     solve = factorise(sparse.csc_array(normal))

@@ -1,4 +1,4 @@
-"""The paper's local transfers: a face set into another surface, peers beside."""
+"""The paper's local transfers: a face transferred to another surface, compared with peers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Advance = Callable[[str], None]
 
 
 def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Panel]]:
-    """Set faces into other surfaces; errors over the region that received them."""
+    """Transfer faces to other surfaces; return errors over the target regions, and pictures."""
     targets = sources.targets()
     rows: dict[str, list[Number]] = {}
     panels: list[Panel] = []
@@ -30,7 +30,7 @@ def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Pan
         done = face.set_in(targets[face.source], target, order=1)
         region = done.region
         results: dict[str, NormalMap] = {"normals": done.normal_map}
-        # Where the source does not reach, the meshes need a surface too.
+        # The meshes also need a surface at pixels that the source does not cover.
         around = np.where(done.placed.mask[..., None], done.placed.normals, target.normals)
         placed = NormalMap(around, done.placed.mask | target.mask)
         peers = measure(("DSPL", "LAPL"), placed, target, region=region, w=FACE_W)
@@ -56,7 +56,7 @@ def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Pan
         rows.setdefault("step across the seam over the interior's, normals", []).append(seam.ratio)
     return Table(
         "local",
-        "Local transfer: a face set into another surface, errors over its region",
+        "Local transfer: a face transferred to another surface, errors over its region",
         tuple(FACES),
         rows,
         tuple(paper.LOCAL_DEG),
@@ -64,9 +64,9 @@ def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Pan
             "detail error, deg, normals": tuple(paper.LOCAL_DEG.values()),
             "detail SSIM, normals": tuple(paper.LOCAL_SSIM.get(name) for name in paper.LOCAL_DEG),
         },
-        f"The paper neither says where its faces were put nor how they were blended; Goethe and "
-        f"Venus are not to be had. Gaussian of order 1, w={FACE_W}; the errors count what the "
-        "blending toward the rim takes away. SSIM over the region with the usual constants, which "
-        "is stricter than the paper's. The round trip and the measures that are the same on both "
-        "sides are those of the table by resolution.",
+        f"The paper states neither the positions of its faces nor how they were blended; Goethe "
+        f"and Venus are not available. Gaussian of order 1, w={FACE_W}; the errors include the "
+        "detail that the blending toward the rim removes. SSIM over the region with the usual "
+        "constants, which is stricter than the paper's. The round trip and the measures 'from the "
+        "same surfaces' and 'as surfaces' are as in the table by resolution.",
     ), panels

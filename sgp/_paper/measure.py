@@ -1,6 +1,6 @@
-"""Ways of transferring detail, timed and weighed in a process of their own.
+"""Measure time and memory of transfer methods in a separate process.
 
-A process of its own, because freed memory that stays with a process hides what the next run takes.
+The process is separate because freed memory that a process keeps hides the memory of the next run.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from sgp._paper.mesh import Float, GridMesh
 from sgp._paper.surfaces import Surfaces
 
 Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
-# Those that the tables compare. The direct solver gives what LAPL gives.
+# The methods that the tables compare. The direct solver gives the same result as LAPL.
 METHODS: tuple[Method, ...] = ("DSPL", "LAPL", "normals", "normals, order 8")
 _ORDERS = {"normals": 1, "normals, order 8": 8}
 Mask = npt.NDArray[np.bool_]
 
-# How often memory is measured at most: it hardly varies.
+# Largest number of memory measurements; memory hardly varies.
 _MEMORY_RUNS = 3
 
 
 class Peer(Protocol):
-    """A mesh method that has done what depends on its target alone."""
+    """A mesh method after the computations that depend on its target only."""
 
     def put(self, source: Float) -> Float:
-        """Put a source's detail onto the target; ``(V, 3)`` vertices."""
+        """Transfer a source's detail to the target; return ``(V, 3)`` vertices."""
 
 
 MakePeer = Callable[[Float, GridMesh, Mask | None, int], Peer]
@@ -54,7 +54,7 @@ PEERS: Mapping[str, MakePeer] = {
 
 
 def in_normals(source: NormalMap, target: NormalMap, order: int = 1) -> NormalMap:
-    """Transfer in the normal domain, as "normals" does it."""
+    """Transfer detail in the normal domain, as the method "normals"."""
     return combine(separate(target, order=order).shape, separate(source, order=order).detail)
 
 
@@ -65,21 +65,21 @@ IN_NORMALS: Mapping[str, Callable[[NormalMap, NormalMap], NormalMap]] = {
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A transfer's result and what it took.
+    """Result, time and memory of a transfer.
 
     Parameters
     ----------
     normal_map
-        The result.
+        Result of the transfer.
     cpu_s
-        Of each run, from the two maps or the two surfaces to the result: CPU seconds of all
-        threads.
+        CPU seconds of all threads for each run, from the two maps or the two surfaces to the
+        result.
     again_cpu_s
-        Of each run where what depends on the target alone was kept from an earlier transfer: its
-        shape or its smooth base, factors of a matrix.
+        The same for repeated runs, which reuse the data that depend on the target only: its shape
+        or its smooth base, and factors of a matrix.
     peak_bytes
-        Resident memory at its peak above what was there with the inputs loaded, of some runs as
-        for `cpu_s`; empty where the system does not tell.
+        Peak of resident memory above the memory with the inputs loaded, for some runs as in
+        `cpu_s`; empty if the system does not report it.
     """
 
     normal_map: NormalMap
@@ -98,50 +98,51 @@ def measure(
     runs: int = 1,
     script: Path | None = None,
 ) -> dict[str, Measured]:
-    """Transfer detail by some methods in a new process, one after the other, with warm caches.
+    """Transfer detail with several methods in a new process, one after another, with warm caches.
 
-    The mesh methods are given the surfaces that the normal maps integrate to, pixel on pixel; how
-    long that integration takes does not count. "normals" is separation by the paper's filter and
-    its transfer.
+    The mesh methods receive the surfaces that are integrated from the normal maps, with one vertex
+    per pixel; the time of this integration does not count. "normals" is separation with the paper's
+    filter and its transfer.
 
     Parameters
     ----------
     methods
-        Of `Method`, or what `program` knows besides.
+        Names from `Method`, or other methods that `script` knows.
     source, target
-        Maps of one size, the source laid over the target.
+        Maps of the same size; the source is already placed over the target.
     region
         ``(H, W)`` bool, for the mesh methods: the part that receives detail. Default: all.
     w
         Half width of the paper's filter.
     runs
-        How often.
+        Number of runs.
     script
-        A script that calls `run_methods`. Default: this module.
+        Script that calls `run_methods`. Default: this module.
     """
     from simulator import OwnedFolder  # not in the process that is measured
 
     with closing(OwnedFolder("sgp-measure-")) as folder:
-        given, made = folder.path / "given.npz", folder.path / "made.npy"
+        inputs, outputs = folder.path / "given.npz", folder.path / "made.npy"
         mask = source.mask & target.mask
         np.savez(
-            given,
+            inputs,
             source=source.normals,
             target=target.normals,
             mask=mask,
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        arguments = (given, made, w, runs, *methods)
+        arguments = (inputs, outputs, w, runs, *methods)
         if script is None:
             call = module_command(__name__, *arguments)
         else:
             call = [sys.executable, "-P", str(script), *map(str, arguments)]
-        # Idle threads sleep, as in `sgp`, and BLAS has one: else their spinning counts as work.
+        # Idle threads sleep, as in `sgp`, and BLAS uses one thread; otherwise spinning threads
+        # would count as CPU time.
         environment = os.environ | {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(call, check=True, env=environment, stdout=subprocess.PIPE, text=True)
         figures = json.loads(done.stdout)
-        results = np.load(made)
+        results = np.load(outputs)
     return {
         method: Measured(
             NormalMap(normals, mask),
@@ -152,7 +153,7 @@ def measure(
 
 
 class _Bench:
-    """The inputs of every method; what `prepare` and what it returns do is what is measured."""
+    """The inputs of all methods; `prepare` and the function that it returns are measured."""
 
     def __init__(
         self,
@@ -167,12 +168,12 @@ class _Bench:
         self._region = None if region is None else region[self._surfaces.mesh.mask]
 
     def prepare(self, method: str) -> Callable[[], NormalMap | Float]:
-        """Do what depends on the target alone; the rest is left to the call."""
+        """Do the computations that depend on the target only; return a function for the rest."""
         if method in self._peers:
-            given = self._surfaces
-            mesh = GridMesh(given.mesh.mask, given.mesh.faces)  # has nothing in store
-            peer = self._peers[method](given.target, mesh, self._region, self._w)
-            return partial(peer.put, given.source)
+            surfaces = self._surfaces
+            mesh = GridMesh(surfaces.mesh.mask, surfaces.mesh.faces)  # with an empty cache
+            peer = self._peers[method](surfaces.target, mesh, self._region, self._w)
+            return partial(peer.put, surfaces.source)
         order = _ORDERS[method]
         shape = ShapeFilter("gaussian", order, self._w).shape(self._target)
         return lambda: combine(shape, separate(self._source, order=order, w=self._w).detail)
@@ -190,9 +191,9 @@ def _resident_bytes(entry: str) -> int:
 
 
 def _peak_begins() -> int | None:
-    """Make the system count the peak of resident memory anew; returns what is resident now."""
+    """Reset the system's peak of resident memory; return the resident memory now, or None."""
     try:
-        # What earlier runs freed goes back to the system, else it would hide what this one uses.
+        # Return freed memory to the system; otherwise it would hide the memory of this run.
         ctypes.CDLL(None).malloc_trim(0)
         resident = _resident_bytes("VmRSS")
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
@@ -211,7 +212,7 @@ def _timed(work: Callable[[], Any], runs: int) -> list[float]:
 
 
 def _peaks(work: Callable[[], Any], runs: int) -> list[int]:
-    """Measure memory in runs of their own: taking pages from the system anew costs time."""
+    """Measure memory in separate runs, since requesting pages from the system costs time."""
     peaks = []
     for _ in range(runs):
         before = _peak_begins()
@@ -222,24 +223,29 @@ def _peaks(work: Callable[[], Any], runs: int) -> list[int]:
 
 
 def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS) -> None:
-    """Be the process that `measure` starts.
+    """Run the measurements in the process that `measure` starts.
 
     Parameters
     ----------
     arguments
-        As `measure` writes them.
+        Command line arguments, as `measure` writes them.
     peers
-        Every mesh method by name.
+        All mesh methods by name.
     """
-    given, made, w, runs = Path(arguments[0]), arguments[1], int(arguments[2]), int(arguments[3])
-    with np.load(given) as arrays:
+    inputs, outputs, w, runs = (
+        Path(arguments[0]),
+        arguments[1],
+        int(arguments[2]),
+        int(arguments[3]),
+    )
+    with np.load(inputs) as arrays:
         mask = arrays["mask"]
         source, target = (
             NormalMap(np.where(mask[..., None], arrays[name], 0), mask)
             for name in ("source", "target")
         )
         region = None if arrays["whole"] else arrays["region"]
-    # So large that every kernel runs on many threads too, as far as it has them.
+    # Large enough that every parallel kernel runs on several threads.
     flat = NormalMap(
         np.tile(np.array([0, 0, 1], np.float32), (140, 140, 1)), np.ones((140, 140), bool)
     )
@@ -261,7 +267,7 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
             "again_cpu_s": again_cpu_s,
             "peak_bytes": _peaks(first, min(runs, _MEMORY_RUNS)),
         }
-    np.save(made, np.stack(results))
+    np.save(outputs, np.stack(results))
     print(json.dumps(figures))
 
 

@@ -1,7 +1,7 @@
-"""What both mesh-based peers of the detail transfer stand on: smooth bases and vertex normals.
+"""Smooth bases and vertex normals, for both mesh-based peers of the detail transfer.
 
-The peers get more than a mesh method usually has: a vertex per pixel. So the smooth base is the
-paper's own Gaussian, applied to positions instead of normals, and needs no sparse matrix.
+The peers receive more than a mesh method usually has: one vertex per pixel. The smooth base is
+therefore the paper's Gaussian, applied to positions instead of normals, and needs no sparse matrix.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class GridMesh:
-    """The triangles between vertices that lie one on each pixel of a mask.
+    """Triangles between vertices, one vertex at each pixel of a mask.
 
     Parameters
     ----------
     mask
-        ``(H, W)`` bool. Vertices are numbered in reading order, V of them.
+        ``(H, W)`` bool. The V vertices are numbered in reading order.
     faces
         ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the front.
     """
@@ -40,7 +40,7 @@ class GridMesh:
 
     @cached_property
     def window(self) -> tuple[slice, slice]:
-        """The bounding box of the mask: no peer works on the empty frame around it."""
+        """The bounding box of the mask, to which all computations of the peers are limited."""
         rows, columns = (np.flatnonzero(self.mask.any(axis=axis)) for axis in (1, 0))
         return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
@@ -53,8 +53,8 @@ class GridMesh:
     def edges(self) -> tuple[Float, Float]:
         """``right`` and ``down``, ``(h+2, w+2)``: 1/4 for each edge along a row or a column.
 
-        With an empty border, as in `processing._surface.grid_graph`. They are proportional to the
-        cotangent weights of a flat grid, which are 0 on the diagonals of its squares.
+        Both have an empty border, as in `processing._surface.grid_graph`. They are proportional to
+        the cotangent weights of a flat grid, which are 0 on the diagonals of its squares.
         """
         right = np.zeros(np.add(self.inside.shape, 2), np.float32)
         down = np.zeros_like(right)
@@ -69,25 +69,26 @@ class GridMesh:
         return right, down
 
     def base(self, vertices: Float, w: int) -> Float:
-        """Return the smooth base of some vertices, or of any other values.
+        """Return the smooth base of vertices, or of other values.
 
         Parameters
         ----------
         vertices
             ``(V, k)`` float32, k up to 4.
         w
-            Half width of the paper's window: sigma is w / 2, cut at w. Only vertices count.
+            Half width of the paper's window: sigma is w / 2, cut off at w. Only pixels with a
+            vertex count.
         """
         kernel = cv2.getGaussianKernel(2 * w + 1, w / 2, cv2.CV_32F)
         image = np.zeros((*self.inside.shape, vertices.shape[1] + 1), np.float32)
         image[self.inside, :-1] = vertices
         image[..., -1] = self.inside
         smooth = cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
-        found = smooth[self.inside]
-        return np.asarray(found[:, :-1] / found[:, -1:], np.float32)
+        sums = smooth[self.inside]
+        return np.asarray(sums[:, :-1] / sums[:, -1:], np.float32)
 
     def laplacian(self, values: Float | Double) -> Double:
-        """Return the differences ``(V, k)`` of some values from those of their neighbours.
+        """Return the differences ``(V, k)`` between values and those of their neighbours.
 
         Each is a quarter of the sum over the up to four neighbours along rows and columns.
         """
@@ -102,7 +103,7 @@ class GridMesh:
         return out
 
     def normals(self, vertices: Float) -> Float:
-        """Return ``(V, 3)`` unit normals, area-weighted; a vertex without a face has z."""
+        """Return area-weighted unit normals ``(V, 3)``; (0, 0, 1) for a vertex without a face."""
         return _vertex_normals(vertices, self.faces)
 
 

@@ -1,4 +1,7 @@
-"""The paper's tables and figures about what detail is: separable, idempotent, transferable."""
+"""The paper's tables and figures about the properties of detail.
+
+These are separability, idempotence and transferability.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,10 @@ from sgp._paper.tables import Number, Table
 Advance = Callable[[str], None]
 
 _SOURCES = (
-    "None of the paper's five models is to be had: other surfaces stand in, so the paper's "
-    "figures are context, not a measure. "
+    "None of the paper's five models is available: other surfaces are used, so the paper's "
+    "figures are context, not a standard. "
 )
-_ORDERS = "Order 1 is the paper's filter, order 8 this program's default; w=5."
+_ORDERS = "Order 1 is the paper's filter, order 8 the default of this program; w=5."
 
 
 def of_textures(
@@ -80,18 +83,18 @@ def of_textures(
             paper.SHAPE_SIMILARITY,
             _SOURCES
             + _ORDERS
-            + " The figures grow with curvature per pixel; the paper does not tell "
+            + " The figures increase with the curvature per pixel; the paper does not state "
             "the resolution of its maps here.",
         ),
         Table(
             "separability",
-            "Separability: shape that is left in the detail",
+            "Separability: shape left in the detail",
             tuple(textures),
             apart,
             paper.MODELS,
             paper.SEPARABILITY,
-            _SOURCES + _ORDERS + " The SSIM tells how flat the surface was, not how well it was "
-            "separated: detail and map are equal only where there is no shape.",
+            _SOURCES + _ORDERS + " The SSIM measures how flat the surface was, not how well it "
+            "was separated: detail and map are equal only for a surface without shape.",
         ),
         Table(
             "idempotence",
@@ -107,7 +110,7 @@ def of_textures(
 
 
 def chain(sources: Sources, advance: Advance) -> Table:
-    """Hand the owl's detail over the five DiLiGenT targets and back to the first."""
+    """Transfer the owl's detail along the five DiLiGenT targets and back to the first."""
     targets = sources.targets()
     rows: dict[str, list[Number]] = {}
     for order in (1, 8):
@@ -123,7 +126,7 @@ def chain(sources: Sources, advance: Advance) -> Table:
         }
     return Table(
         "chain",
-        "Chain: detail handed from target to target and back to the first",
+        "Chain: detail transferred from target to target and back to the first",
         (*targets, f"{DILIGENT[0]} again"),
         rows,
         ("worst of 11 steps",),
@@ -132,10 +135,10 @@ def chain(sources: Sources, advance: Advance) -> Table:
             "detail error, deg, below": (paper.CHAIN_DETAIL_DEG_MAX,),
             "detail SSIM, above": (paper.CHAIN_DETAIL_SSIM_MIN,),
         },
-        "Five of the ten DiLiGenT targets are at hand, and the owl instead of Circular. All maps "
-        "are cut to one rectangle inside every mask, so that every pixel goes the whole way. The "
-        "paper prints bounds only, and does not say whether errors are to the previous or to the "
-        f"original detail: both are here. {_ORDERS}",
+        "Five of the ten DiLiGenT targets are available, and the owl instead of Circular. All maps "
+        "are cropped to one rectangle inside all masks, so that every pixel takes part in all "
+        "steps. The paper prints bounds only, and does not state whether errors are against the "
+        f"previous or the original detail: both are listed here. {_ORDERS}",
     )
 
 
@@ -162,5 +165,5 @@ def exchange(textures: dict[str, NormalMap], advance: Advance) -> tuple[Table, l
         rows,
         ("Circular, Walnut: upper map", "lower map"),
         {"detail error, deg": paper.CROSS_EXCHANGE_DEG},
-        f"Other surfaces than the paper's Circular and Walnut. {_ORDERS}",
+        f"The surfaces are not the paper's Circular and Walnut. {_ORDERS}",
     ), panels

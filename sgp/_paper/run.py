@@ -1,4 +1,4 @@
-"""All tables of the comparison, in the order of the paper."""
+"""Compute all tables of the comparison, in the order of the paper."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ _QUICK_POINTS = 50_000
 
 _PREFACE = (
     "# The paper's tables\n\n"
-    "Surface Geometry Processing: An Efficient Normal-based Detail Representation. Every table "
-    "stands beside the one the paper prints. The surfaces are not the paper's, which are not to be "
-    "had, nor is the computer: read the paper's figures as context, the peers' as comparison. "
-    "Methods are compared on one footing by the rows 'from the same surfaces' and 'as surfaces'."
+    "Surface Geometry Processing: An Efficient Normal-based Detail Representation. Every table is "
+    "followed by the one that the paper prints. The paper's surfaces are not available, and the "
+    "computer is another one: read the paper's figures as context and the figures of the peers as "
+    "comparison. The rows 'from the same surfaces' and 'as surfaces' compare the methods under "
+    "equal conditions."
 )
 
 
 class Picture(NamedTuple):
-    """A sheet of panels: its title, the panels, and how many stand side by side."""
+    """A sheet of panels: its title, its panels and the number of columns."""
 
     title: str
     panels: list[Panel]
@@ -38,18 +39,18 @@ class Picture(NamedTuple):
 
 @dataclass
 class Comparison:
-    """What was made.
+    """The results of the comparison.
 
     Parameters
     ----------
     preface
-        What to know before reading.
+        Introduction to the tables.
     tables, pictures, profiles
-        The latter two by name.
+        Results; pictures and profiles by name.
     left_out
-        What could not be made, and why.
+        Results that could not be computed, with reasons.
     files
-        The data that were read.
+        Data files that were read.
     """
 
     preface: str = _PREFACE
@@ -61,53 +62,57 @@ class Comparison:
 
 
 def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Comparison:
-    """Make every table that can be made from the data at hand.
+    """Compute all tables that the available data allow.
 
     Parameters
     ----------
     quick
-        Leaves out the largest numbers of points.
+        Skip the largest numbers of points.
     runs
-        Runs per measurement.
+        Number of runs per measurement.
     advance
-        Is told what is begun.
+        Called with a description of each step before it begins.
     """
     sources = Sources.found()
-    made = Comparison()
+    comparison = Comparison()
     textures = sources.textures()
     alike, apart, again, panels = of_textures(textures, advance)
-    made.tables += [alike, apart, again]
-    made.pictures["separability"] = Picture(
+    comparison.tables += [alike, apart, again]
+    comparison.pictures["separability"] = Picture(
         "Details, and the shape left in them (order 8)", panels, 4
     )
     if sources.data is not None:
-        made.tables.append(chain(sources, advance))
+        comparison.tables.append(chain(sources, advance))
     exchanged, panels = exchange(textures, advance)
-    made.tables.append(exchanged)
-    made.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
+    comparison.tables.append(exchanged)
+    comparison.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     tables, panels = by_resolution(sources, points, runs, advance)
-    made.tables += tables
-    made.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
-    table, made.profiles, panels = height_profiles(sources, textures, advance)
-    made.tables.append(table)
-    made.pictures["height_profile"] = Picture("Heights along the target's (order 8)", panels, 2)
+    comparison.tables += tables
+    comparison.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
+    table, comparison.profiles, panels = height_profiles(sources, textures, advance)
+    comparison.tables.append(table)
+    comparison.pictures["height_profile"] = Picture(
+        "Heights, sorted by the target's (order 8)", panels, 2
+    )
     if sources.data is None:
-        made.left_out.append(
+        comparison.left_out.append(
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
-            "are left out; what is here is simulated"
+            "are left out; all data here are simulated"
         )
     else:
         tables, panels = onto_diligent(sources, runs, advance)
-        made.tables += tables
-        made.pictures["diligent"] = Picture("Cracks on the DiLiGenT targets (order 1)", panels, 5)
+        comparison.tables += tables
+        comparison.pictures["diligent"] = Picture(
+            "Cracks on the DiLiGenT targets (order 1)", panels, 5
+        )
         table, panels = local_transfers(sources, advance)
-        made.tables.append(table)
-        made.pictures["local"] = Picture("Faces set into other surfaces", panels, 3)
+        comparison.tables.append(table)
+        comparison.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
     if quick:
-        made.left_out.append(
+        comparison.left_out.append(
             f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "
             "ratio"
         )
-    made.files = sorted(sources.files)
-    return made
+    comparison.files = sorted(sources.files)
+    return comparison

@@ -1,4 +1,4 @@
-"""The normal maps that stand in for the paper's: given ones under SGP_DATA, and simulated ones."""
+"""The normal maps used instead of the paper's: maps in the folder SGP_DATA, and simulated ones."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from simulator import LizardScales, SphericalCap, Surface, Textile, WoodCarving
 DILIGENT = ("bear", "buddha", "cat", "cow", "goblet")
 
 _SIDE_PX = 512
-# Radius of the simulated reliefs in mm: the smaller, the more pixels to a yarn or a scale.
+# Radius of the simulated reliefs in mm: a smaller radius gives more pixels per yarn or scale.
 _CLOTH_MM, _SKIN_MM, _WOOD_MM = 200.0, 200.0, 80.0
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Where normal maps come from.
+    """Sources of normal maps.
 
     Parameters
     ----------
     data
-        The folder of given data, or None: then everything is simulated.
+        Data folder, or None to simulate all maps.
     files
-        What has been read so far.
+        Files read so far.
     """
 
     data: Path | None
@@ -36,14 +36,16 @@ class Sources:
 
     @classmethod
     def found(cls) -> Sources:
-        """Look where the environment variable SGP_DATA says."""
+        """Use the folder in the environment variable SGP_DATA, if it is set."""
         named = os.environ.get("SGP_DATA")
         return cls(Path(named) if named else None)
 
     def textures(self) -> dict[str, NormalMap]:
-        """Return the surfaces whose detail is looked at, by name."""
-        given = {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
-        return given | {
+        """Return the surfaces whose detail is measured, by name."""
+        measured = (
+            {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
+        )
+        return measured | {
             "scales (simulated)": _relief(LizardScales(_SKIN_MM, outline="square")),
             "cloth (simulated)": _relief(Textile(_CLOTH_MM, outline="square")),
             "carving (simulated)": _relief(WoodCarving(_WOOD_MM, outline="square")),
@@ -56,9 +58,9 @@ class Sources:
         )
 
     def resolution_pair(self, points: int) -> tuple[str, NormalMap, NormalMap]:
-        """Return names, a dense relief, and a target of about so many points.
+        """Return names, a dense relief, and a target with about this number of points.
 
-        The bunny with cracks where there are data; else a simulated cloth on a simulated bowl.
+        These are cracks and the bunny if there are data, else a simulated cloth and bowl.
         """
         if self.data is None:
             return (
@@ -74,12 +76,12 @@ class Sources:
         Raises
         ------
         MissingPathError
-            If it is not there.
+            If the file does not exist.
         """
         return self._read(f"normals/{name}")
 
     def cracks(self) -> NormalMap:
-        """Read a relief that is dense and larger than any target, so that nothing is repeated."""
+        """Read a dense relief that is larger than all targets, so that it is not repeated."""
         return self._read("reliefs/160.jpg")
 
     def _read(self, name: str) -> NormalMap:
@@ -100,13 +102,13 @@ class Sources:
 
 
 def bowl(points: int) -> NormalMap:
-    """Return half a sphere, cut at 60 degrees, of about so many points."""
+    """Return a spherical cap, cut at 60 degrees, with about this number of points."""
     radius = math.sqrt(points / math.pi)
     return _relief(SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1)
 
 
 def _relief(surface: Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None) -> NormalMap:
-    """Return the normals of a height field seen straight from above, from its exact gradients."""
+    """Return the normals of a height field seen from above, computed from its exact gradients."""
     reach = surface.radius_mm / math.sqrt(2) if reach_mm is None else reach_mm
     along = (np.arange(side_px) + 0.5 - side_px / 2) * (2 * reach / side_px)
     x, y = np.meshgrid(along, -along)

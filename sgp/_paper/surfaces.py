@@ -1,4 +1,4 @@
-"""The surfaces that a mesh method gets instead of two normal maps, and normals read off them."""
+"""The surfaces that a mesh method receives instead of two normal maps, and their normals."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sgp._paper.mesh import Float, GridMesh, Mask
 
 @dataclass(frozen=True, eq=False)
 class Surfaces:
-    """A source and a target as meshes with a vertex per pixel and the same faces.
+    """A source and a target as meshes with one vertex per pixel and the same faces.
 
     Parameters
     ----------
     source, target
-        ``(V, 3)`` float32 vertices in pixels, of the same pixels in the same order.
+        ``(V, 3)`` float32 vertices in pixels, for the same pixels in the same order.
     mesh
-        The faces, by the target's shorter diagonals. None crosses from one part of either surface
-        to another, whose relative heights are not known.
+        Faces along the target's shorter diagonals. No face connects two parts of either surface,
+        because their relative heights are not known.
     """
 
     source: Float
@@ -29,35 +29,35 @@ class Surfaces:
 
     @classmethod
     def of(cls, source: NormalMap, target: NormalMap) -> Surfaces:
-        """Integrate two maps of one size and one mask."""
+        """Integrate two maps of the same size and mask."""
         to_surface = integrate(target)
-        made = height_mesh(to_surface)
-        pixels = GridMesh(to_surface.mask, made.faces)
-        ends = made.vertices
-        starts, whole = _laid(source, pixels, ends)
-        return cls(starts, ends, GridMesh(pixels.mask, made.faces[whole]))
+        triangles = height_mesh(to_surface)
+        pixels = GridMesh(to_surface.mask, triangles.faces)
+        ends = triangles.vertices
+        starts, whole = _surface_on(source, pixels, ends)
+        return cls(starts, ends, GridMesh(pixels.mask, triangles.faces[whole]))
 
     def read(self, vertices: Float, elsewhere: NormalMap) -> NormalMap:
-        """Return the area-weighted normals of the vertices, each at its pixel.
+        """Return a map of the area-weighted normals of the vertices.
 
-        Pixels that no face touches keep the normals of the map `elsewhere`.
+        Pixels without a face keep the normals of the map `elsewhere`.
         """
         return _read(vertices, self.mesh, elsewhere)
 
     def round_trip(self, normal_map: NormalMap) -> NormalMap:
-        """Return what integrating a map and reading normals off its surface make of it."""
-        vertices, whole = _laid(normal_map, self.mesh, self.target)
+        """Integrate a map and return the normals of its surface."""
+        vertices, whole = _surface_on(normal_map, self.mesh, self.target)
         return _read(vertices, GridMesh(self.mesh.mask, self.mesh.faces[whole]), normal_map)
 
 
-def _laid(normal_map: NormalMap, mesh: GridMesh, instead: Float) -> tuple[Float, Mask]:
-    """Return a map's surface on a mesh's vertices, and which faces lie on one part of it.
+def _surface_on(normal_map: NormalMap, mesh: GridMesh, instead: Float) -> tuple[Float, Mask]:
+    """Return a map's surface at a mesh's vertices, and which faces are within one part of it.
 
-    Where the surface is not known the vertices are those given instead.
+    Vertices that the surface does not cover are taken from `instead`.
     """
     surface = integrate(normal_map)
-    known = surface.mask[mesh.mask]
-    vertices = np.where(known[:, None], surface.points()[mesh.mask], instead)
+    covered = surface.mask[mesh.mask]
+    vertices = np.where(covered[:, None], surface.points()[mesh.mask], instead)
     parts = surface.parts[mesh.mask][mesh.faces]
     return vertices, (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(axis=1)
 

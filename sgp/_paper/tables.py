@@ -1,4 +1,4 @@
-"""What a table of the comparison is."""
+"""Tables of the comparison."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ Number = float | None
 
 @dataclass(frozen=True)
 class Table:
-    """Figures found here, and those that the paper prints.
+    """Figures measured here, and those that the paper prints.
 
     Parameters
     ----------
     key
-        Its name in the JSON.
+        Name of the table in the JSON file.
     title
-        What it tells, units in the row names.
+        Title; the row names contain the units.
     columns, rows
-        What was found: a row of one figure per column; None where there is none.
+        Measured figures: rows with one figure per column; None for a missing figure.
     paper_columns, paper_rows
-        What the paper prints.
+        Figures that the paper prints.
     note
-        Why the two must not be read as one.
+        Differences between the two that a reader must know.
     """
 
     key: str
@@ -36,14 +36,14 @@ class Table:
 
 
 def flattened(table: Mapping[str, Mapping[str, Sequence[Number]]]) -> dict[str, Sequence[Number]]:
-    """Return rows of rows as rows: ``quantity, method``."""
+    """Flatten rows by quantity and method to rows named ``quantity, method``."""
     return {
         f"{name}, {method}": row for name, rows in table.items() for method, row in rows.items()
     }
 
 
 def markdown(table: Table) -> str:
-    """Return a table as Markdown: what was found, then what the paper prints."""
+    """Return a table as Markdown: first the measured figures, then those of the paper."""
     return "\n\n".join(
         [
             f"## {table.title}",
@@ -65,7 +65,7 @@ def _grid(columns: tuple[str, ...], rows: Mapping[str, Sequence[Number]]) -> str
 def _text(value: Number) -> str:
     if value is None:
         return "n/a"
-    # SSIM needs four decimals to differ; a ratio of thousands none.
+    # SSIM values differ in the fourth decimal; ratios of thousands need no decimals.
     return (
         f"{value:.4f}" if abs(value) < 1 else f"{value:.2f}" if abs(value) < 100 else f"{value:.0f}"
     )

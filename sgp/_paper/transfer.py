@@ -1,4 +1,4 @@
-"""The paper's two transfer tables, peers beside: by resolution, and onto the DiLiGenT targets."""
+"""The paper's two transfer tables with peers: by resolution, and on the DiLiGenT targets."""
 
 from __future__ import annotations
 
@@ -20,35 +20,36 @@ Advance = Callable[[str], None]
 Rows = dict[str, dict[str, list[Number]]]
 
 _MESHES = (
-    "DSPL and LAPL are this program's own: they get surface and correspondence for nothing and are "
-    "measured in the same run, so compare with them, not with the paper's. Plain errors charge "
-    "them with the way from normals to a surface and back: the rows of the round trip without "
-    "transfer say how much. Errors from the same surfaces and as surfaces send every method that "
-    "way once, and what it is compared with too. Errors by the paper's filter, SSIM in its "
-    "protocol. Memory is the peak of resident memory above the inputs, time the mean CPU seconds "
-    "of all threads; of the paper's way of measuring only that it averages ten runs is known."
+    "DSPL and LAPL are implementations of this program. They receive surface and correspondence "
+    "at no cost and are measured in the same run, so compare with them, not with the paper's "
+    "figures. Their plain errors include the way from normals to a surface and back; the rows of "
+    "the round trip without transfer show how much this is. For the errors from the same surfaces "
+    "and as surfaces, every method and its reference include this way once. Errors are measured "
+    "with the paper's filter, SSIM in its protocol. Memory is the peak of resident memory above "
+    "the inputs, time is the mean CPU time of all threads. About the paper's measurements it is "
+    "only known that they average ten runs."
 )
 FIRST, AGAIN, MEMORY = "time of a first call, s", "time of a repeated call, s", "peak memory, MB"
 _COST = (
-    "A first call starts from two maps, or two surfaces. A repeated one has kept what depends on "
-    "the target alone: its shape, or its smooth base with normals. CPU seconds of all threads; "
-    "memory above the inputs, of up to three runs of their own. The normal domain works on the "
-    "whole frame, the mesh methods on the window around the mask."
+    "A first call starts from two maps, or two surfaces. A repeated call reuses the data that "
+    "depend on the target only: its shape, or its smooth base with normals. Times are CPU seconds "
+    "of all threads; memory is above the inputs, in up to three separate runs. The normal domain "
+    "works on the complete frame, the mesh methods on the window around the mask."
 )
 
 
 def by_resolution(
     sources: Sources, points: Sequence[int], runs: int, advance: Advance
 ) -> tuple[list[Table], list[Panel]]:
-    """Measure one transfer at growing numbers of points.
+    """Measure one transfer at increasing numbers of points.
 
-    Returns its table, the spread of its costs, the headline, and pictures.
+    Return its table, the spread of its costs, the headline, and pictures.
     """
     figures = _Figures()
     columns = []
     for count in points:
         name, source, target = sources.resolution_pair(count)
-        placed = laid_over(source, target)
+        placed = placed_over(source, target)
         pixels = np.count_nonzero(target.mask)
         columns.append(f"#{pixels}")
         advance(f"{name}, {pixels} points, {len(METHODS)} methods")
@@ -63,18 +64,18 @@ def by_resolution(
         flattened(figures.main),
         tuple(f"#{count}" for count in paper.POINTS),
         flattened(paper.RESOLUTION),
-        f"The paper puts Circular onto Bunny; its Circular is not to be had. {_MESHES}",
+        f"The paper transfers Circular to Bunny; its Circular is not available. {_MESHES}",
     )
     return [table, figures.spread_of(table), _headline(figures, points)], panels
 
 
-def laid_over(source: NormalMap, target: NormalMap) -> NormalMap:
-    """Return a source as `transfer` lays it over a target: cropped, or repeated."""
+def placed_over(source: NormalMap, target: NormalMap) -> NormalMap:
+    """Return a source as `transfer` places it over a target: cropped, or repeated."""
     return transfer(source, target, order=1).placement.place(source, target)
 
 
 def _headline(figures: _Figures, points: Sequence[int]) -> Table:
-    """Build the abstract's ratios from the same two cells as the paper does."""
+    """Return the abstract's ratios, computed from the same two cells as in the paper."""
     many, few = paper.HEADLINE_POINTS
 
     def ratio(ours: str, peers: str, method: str) -> Number:
@@ -102,16 +103,16 @@ def _headline(figures: _Figures, points: Sequence[int]) -> Table:
         {"normals": (paper.HEADLINE_MEMORY, paper.HEADLINE_TIME)},
         "The paper claims 30 times the points at 6.5 % of the memory and 14.0 % of the time: "
         "53.50 / 827.52 MB and 2.93 / 20.93 s of its table. The peer here needs far less than "
-        "the paper's LAPL, so the claim does not carry over: at equal points see the table above. "
-        "Least and most hold the fastest run of one against the slowest of the other.",
+        "the paper's LAPL, so the claim does not apply to it: for equal numbers of points see the "
+        "table above. Least and most compare the fastest run of one with the slowest of the other.",
     )
 
 
 def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[Table], list[Panel]]:
-    """Measure transfers onto the DiLiGenT targets.
+    """Measure transfers to the DiLiGenT targets.
 
-    Returns for each of two sources the peers' table and the spread of its costs, then this
-    program's variants; and pictures.
+    Return, for each of two sources, the table with peers and the spread of its costs, then the
+    variants of this program; and pictures.
     """
     targets = sources.targets()
     tables, panels = [], []
@@ -121,7 +122,7 @@ def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[T
     ):
         figures = _Figures()
         for name, target in targets.items():
-            placed = laid_over(source, target)
+            placed = placed_over(source, target)
             advance(f"{texture} onto {name}, {len(METHODS)} methods")
             results = figures.add(placed, target, runs)
             if texture == "cracks":
@@ -134,14 +135,14 @@ def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[T
             flattened(figures.main),
             paper.DILIGENT_TARGETS,
             flattened(paper.DILIGENT),
-            f"The paper's source is Flower, which is not to be had. {_MESHES}",
+            f"The paper's source is Flower, which is not available. {_MESHES}",
         )
         tables += [table, figures.spread_of(table)]
     return [*tables, _variants(sources, targets, advance)], panels
 
 
 def _variants(sources: Sources, targets: dict[str, NormalMap], advance: Advance) -> Table:
-    """Return the errors of this program's ways of transferring, by the filter of each."""
+    """Return the errors of this program's variants of transfer, each with its own filter."""
     # Order, refinement steps, raw target.
     ways = {
         "order 8 (default)": (8, 0, False),
@@ -165,7 +166,7 @@ def _variants(sources: Sources, targets: dict[str, NormalMap], advance: Advance)
                 rows[f"{texture}, {way}: {part} error, deg"] = [*errors, fmean(errors)]
     return Table(
         "diligent_variants",
-        "Transfer onto DiLiGenT targets, ways of this program",
+        "Transfer onto DiLiGenT targets, variants of this program",
         (*targets, "mean"),
         rows,
         (*paper.DILIGENT_TARGETS, "mean"),
@@ -176,9 +177,9 @@ def _variants(sources: Sources, targets: dict[str, NormalMap], advance: Advance)
             ]
             for part in ("shape error, deg", "detail error, deg")
         },
-        "The paper's detail row is the error of detail laid on the raw target, that is the "
-        "target's own detail: compare it with the raw-target rows. Errors by the filter of "
-        "each way.",
+        "The paper's detail row is the error of detail added to the raw target, that is, the "
+        "detail of the target: compare it with the raw-target rows. Errors are measured with the "
+        "filter of each variant.",
     )
 
 
@@ -187,14 +188,14 @@ def _mean(row: Sequence[Number]) -> float:
 
 
 class _Figures:
-    """What is measured of every method, pair by pair: a row's cells in the order of the pairs."""
+    """Figures of every method; the cells of a row are in the order of the pairs of maps."""
 
     def __init__(self) -> None:
         self.main: Rows = {}
         self.spread: Rows = {}
 
     def add(self, source: NormalMap, target: NormalMap, runs: int) -> dict[str, NormalMap]:
-        """Measure every method on one pair; returns the results."""
+        """Measure every method on one pair of maps; return the results."""
         measured = measure(METHODS, source, target, runs=runs)
         results = {method: done.normal_map for method, done in measured.items()}
         for quantity, judged in judge(results, source, target, IN_NORMALS).items():
@@ -220,7 +221,7 @@ class _Figures:
         return rows[quantity][method][place]
 
     def spread_of(self, table: Table) -> Table:
-        """Return the table of the spread beside a table made of `main`."""
+        """Return the table of the spread for a table made from `main`."""
         return Table(
             f"{table.key}_spread",
             f"Spread of the costs: {table.title[0].lower()}{table.title[1:]}",

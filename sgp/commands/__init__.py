@@ -1,1 +1,1 @@
-"""One module per command; each function takes options and returns a `Result`."""
+"""The commands: each function takes the options of one command and returns a `Result`."""

@@ -1,4 +1,4 @@
-"""``sgp bench``: the paper's tables, made anew."""
+"""``sgp bench``: recompute the paper's tables."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def paper(
     runs: Count | None = None,
     force: bool = False,
 ) -> Result:
-    """Make the paper's tables from data at hand, each beside the paper's own figures.
+    """Recompute the paper's tables from available data, next to the published figures.
 
-    Normal maps come from the folder that SGP_DATA names and from the simulator. Two mesh-based
-    methods, displacement (DSPL) and Laplacian editing (LAPL), are measured in the same run.
+    Normal maps are read from the folder in SGP_DATA or simulated. Two mesh-based methods,
+    displacement (DSPL) and Laplacian editing (LAPL), are measured in the same run.
 
     For example:
 
@@ -31,14 +31,15 @@ def paper(
     Parameters
     ----------
     out
-        Folder for tables.md, tables.json, a picture for each table that has one, the height
-        profiles as .csv, and bench.json.
+        Folder for tables.md, tables.json, pictures of some tables, the height profiles as .csv,
+        and bench.json.
     quick
-        Up to 50 thousand points and one run each: about two minutes.
+        Use at most 50 thousand points and one run per measurement: about two minutes.
     runs
-        Runs per measurement, of which the mean is taken; default: ten as in the paper, 1 if quick.
+        Number of runs per measurement, which are averaged; default: 10 as in the paper, 1 with
+        --quick.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     from dataclasses import asdict
 
@@ -48,21 +49,21 @@ def paper(
     from sgp._write_profile import write_profile_data
 
     count = runs or (1 if quick else 10)
-    found = run_all(quick=quick, runs=count, advance=note)
+    comparison = run_all(quick=quick, runs=count, advance=note)
     claim_folder(out, "bench.json")
-    result = Result(warnings=list(found.left_out), inputs=found.files)
+    result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
-    for name, picture in found.pictures.items():
+    for name, picture in comparison.pictures.items():
         result.outputs[name] = out / f"{name}.png"
         write_overview(result.outputs[name], *picture)
-    for name, profile in found.profiles.items():
+    for name, profile in comparison.profiles.items():
         result.outputs[f"{name}_data"] = out / f"{name}.csv"
         write_profile_data(result.outputs[f"{name}_data"], profile)
-    left_out = [f"Note: {line}." for line in found.left_out]
-    text = "\n\n".join([found.preface, *left_out, *map(markdown, found.tables)])
+    left_out = [f"Note: {line}." for line in comparison.left_out]
+    text = "\n\n".join([comparison.preface, *left_out, *map(markdown, comparison.tables)])
     write_durably(result.outputs["tables"], f"{text}\n".encode())
-    tables = {table.key: asdict(table) for table in found.tables}
+    tables = {table.key: asdict(table) for table in comparison.tables}
     write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
-    result.metrics = {"tables": len(found.tables), "runs": count, "quick": quick}
-    result.summary = [f"{len(found.tables)} tables in {result.outputs['tables']}"]
+    result.metrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
+    result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result

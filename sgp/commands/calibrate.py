@@ -1,4 +1,4 @@
-"""``sgp calibrate``: where the lights are, and how strong."""
+"""``sgp calibrate``: positions and intensities of the lights."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def spheres(
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
 
-    Directions from one sphere; positions with a camera, a radius and two or more spheres.
+    One sphere gives light directions. Two or more spheres with a camera and a radius give light
+    positions.
 
     For example:
 
@@ -49,59 +50,63 @@ def spheres(
     Parameters
     ----------
     source
-        A session or a folder of images, one for each light; short brackets sharpen the highlights.
+        Session or folder of images, one image for each light; short exposure times give sharper
+        highlights.
     out
-        lights.json to write; lights.lp and lights.png (what was found) go beside it.
+        lights.json file to write; lights.lp and lights.png (a picture of the result) are written
+        to the same folder.
     radius_mm
-        Radius of the spheres in mm. Where they differ, give it once for each sphere: in any order
-        for spheres that are found (the larger radius goes to the larger outline), in the order of
-        --mask or --sphere for those.
+        Radius of the spheres in mm. If the radii differ, repeat the option for each sphere: in any
+        order for spheres that are detected (the larger radius belongs to the larger outline), else
+        in the order of --mask or --sphere.
     camera
-        Camera of the images; default: that of the session.
+        Camera file of the images; default: the camera of the session.
     mask
-        Image of a sphere's disc; may be given more than once; default: the mask file of a plain
-        folder of images (mask.* or *.mask.*), else the spheres are found. The mask of any other
-        source shows the object and is not used.
+        Mask image of one sphere; may be repeated; default: the mask file of a plain folder of
+        images (mask.* or *.mask.*), else the spheres are detected. The mask of any other source
+        shows the object and is not used.
     sphere
-        Rough outline x,y,radius in pixels; may be given more than once.
+        Rough outline x,y,radius of a sphere in pixels; may be repeated.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Replace files that exist.
+        Overwrite existing files.
     """
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
     if mask and sphere:
-        raise UsageError("--mask and --sphere both say where the spheres are: give one of them")
-    given = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
-    # A folder may hold one mask for each sphere; with one given, the reader need not choose.
+        raise UsageError("--mask and --sphere both give the outlines of the spheres: give only one")
+    outlines = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
+    # A folder may contain one mask for each sphere; giving one spares the reader the choice.
     first, others = (mask[0], mask[1:]) if mask else (None, ())
     opened, files = open_source(
         source, camera=camera, mask=first, others=others, max_pixels=max_pixels
     )
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
-    if any(radius > largest for _, _, radius in given):
-        raise UsageError(f"--sphere: a radius beyond the image's {largest} pixels is no outline")
+    if any(radius > largest for _, _, radius in outlines):
+        raise UsageError(
+            f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
+        )
     marked = list(mask)
-    if opened.mask_path is not None and opened.mask_origin == "folder" and not given:
+    if opened.mask_path is not None and opened.mask_origin == "folder" and not outlines:
         marked = [opened.mask_path]
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     try:
-        found = calibrate_spheres(
+        calibration = calibrate_spheres(
             stack,
             masks=[read_mask_shares(path, stack.values.shape[1:]) for path in marked],
-            circles=given,
+            circles=outlines,
             camera=opened.camera,
             radius_mm=radii,
         )
     except EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
-    result = _describe(found)
+    result = _describe(calibration)
     result.outputs = outputs
-    result.warnings = [*opened.warnings, *stack.warnings, *found.warnings]
+    result.warnings = [*opened.warnings, *stack.warnings, *calibration.warnings]
     result.inputs = files
     parameters = {
         "source": source,
@@ -110,14 +115,14 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
     }
-    _write_lights(out, found.lights, "sgp calibrate spheres", parameters, result)
-    write_lights(outputs["lp"], found.lights)
+    _write_lights(out, calibration.lights, "sgp calibrate spheres", parameters, result)
+    write_lights(outputs["lp"], calibration.lights)
 
     from sgp._overview import lights_panel, spheres_panel, write_overview
 
     panels = [
-        spheres_panel("spheres and highlights", stack.values, found),
-        lights_panel("lights as the camera sees them", found.lights),
+        spheres_panel("spheres and highlights", stack.values, calibration),
+        lights_panel("lights as the camera sees them", calibration.lights),
     ]
     write_overview(outputs["picture"], str(source), panels, columns=2)
     return result
@@ -133,10 +138,10 @@ def intensities(
     max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Estimate how strong the lights are, and how they spread, from a matte card.
+    """Estimate the intensities of the lights, and their angular falloff, from a matte card.
 
-    The card lies at the working plane; chrome spheres may lie on it, so the recording that gave
-    the positions will do.
+    The card is in the working plane. Chrome spheres may be on it, so the recording from which the
+    positions were estimated can be used.
 
     For example:
 
@@ -145,25 +150,25 @@ def intensities(
     Parameters
     ----------
     source
-        A session or a folder of images of the card, one for each light.
+        Session or folder of images of the card, one image for each light.
     lights
-        Positions of the lights.
+        Lights file with positions.
     out
-        lights.json to write.
+        lights.json file to write.
     camera
-        Camera of the images; default: that of the session.
+        Camera file of the images; default: the camera of the session.
     mask
-        Image of the card; default: the whole frame, where what is not the card is left out as
-        outliers. The source's own mask, which shows an object or a sphere, is not used.
+        Mask image of the card; default: the complete frame, with everything except the card removed
+        as outliers. The mask of the source is not used, because it shows an object or a sphere.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Replace a file that exists.
+        Overwrite an existing file.
     """
     check_file(out, ".json", force=force)
     opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
     if opened.camera is None:
-        raise DataError(f"{source}: no camera is known for these images: give --camera")
+        raise DataError(f"{source}: the camera of these images is not known: give --camera")
     stack = _undivided(opened)
     positions = read_lights(lights)
     order, by_name = positions.match(stack.ids)
@@ -171,46 +176,46 @@ def intensities(
     card = np.ones(stack.values.shape[1:], np.bool_)
     if mask is not None and opened.mask is not None:
         card = opened.mask
-    found = calibrate_intensities(
+    calibration = calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
-    strength = np.asarray(found.lights.intensities)[:, 0]
+    strength = np.asarray(calibration.lights.intensities)[:, 0]
     result = Result(
         outputs={"lights": out},
         metrics={
             "intensities": strength,
-            "mu": found.mu,
-            "residual": found.residual,
-            "pixels": found.pixels,
+            "mu": calibration.mu,
+            "residual": calibration.residual,
+            "pixels": calibration.pixels,
         },
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *found.warnings],
+        warnings=[*opened.warnings, *stack.warnings, *by_order, *calibration.warnings],
         summary=[
-            f"{len(strength)} lights, {strength.min():.2f} to {strength.max():.2f} of their mean, "
-            f"mu {found.mu:.2f}; the card fits to {found.residual:.1%}"
+            f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
+            f"their mean, mu {calibration.mu:.2f}; residual on the card {calibration.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
     parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
-    _write_lights(out, found.lights, "sgp calibrate intensities", parameters, result)
+    _write_lights(out, calibration.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 
 def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> None:
-    """Add to an error which mask was used without being given, or was left aside."""
+    """Add a note to an error about a mask that was found and used, or found and not used."""
     if marked and source.mask_origin == "folder":
         error.add_note(
-            f"{marked[0]} was taken as the mask of a sphere: if it shows an object, move it out of "
+            f"{marked[0]} was used as the mask of a sphere: if it shows an object, move it out of "
             "the folder"
         )
     elif not marked and source.mask_origin == "recording":
         error.add_note(
-            f"{source.mask_path} was not used, as it shows the object: if it marks a sphere, give "
-            "it with --mask"
+            f"{source.mask_path} was not used, because it shows the object: if it shows a sphere, "
+            "give it with --mask"
         )
 
 
 def _undivided(source: Source) -> Stack:
-    """Read a stack as it was recorded: intensities that the source knows are left in."""
+    """Read a stack as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
         return linear_stack(replace(source, lights=None), on_progress=progress)
 
@@ -218,18 +223,18 @@ def _undivided(source: Source) -> Stack:
 def _write_lights(
     out: Path, lights: Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
-    """Write lights.json with its record inside: it is handed on by itself."""
+    """Write lights.json including its record, because the file is passed on without its folder."""
     made_by = provenance(command, parameters, result.inputs)
     made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
     write_lights(out, lights, provenance=made_by)
 
 
-def _describe(found: SphereCalibration) -> Result:
-    residual = found.residuals_deg[np.isfinite(found.residuals_deg)]
+def _describe(calibration: SphereCalibration) -> Result:
+    residual = calibration.residuals_deg[np.isfinite(calibration.residuals_deg)]
     result = Result(
         metrics={
-            "lights": len(found.lights),
-            "near": found.lights.near,
+            "lights": len(calibration.lights),
+            "near": calibration.lights.near,
             "spheres": [
                 {
                     "centre_px": sphere.outline.centre_px,
@@ -239,15 +244,15 @@ def _describe(found: SphereCalibration) -> Result:
                     "coverage": sphere.coverage,
                     "rms_px": sphere.rms_px,
                 }
-                for sphere in found.spheres
+                for sphere in calibration.spheres
             ],
             "residual_deg": float(np.mean(residual)) if len(residual) else None,
         }
     )
-    kind = "positions" if found.lights.near else "directions"
-    balls = "1 sphere" if len(found.spheres) == 1 else f"{len(found.spheres)} spheres"
-    result.summary = [f"{len(found.lights)} light {kind} from {balls}"]
-    for sphere in found.spheres:
+    kind = "positions" if calibration.lights.near else "directions"
+    balls = "1 sphere" if len(calibration.spheres) == 1 else f"{len(calibration.spheres)} spheres"
+    result.summary = [f"{len(calibration.lights)} light {kind} from {balls}"]
+    for sphere in calibration.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
     if len(residual):

@@ -1,4 +1,4 @@
-"""``capture``: record sessions and look after them."""
+"""``capture``: record, resume, verify and describe sessions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from acquisition import resume as resume_recording
 from rig import Rig, open_rig
 from sgp._capture.session_sheet import write_session_sheet
 from sgp._capture.session_summary import describe
-from sgp._capture.steps import MeterOptions, Told, accept, metered
+from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
@@ -55,9 +55,9 @@ def run(
 ) -> Result:
     """Record a session on a rig.
 
-    Frames are hashed, stored and journalled while the next ones are taken. Ctrl-C once ends the
-    work after this shot, twice at once; either way the LEDs are off, and `capture resume` finishes
-    what is missing.
+    Frames are hashed, stored and written to the journal while the next ones are taken. Ctrl-C once:
+    finish this shot; twice: stop immediately. Both turn the LEDs off, and `capture resume` takes
+    the missing shots.
 
     For example:
 
@@ -66,29 +66,29 @@ def run(
     Parameters
     ----------
     out
-        New folder for the session. Nothing is ever recorded over a session.
+        New folder for the session. An existing session is never overwritten.
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     plan
-        Plan file; default: every working LED once at 20 ms, and a dark frame.
+        Plan file; default: each working LED once at 20 ms, and a dark frame.
     metering
-        How exposures are chosen on the spot.
+        How exposure times are metered.
     object_name
-        What is recorded.
+        Name of the object.
     operator
-        Who records it.
+        Name of the operator.
     place
-        Where.
+        Place of the recording.
     notes
-        Anything worth knowing later.
+        Free text.
     rights
-        Who holds the rights, and the licence.
+        Holder of the rights, and the licence.
     camera
-        Camera model to store with the session.
+        Camera file to store with the session.
     lights
-        Calibrated lights to store with the session.
+        File of calibrated lights to store with the session.
     skip_check
-        Leave out the checks of disk, rig and picture that come first.
+        Skip the checks of disk, rig and picture before the recording.
     dry_run
         Take every shot with all LEDs off and record nothing.
     """
@@ -100,16 +100,18 @@ def run(
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
             return rehearsed(opened, chosen, chosen.shots())
-        told = Told()
+        prepared = Preparation()
         if left_out:
-            told.events.append(("left_out", {"leds": list(left_out), "reason": "listed as dead"}))
-            told.warnings.append(f"LED {', '.join(map(str, left_out))}: listed as dead, left out")
+            dead = {"leds": list(left_out), "reason": "listed as dead"}
+            prepared.events.append(("left_out", dead))
+            leds = ", ".join(map(str, left_out))
+            prepared.warnings.append(f"LED {leds} skipped: listed in dead_leds")
         if goal is not None:
-            chosen = metered(opened, chosen, goal, told)
+            chosen = metered(opened, chosen, goal, prepared)
         if not skip_check:
-            note("checking disk, rig and picture (--skip-check leaves this out)")
-            accept(preflight(opened, chosen, out), told)
-        for warning in told.warnings:
+            note("checking disk, rig and picture (--skip-check skips this)")
+            accept(preflight(opened, chosen, out), prepared)
+        for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(out) as talk:
             session = record(
@@ -123,13 +125,13 @@ def run(
                 rights=rights,
                 camera_model=model,
                 lights=stored_lights,
-                events=told.events,
+                events=prepared.events,
                 on_progress=talk.on_progress,
                 on_event=talk.on_event,
                 on_stop=talk.on_stop,
                 before_flats=talk.before_flats,
             )
-    return describe(session, told.warnings)
+    return describe(session, prepared.warnings)
 
 
 def resume(
@@ -141,12 +143,12 @@ def resume(
     skip_check: bool = False,
     dry_run: bool = False,
 ) -> Result:
-    """Take the shots that a session is missing.
+    """Take the missing shots of a session.
 
-    The rig must be the one that the session was begun with: same board, same camera, same plan.
-    LEDs that died since are listed in dead_leds of the rig file: the session becomes complete
-    without what they are missing. Frames recorded before are read back meanwhile: a session with a
-    damaged frame does not become complete.
+    Board, camera and plan must be the same as at the start of the session. List LEDs that died
+    since in dead_leds of the rig file: the session can then become complete without their shots.
+    The frames recorded before are verified at the same time: a session with a damaged frame does
+    not become complete.
 
     For example:
 
@@ -156,44 +158,46 @@ def resume(
     Parameters
     ----------
     session
-        The session's folder.
+        Folder of the session.
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     plan
-        Plan file; if given, a session of another plan is refused.
+        Plan file; if given, a session with another plan is refused.
     retake_damaged
-        Take the shots of damaged and lost frames again, of a complete session too. The object must
-        lie as it did; the damaged files are kept in derived/set_aside.
+        Take the shots of damaged and lost frames again, also in a complete session. The object must
+        not have moved. The damaged files are kept in derived/set_aside.
     skip_check
-        Leave out the checks of disk and rig that come first.
+        Skip the checks of disk and rig before the recording.
     dry_run
-        Check that it can be done, take the missing shots with all LEDs off and record nothing.
+        Check that the session can be resumed, take the missing shots with all LEDs off and record
+        nothing.
     """
     asked = None if plan is None else read_plan(plan)
-    # What is no session is refused before the rig is opened.
+    # A folder that is not a session is refused before the rig is opened.
     begun = _opened(session, retake_damaged=retake_damaged)
     damaged = _damaged(session) if retake_damaged else None
     if begun.complete and asked is None and not damaged:
-        nothing = "nothing was missing" if damaged is None else "no frame is damaged"
-        return describe(begun, [*begun.warnings, f"complete already: {nothing}"])
+        nothing = "no shot is missing" if damaged is None else "no frame is damaged"
+        return describe(begun, [*begun.warnings, f"already complete: {nothing}"])
     with open_rig(rig) as opened:
         _, recorded, missing = check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
             note(f"note: {begun.lost_lines}")
-        told = Told()
+        prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
-            accept(preflight_resume(opened, alive, session, len(missing)), told)
-        # Who goes on where flats are missing has put the card there; not so for damaged flats.
+            accept(preflight_resume(opened, alive, session, len(missing)), prepared)
+        # An operator who resumes with only flats missing has placed the card; this does not hold
+        # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
         with CaptureTalk(session, card_is_there=only_flats) as talk:
             finished = resume_recording(
                 opened,
                 session,
                 plan=asked,
-                events=told.events,
+                events=prepared.events,
                 retake_damaged=retake_damaged,
                 on_progress=talk.on_progress,
                 on_event=talk.on_event,
@@ -201,12 +205,12 @@ def resume(
                 on_damage=talk.on_damage,
                 before_flats=talk.before_flats,
             )
-    taken = [f"shots that were missing and have been taken: {len(missing)}"]
-    return describe(finished, [*begun.warnings, *taken, *_left_out(finished), *told.warnings])
+    taken = [f"missing shots that have been taken: {len(missing)}"]
+    return describe(finished, [*begun.warnings, *taken, *_left_out(finished), *prepared.warnings])
 
 
 def verify(session: Path) -> Result:
-    """Check every hash of a session and name what is damaged or missing.
+    """Verify all hashes of a session and list damaged and missing frames.
 
     For example:
 
@@ -215,53 +219,55 @@ def verify(session: Path) -> Result:
     Parameters
     ----------
     session
-        The session's folder.
+        Folder of the session.
     """
-    found = verify_session(session)
+    checked = verify_session(session)
     result = Result(
         metrics={
-            "whole": found.ok,
-            "complete": found.complete,
-            "frames": found.frames,
-            "events": found.events,
-            "bytes": found.bytes,
-            "problems": list(found.problems),
-            "missing": list(found.missing),
-            "left_out": list(found.left_out),
-            "damaged": list(found.damaged),
-            "set_aside": list(found.set_aside),
+            "whole": checked.ok,
+            "complete": checked.complete,
+            "frames": checked.frames,
+            "events": checked.events,
+            "bytes": checked.bytes,
+            "problems": list(checked.problems),
+            "missing": list(checked.missing),
+            "left_out": list(checked.left_out),
+            "damaged": list(checked.damaged),
+            "set_aside": list(checked.set_aside),
         },
-        warnings=list(found.warnings),
-        summary=list(found.problems),
-        ok=found.ok and found.complete,
+        warnings=list(checked.warnings),
+        summary=list(checked.problems),
+        ok=checked.ok and checked.complete,
     )
-    if found.problems:
-        several = "s" if len(found.problems) > 1 else ""
-        result.summary.append(f"{session}: DAMAGED, {len(found.problems)} problem{several}")
-        if len(found.damaged) == len(found.problems) and _can_be_retaken(session):
+    if checked.problems:
+        several = "s" if len(checked.problems) > 1 else ""
+        result.summary.append(f"{session}: DAMAGED, {len(checked.problems)} problem{several}")
+        if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
             result.summary.append(
-                f"while the object lies as it did, `capture resume {session} --retake-damaged` "
-                "takes these frames again"
+                f"if the object has not moved, `capture resume {session} --retake-damaged` takes "
+                "these frames again"
             )
-    elif not found.complete:
-        missing = "but it was not brought to its end"
-        if found.missing:
-            missing = f"{len(found.missing)} are missing, first {found.missing[0]}"
-        result.summary.append(f"{session}: incomplete, {found.frames} frames are whole, {missing}")
+    elif not checked.complete:
+        missing = "but the session was not finished"
+        if checked.missing:
+            missing = f"{len(checked.missing)} are missing, first {checked.missing[0]}"
+        result.summary.append(
+            f"{session}: incomplete, {checked.frames} frames are intact, {missing}"
+        )
     else:
         result.summary.append(
-            f"{session}: whole and complete, {found.frames} frames, {found.bytes / 1e6:.1f} MB"
+            f"{session}: intact and complete, {checked.frames} frames, {checked.bytes / 1e6:.1f} MB"
         )
-        if found.left_out:
+        if checked.left_out:
             result.summary.append(
-                f"{len(found.left_out)} planned frames were left out as their LED died, first "
-                f"{found.left_out[0]}"
+                f"{len(checked.left_out)} planned frames were skipped because their LED died, "
+                f"first {checked.left_out[0]}"
             )
     return result
 
 
 def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Result:
-    """Tell what a session holds.
+    """Describe the contents of a session.
 
     For example:
 
@@ -270,27 +276,27 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
     Parameters
     ----------
     session
-        The session's folder.
+        Folder of the session.
     sheet
-        Contact sheet to write, a .png.
+        Contact sheet to write (.png).
     force
-        Replace a contact sheet that exists.
+        Overwrite an existing contact sheet.
     """
     opened = Session.open(session)
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
-    lost = f"{len(gone)} frame files are not there, first {gone[0]}: see verify" if gone else ""
+    lost = f"{len(gone)} frame files are missing, first {gone[0]}: see verify" if gone else ""
     result = describe(opened, [*([lost] if lost else []), *_left_out(opened)])
     if sheet is not None:
         check_file(sheet, ".png", force=force)
         if not opened.frames:
-            raise DataError(f"{session}: no frame counts, there is nothing to draw")
+            raise DataError(f"{session}: no frames to draw: all are rejected or missing")
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
 
 
 def _opened(session: Path, *, retake_damaged: bool) -> Session:
-    """Open a session to go on with; where single frames are damaged, an error says what helps."""
+    """Open a session to resume it; if frames are damaged, the error names the option to use."""
     try:
         return Session.open(session, damaged_frames=retake_damaged)
     except DataError as error:
@@ -300,19 +306,19 @@ def _opened(session: Path, *, retake_damaged: bool) -> Session:
 
 
 def _can_be_retaken(session: Path) -> bool:
-    """Tell whether damaged frames are all that is wrong, and a rig took them."""
+    """Return whether damaged frames are the only fault and were recorded with a rig."""
     with suppress(DataError):
         return Session.open(session, damaged_frames=True).manifest.rig is not None
     return False
 
 
 def _damaged(session: Path) -> tuple[Damage, ...]:
-    """Read every frame back, and tell of those that are damaged."""
+    """Verify every frame, and report those that are damaged."""
     with Stages() as progress:
-        found = damaged_frames(session, on_progress=progress)
-    for damage in found:
+        damages = damaged_frames(session, on_progress=progress)
+    for damage in damages:
         note(f"damaged: {damage.text}")
-    return found
+    return damages
 
 
 def _upright_size(rig: Rig) -> tuple[int, int]:
@@ -322,8 +328,8 @@ def _upright_size(rig: Rig) -> tuple[int, int]:
 
 
 def _left_out(session: Session) -> list[str]:
-    """Tell of shots that are not demanded, as their LED died while recording."""
+    """Return a warning about planned shots that were skipped because their LED died."""
     leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
     if not leds:
         return []
-    return [f"LED {', '.join(leds)}: died, shots left out: {len(session.left_out)}"]
+    return [f"LED {', '.join(leds)} died: {len(session.left_out)} shots skipped"]

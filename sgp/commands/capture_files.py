@@ -1,4 +1,4 @@
-"""``capture``: sessions made smaller, written for other programs, and made from their images."""
+"""``capture``: compact, export and import sessions."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ Bracket = Annotated[Whole, Parameter(validator=Number(gte=0, lte=1000))]
 
 
 def compact(session: Path) -> Result:
-    """Make a session smaller without changing a pixel.
+    """Compress the frames of a session without changing a pixel.
 
-    Each frame is compressed, read back and compared before its old file goes. When the command is
-    cut off, everything is whole: run it again.
+    Each frame is compressed, read back and compared before its old file is deleted. If the command
+    is interrupted, the session is intact: run the command again.
 
     For example:
 
@@ -50,12 +50,12 @@ def compact(session: Path) -> Result:
     Parameters
     ----------
     session
-        The session's folder.
+        Folder of the session.
     """
     with Stages() as progress:
         done = compact_session(session, on_progress=progress)
     ratio = done.bytes_before / max(done.bytes_after, 1)
-    kept = "" if done.complete else ", incomplete as it was"
+    kept = "" if done.complete else ", the session is still incomplete"
     return Result(
         outputs={"session": done.folder},
         metrics={
@@ -68,7 +68,7 @@ def compact(session: Path) -> Result:
         },
         summary=[
             f"{session}: {done.compacted} of {done.frames} frames compacted, "
-            f"{done.bytes_before / 1e6:.1f} MB are {done.bytes_after / 1e6:.1f} MB now "
+            f"{done.bytes_before / 1e6:.1f} MB reduced to {done.bytes_after / 1e6:.1f} MB "
             f"(ratio {ratio:.2f}){kept}"
         ],
     )
@@ -86,11 +86,12 @@ def export(
     mask: Path | None = None,
     force: bool = False,
 ) -> Result:
-    """Write a session for other programs; `capture import` brings all but exr back.
+    """Export a session for other programs; `capture import` reads all formats except exr.
 
-    recording.json tells what the images are: levels, exposures, LEDs, who recorded what, and what
-    the layout has no place for. lights.json has all that is known of the lights. `sgp normals` and
-    `sgp run` read both, so they give of an export what they give of the session (not of exr).
+    recording.json describes the images: levels, exposure times, LEDs, operator, object, and all
+    data for which the format has no place. lights.json contains all data of the lights. `sgp
+    normals` and `sgp run` read both files, so an export gives the same results as the session
+    (except exr).
 
     For example:
 
@@ -100,22 +101,23 @@ def export(
     Parameters
     ----------
     session
-        The session's folder.
+        Folder of the session.
     layout
         diligent: 16-bit PNGs, light directions and intensities, mask, Normal_gt.mat. lp: PNGs and
         lights.lp. exr: every frame as float, with attributes. alicevision: PNGs and lights JSON.
     out
         New folder.
     values
-        raw: samples as recorded. linear: less dark frames or black level, white at full scale.
+        raw: values as recorded. linear: dark frame or black level subtracted, white level at full
+        scale.
     bracket
-        Exposure to take, from 0, where the layout has one image a light.
+        Number of the bracket, from 0, to export if the format has one image per light.
     lights
-        lights.json, .lp or DiLiGenT text; default: the session's own.
+        Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the session.
     mask
-        Image of the object; default: the session's own.
+        Mask image of the object; default: the mask of the session.
     force
-        Write into a folder that holds an earlier export.
+        Write into a folder that contains an earlier export.
     """
     chosen = None if lights is None else read_lights(lights)
     prepared = prepare_export(
@@ -160,11 +162,11 @@ def import_(
     timeout_s: Positive = 600.0,
     max_pixels: Pixels = MAX_PIXELS,
 ) -> Result:
-    """Bring photographs into a session.
+    """Import photographs into a session.
 
-    Camera RAW stays linear: black and white level and the colour filter pattern are recorded.
-    With --watch images are taken as a tethered camera delivers them; a pause of two intervals
-    leaves a hole for the image that is missing. Ctrl-C ends it; the same command goes on.
+    Camera RAW files stay linear: black and white level and the colour filter pattern are recorded.
+    With --watch, images are imported as a tethered camera delivers them; after a pause of two
+    intervals one image counts as missing. Ctrl-C stops; run the same command again to continue.
 
     For example:
 
@@ -175,38 +177,38 @@ def import_(
     Parameters
     ----------
     source
-        A folder of images with or without an .lp, a DiLiGenT object folder, an export, or one image
+        Folder of images with or without an .lp file, DiLiGenT object folder, export, or one image
         file.
     out
-        New folder for the session; with --watch also an incomplete one to go on with.
+        New folder for the session; with --watch also an incomplete session to continue.
     lights
-        lights.json, .lp or DiLiGenT text.
+        Lights file: lights.json, .lp or DiLiGenT text.
     mask
-        Image of the object; default: the source's own.
+        Mask image of the object; default: the mask of the source.
     object_name
-        What was recorded.
+        Name of the object.
     operator
-        Who recorded it.
+        Name of the operator.
     place
-        Where.
+        Place of the recording.
     notes
-        Anything worth knowing later.
+        Free text.
     rights
-        Who holds the rights, and the licence.
+        Holder of the rights, and the licence.
     watch
-        Wait for images to appear in the folder.
+        Wait for images to arrive in the folder.
     leds
-        With --watch: one image of each LED from 0.
+        With --watch: number of LEDs; expect one image of each LED, in order.
     plan
-        With --watch: the shots of a plan, in its order.
+        With --watch: plan file; expect its shots, in order.
     interval_s
-        With --watch: seconds between shots; default: found from the first images.
+        With --watch: seconds between shots; default: estimated from the first images.
     gaps
-        With --watch: --no-gaps matches by order alone.
+        With --watch: --no-gaps matches images to shots by order only and ignores pauses.
     timeout_s
-        With --watch: how long to wait for the next image.
+        With --watch: seconds to wait for the next image.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     """
     texts = {
         "operator": operator,
@@ -217,13 +219,13 @@ def import_(
     }
     if watch:
         if mask is not None:
-            raise UsageError("--mask goes with images that are there: leave it out with --watch")
+            raise UsageError("--mask cannot be used with --watch: leave it out")
         asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, max_pixels=max_pixels)
         return _import_watched(asked, out, lights, texts)
-    for option, given in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
-        if given is not None:
-            raise UsageError(f"{option} is for --watch: add that, or leave it out")
+    for option, value in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
+        if value is not None:
+            raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
     chosen = None if lights is None else read_lights(lights)
     opened = read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
@@ -237,8 +239,8 @@ def import_(
             on_progress=progress,
         )
     result = info(out)
-    told = [f"{source}: not used: {', '.join(opened.ignored)}"] if opened.ignored else []
-    result.warnings[:0] = [*opened.warnings, *told]
+    unused = [f"{source}: not used: {', '.join(opened.ignored)}"] if opened.ignored else []
+    result.warnings[:0] = [*opened.warnings, *unused]
     return result
 
 
@@ -252,9 +254,9 @@ def _watch(
     timeout_s: float,
 ) -> Watch:
     if (leds is None) == (plan is None):
-        raise UsageError("--watch needs to know the shots: give --leds or --plan, one of the two")
+        raise UsageError("--watch requires either --leds or --plan, which give the shots")
     if interval_s is not None and not gaps:
-        raise UsageError("--no-gaps takes no notice of time: leave out --interval-s")
+        raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
     chosen = None if plan is None else read_plan(plan)
     shots: tuple[PlannedShot, ...]
     shots = lights_in_order(leds or 0) if chosen is None else chosen.shots()
@@ -265,36 +267,36 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
     if not (out / "session.toml").is_file():
         check_folder(out)
     chosen = None if lights is None else read_lights(lights)
-    told: list[str] = []
+    printed: list[str] = []
 
-    def tell(line: str) -> None:
-        told.append(line)
+    def report(line: str) -> None:
+        printed.append(line)
         note(line)
 
     try:
         with Stages() as progress:
             watched = watch_folder(
-                watch, out, lights=chosen, tell=tell, on_progress=progress, texts=texts
+                watch, out, lights=chosen, on_message=report, on_progress=progress, texts=texts
             )
     except BaseException:
-        if told:
-            _tell_how_to_go_on(out)
+        if printed:
+            _note_how_to_continue(out)
         raise
     result = info(out)
     result.ok = watched.session.complete
     result.metrics["missing"] = [shot.file for shot in watched.missing]
-    result.warnings += [line for line in watched.warnings if line not in told]
+    result.warnings += [line for line in watched.warnings if line not in printed]
     if watched.missing:
         result.summary.append(
             f"{out}: INCOMPLETE, {len(watched.missing)} of {len(watch.shots)} shots missing, "
-            f"first {watched.missing[0].file}; the same command goes on"
+            f"first {watched.missing[0].file}; run the same command again to continue"
         )
     return result
 
 
-def _tell_how_to_go_on(out: Path) -> None:
+def _note_how_to_continue(out: Path) -> None:
     try:
         session = Session.open(out)
     except (DataError, MissingPathError):
-        return  # nothing had been recorded
-    note(f"{out}: {len(session.frames)} frames are whole; the same command goes on")
+        return  # nothing was recorded
+    note(f"{out}: {len(session.frames)} frames are intact; run the same command again to continue")

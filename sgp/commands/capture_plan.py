@@ -1,4 +1,4 @@
-"""``capture``: what a plan would record, and whether a rig is ready for it."""
+"""``capture``: describe a plan, and check whether a rig is ready for it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def plan(
     height: Count = 2048,
     frame_ms: Milliseconds = 70.0,
 ) -> Result:
-    """Show what a plan would record, without touching hardware.
+    """Show the shots, time and disk space of a plan, without using hardware.
 
     For example:
 
@@ -41,18 +41,19 @@ def plan(
     Parameters
     ----------
     plan
-        Plan file; default: every LED once at 20 ms, and a dark frame.
+        Plan file; default: each LED once at 20 ms, and a dark frame.
     rig
-        A rig.toml: its LED count, dead LEDs and settling time are used. It is read, not opened.
+        Rig file (.toml), from which the number of LEDs, the dead LEDs and the settling time are
+        read. The rig is not opened.
     leds
-        LEDs of the board, where no rig is given.
+        Number of LEDs of the board, if no rig file is given.
     width
         Width of a frame in pixels.
     height
         Height of a frame in pixels.
     frame_ms
-        What a frame takes beside its exposure and the settling of the light: readout, transfer,
-        commands.
+        Time in ms that a frame takes in addition to exposure and settling of the light: readout,
+        transfer, commands.
     """
     config = RigConfig(name="-", driver="-", leds=leds) if rig is None else read_rig_config(rig)
     chosen, left_out = chosen_plan(plan, config)
@@ -81,7 +82,7 @@ def plan(
             *(f"{exposures:<34} {leds_of}" for exposures, leds_of in table),
             f"{len(shots)} shots: {frames}",
             f"about {_duration(cost.seconds)}: {cost.exposure_s:.2f} s of exposure and "
-            f"{frame_s * 1000:g} ms for each frame (an estimate, see --frame-ms)",
+            f"{frame_s * 1000:g} ms per frame (an estimate, see --frame-ms)",
             f"{cost.bytes / 1e6:.0f} MB at {width} x {height} and 16 bits; "
             f"{_ROOM * cost.bytes / 1e6:.0f} MB should be free",
         ],
@@ -93,8 +94,8 @@ def check(
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 
-    The object lies under the camera as it is to be recorded. Nothing is recorded. The exit code is
-    3 where a check failed; warnings do not count.
+    Place the object under the camera as for the recording. Nothing is recorded. The exit code is 3
+    if a check failed; warnings do not count.
 
     For example:
 
@@ -103,13 +104,13 @@ def check(
     Parameters
     ----------
     out
-        Folder of the session to come; it need not exist.
+        Folder planned for the session; it need not exist.
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     plan
-        Plan file; default: every working LED once at 20 ms, and a dark frame.
+        Plan file; default: each working LED once at 20 ms, and a dark frame.
     quick
-        Do not try every LED.
+        Skip the test of every LED.
     """
     with open_rig(rig) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
@@ -120,8 +121,8 @@ def check(
             self_test=not quick,
             on_progress=progress,
         )
-    failed = [found.name for found in flight.failed]
-    summary = [f"{found.state:<9} {found.name:<11} {found.text}" for found in flight.checks]
+    failed = [check.name for check in flight.failed]
+    summary = [f"{check.state:<9} {check.name:<11} {check.text}" for check in flight.checks]
     summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
     return Result(
         metrics={"ready": flight.ok, **flight.details()},
@@ -133,7 +134,7 @@ def check(
 
 
 def chosen_plan(path: Path | None, config: RigConfig) -> tuple[CapturePlan, tuple[int, ...]]:
-    """Return the plan of a file, or the default one, for a rig, and the dead LEDs left out."""
+    """Return the plan of a file, or the default plan, for a rig, and the dead LEDs it skips."""
     if path is None:
         every = tuple(range(config.leds))
         planned = CapturePlan(leds=every, exposures_us=(_DEFAULT_EXPOSURE_US,))
@@ -153,11 +154,11 @@ _ROLES = ("light", "dark", "ambient", "flat")
 def _left_out(leds: tuple[int, ...]) -> list[str]:
     if not leds:
         return []
-    return [f"left out because the rig file lists them as dead: LEDs {_ranges(leds)}"]
+    return [f"LEDs {_ranges(leds)} skipped: listed in dead_leds"]
 
 
 def _table(plan: CapturePlan) -> list[tuple[str, str]]:
-    """Return exposures and the LEDs that have them, neighbours together where there are many."""
+    """Return exposure times with their LEDs; if there are many, similar ones share a row."""
     brackets = range(len(plan.exposures_us))
     groups: dict[tuple[float, ...], list[int]] = {}
     for led in plan.leds:
@@ -186,7 +187,7 @@ def _exposures(least: tuple[float, ...], most: tuple[float, ...]) -> str:
 
 
 def _ranges(leds: Iterable[int]) -> str:
-    """Write LED numbers shortly: 0-3, 7."""
+    """Format LED numbers as ranges: 0-3, 7."""
     runs: list[list[int]] = []
     for led in sorted(leds):
         if runs and led == runs[-1][-1] + 1:

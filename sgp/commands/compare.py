@@ -1,4 +1,4 @@
-"""``sgp compare``: how far two normal maps are apart."""
+"""``sgp compare``: the difference between two normal maps."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def compare(
 ) -> Result:
     """Compare two normal maps: angular error, SSIM, error map.
 
-    Every pixel of the mask counts; a pixel that A does not know counts 90 degrees.
+    All pixels of the mask count; a pixel without a normal in A counts as an error of 90 degrees.
 
     For example:
 
@@ -37,19 +37,19 @@ def compare(
     Parameters
     ----------
     a
-        The map to be judged: an image of normals, or a folder with normals.* and mask.png.
+        Map to evaluate: image of normals, or folder with normals.* and mask.png.
     b
-        The map it is held against.
+        Reference map.
     mask
-        Pixels that count; default: where B is known.
+        Mask image of the pixels that count; default: all pixels with a normal in B.
     green
-        Which way the green channel of image files points.
+        Direction of the green channel in image files.
     out
         Folder for error.exr, error.png and compare.json.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     first, second = (
         read_normals(a, green=green, max_pixels=max_pixels),
@@ -59,7 +59,7 @@ def compare(
     error = angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:
         masks = "masks" if mask is None else f"masks and {mask}"
-        raise DataError(f"{a} and {b}: their {masks} do not overlap: nothing to compare")
+        raise DataError(f"{a} and {b}: their {masks} do not overlap: there is nothing to compare")
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
     result = Result(

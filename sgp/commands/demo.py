@@ -1,4 +1,4 @@
-"""``sgp demo``: the simulated rig from capture to surface, judged by the simulator's truth."""
+"""``sgp demo``: from capture to surface on the simulated rig, compared with the ground truth."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _LONG_US, _SHORT_US = 20_000.0, 40.0
 
 
 def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Result:
-    """Record and process a simulated object, and compare every result with the truth.
+    """Record and process a simulated object, and compare every result with the ground truth.
 
-    Two recordings on the simulated rig, through real serial bytes: chrome spheres, which give the
-    lights, and a coin, which gives normals, detail and a surface.
+    The simulated rig, which uses the real serial protocol, records chrome spheres, from which the
+    lights are calibrated, and a coin, from which normals, detail and a surface are computed.
 
     For example:
 
@@ -49,11 +49,11 @@ def demo(*, out: Path = Path("demo"), seed: Seed = 0, force: bool = False) -> Re
     Parameters
     ----------
     out
-        Folder for everything; an earlier demo's files there are replaced.
+        Folder for all results; files of an earlier demo in it are replaced.
     seed
-        Of the coin, the lights' spread and the noise.
+        Seed of the coin, the spread of the lights and the noise.
     force
-        Write into a folder that holds other files already.
+        Write into a folder that already contains other files.
     """
     with claimed(out, force=force) as folder:
         return _demo(out, seed, folder)
@@ -75,13 +75,13 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     folder.begin("camera.json", "lights.json")
     write_camera(out / "camera.json", bench_camera())
     with watch.stage("calibrate"):
-        found, lights, stack = _calibrate(spheres, scenes["spheres"])
+        calibration, lights, stack = _calibrate(spheres, scenes["spheres"])
         write_lights(out / "lights.json", lights)
     source = read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
     outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
     result = outcome.result
-    result.warnings[:0] = found.warnings
+    result.warnings[:0] = calibration.warnings
     errors = _Errors(lights, outcome, truth["coin"])
     folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
@@ -94,7 +94,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
                 error=True,
             ),
             map_panel("height error", errors.height_map_mm, "mm"),
-            spheres_panel("chrome spheres and highlights", stack, found),
+            spheres_panel("chrome spheres and highlights", stack, calibration),
         ]
         write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
     result.metrics |= errors.metrics() | {"seconds": watch.seconds}
@@ -129,36 +129,36 @@ def _capture(
 
 
 def _marks(*sessions: Session) -> list[Path]:
-    """Return the files whose hashes stand for whole sessions."""
+    """Return the files whose hashes identify complete sessions."""
     return [session.folder / "COMPLETE" for session in sessions]
 
 
 def _calibrate(
     session: Session, scene: Scene
 ) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
-    """Positions from the spheres, intensities from the card that they lie on."""
+    """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
         stack = linear_stack(read_source(session.folder), on_progress=progress)
     camera = bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
-    found = calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    calibration = calibrate_spheres(stack, camera=camera, radius_mm=radii)
     card = np.ones(camera.size, np.bool_)
-    strong = calibrate_intensities(stack.values, found.lights, camera.points_on_plane(), card)
-    return found, strong.lights, stack.values
+    strong = calibrate_intensities(stack.values, calibration.lights, camera.points_on_plane(), card)
+    return calibration, strong.lights, stack.values
 
 
 class _Errors:
-    """What the demo's results are off by."""
+    """Errors of the demo's results."""
 
     def __init__(self, lights: Lights, outcome: Outcome, rendering: Rendering) -> None:
         truth = rendering.truth
-        found = np.asarray(lights.positions_mm)
+        calibrated = np.asarray(lights.positions_mm)
         true = np.asarray(truth.lights.positions_mm)
-        self.light_deg = angle_deg(found, true)
-        self.light_mm = np.linalg.norm(found - true, axis=1)
+        self.light_deg = angle_deg(calibrated, true)
+        self.light_mm = np.linalg.norm(calibrated - true, axis=1)
         strength, true_strength = (
-            known.mean(axis=1) / known.mean()
-            for known in map(np.asarray, (lights.intensities, truth.lights.intensities))
+            intensities.mean(axis=1) / intensities.mean()
+            for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
         error = angular_error(outcome.normals.stereo.normal_map, truth.normals, truth.mask)

@@ -1,4 +1,4 @@
-"""``sgp detail``: split normal maps into shape and detail, and put them together again."""
+"""``sgp detail``: split normal maps into shape and detail, and combine them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def separate(
 ) -> Result:
     """Split a normal map into its shape component and its detail component.
 
-    `sgp detail combine` of the two gives the map back.
+    `sgp detail combine` of the two components restores the map.
 
     For example:
 
@@ -40,22 +40,22 @@ def separate(
     Parameters
     ----------
     normals
-        An image of normals, or a folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png.
     out
-        Folder for shape.exr, detail.exr, the same as 16-bit PNG, mask.png and detail.json.
+        Folder for shape.exr, detail.exr, both also as 16-bit PNG, mask.png and detail.json.
     filter
-        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
-        steps and occlusions.
+        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
+        do not smooth across steps and occlusions.
     order
-        Order of the Gaussian; 1 is the paper's.
+        Order of the Gaussian; the paper uses 1.
     w
-        Half width of the filter's window in pixels; sigma is w / 2.
+        Half width of the filter window in pixels; sigma is w / 2.
     green
-        Which way the green channel of an image file points.
+        Direction of the green channel in an image file.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     read = read_normals(normals, green=green, max_pixels=max_pixels)
     parts = separate_map(read.normal_map, filter=filter, order=order, w=w)
@@ -74,7 +74,7 @@ def combine(
     max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Put a detail component onto a shape component of the same size.
+    """Combine a shape component and a detail component of the same size into a normal map.
 
     For example:
 
@@ -83,27 +83,27 @@ def combine(
     Parameters
     ----------
     shape
-        The shape component.
+        Shape component.
     detail
-        The detail component, edited or not.
+        Detail component, edited or not.
     out
         Folder for normals.exr, normals.png, mask.png and normals.json.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     first, second = (read_normals(path, max_pixels=max_pixels) for path in (shape, detail))
     combined = combine_maps(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
-    known = int(combined.mask.sum())
-    lost = int(first.normal_map.mask.sum()) - known
+    count = int(combined.mask.sum())
+    lost = int(first.normal_map.mask.sum()) - count
     if lost:
-        warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are left out")
+        warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are masked out")
     return Result(
         outputs=write_normals(claim_folder(out, "normals.json"), combined),
-        metrics={"pixels": known},
+        metrics={"pixels": count},
         warnings=warnings,
-        summary=[f"{known} normals in {out}"],
+        summary=[f"{count} normals in {out}"],
         inputs=[*first.files, *second.files],
     )

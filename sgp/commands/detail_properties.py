@@ -1,4 +1,4 @@
-"""``sgp detail properties``: how separable, transferable and idempotent a map's detail is."""
+"""``sgp detail properties``: separability, transferability and idempotence of a map's detail."""
 
 from __future__ import annotations
 
@@ -41,10 +41,11 @@ def properties(
     max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Measure what the paper claims of a map's detail.
+    """Measure the properties that the paper claims for the detail of a map.
 
-    Of one map: separability, likeness of neighbouring rotations, idempotence. With targets also
-    the detail handed on from one to the next and back to the first, and exchanged with the first.
+    For one map: separability, similarity of neighbouring rotations, idempotence. With targets,
+    also a chain of transfers (from one map to the next and back to the first) and an exchange of
+    details with the first target.
 
     For example:
 
@@ -53,25 +54,25 @@ def properties(
     Parameters
     ----------
     normals
-        An image of normals, or a folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png.
     targets
-        Maps the detail is put onto, in this order.
+        Maps to which the detail is transferred, in this order.
     out
-        Folder for separability.exr (degree), height.exr and detail_height.exr (px),
+        Folder for separability.exr (degrees), height.exr and detail_height.exr (px),
         properties.png, exchange.png and properties.json.
     filter
-        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
-        steps and occlusions.
+        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
+        do not smooth across steps and occlusions.
     order
-        Order of the Gaussian; 1 is the paper's.
+        Order of the Gaussian; the paper uses 1.
     w
-        Half width of the filter's window in pixels; sigma is w / 2.
+        Half width of the filter window in pixels; sigma is w / 2.
     green
-        Which way the green channel of image files points.
+        Direction of the green channel in image files.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     read = [read_normals(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
     normal_map, *others = (one.normal_map for one in read)
@@ -103,7 +104,7 @@ def properties(
 
 
 def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Panel]:
-    """Measure a map on its own; adds figures and returns pictures."""
+    """Measure a single map; add its figures to `result` and return pictures."""
     alike = rotation_similarity(parts.shape, parts.shape_filter.w)
     orders = idempotence(parts)
     result.metrics |= {
@@ -115,9 +116,9 @@ def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Pa
     }
     again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
     result.summary += [
-        f"separability   {parts.separability_deg:.2f} deg (shape left in the detail; 0 is none)",
-        f"rotations      {alike.angle_deg:.2f} deg apart; norms 1, 2, inf: {alike.norm_1:.4f}, "
-        f"{alike.norm_2:.4f}, {alike.norm_inf:.4f}",
+        f"separability   {parts.separability_deg:.2f} deg (shape left in the detail; 0 is best)",
+        f"rotations      differ by {alike.angle_deg:.2f} deg; norms 1, 2, inf: "
+        f"{alike.norm_1:.4f}, {alike.norm_2:.4f}, {alike.norm_inf:.4f}",
         f"idempotence    SSIM in the paper's protocol by order {again}",
     ]
     title = f"Separability, mean {parts.separability_deg:.2f} deg"
@@ -135,12 +136,12 @@ def _of_several(
     parts: Separation,
     result: Result,
 ) -> list[Panel]:
-    """Measure a map's detail on the maps of the other paths; adds figures, returns pictures."""
+    """Measure transfers of a map's detail to other maps; add the figures and return pictures."""
     source, *targets = (path.name for path in paths)
     by = parts.shape_filter
     chain = transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
     result.summary.append(
-        f"chain          on {chain[0].pixels} pixels; detail error to the one before, to the first"
+        f"chain          {chain[0].pixels} pixels; detail error against the previous, the first map"
     )
     steps = []
     for step in chain:
@@ -151,7 +152,9 @@ def _of_several(
         )
     both = cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
     errors = [done.fidelity.detail_mae_deg for done in both]
-    result.summary.append(f"exchange       {errors[0]:.2f} deg there, {errors[1]:.2f} deg back")
+    result.summary.append(
+        f"exchange       {errors[0]:.2f} deg on the target, {errors[1]:.2f} deg on the source"
+    )
     result.metrics |= {
         "chain": steps,
         "exchange_detail_mae_deg": errors,

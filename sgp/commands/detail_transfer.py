@@ -1,4 +1,4 @@
-"""``sgp detail transfer``: the detail of one map on the shape of another, all over or in a part."""
+"""``sgp detail transfer``: transfer detail from one map to another, globally or locally."""
 
 from __future__ import annotations
 
@@ -32,27 +32,28 @@ from sgp._write_profile import write_height_profile
 
 Green = Literal["up", "down"]
 Mask = npt.NDArray[np.bool_]
-# Either number may be negative.
+# Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class LocalOptions:
-    """How a part of the source is set into the target.
+    """Options for transferring a part of the source into the target.
 
     Parameters
     ----------
     source_mask
-        Image of the part that is taken; this or any of the next four makes the transfer local.
+        Mask image of the source region; this or any of the next four options makes the transfer
+        local.
     target_mask
-        Image of where it may go.
+        Mask image of the target region: pixels outside it stay unchanged.
     scale
-        Factor on the size of the part.
+        Scale factor of the source region.
     rotate_deg
-        Turn of the part, counter-clockwise.
+        Rotation of the source region in degrees, counter-clockwise.
     mirror
-        Exchange left and right of the part.
+        Mirror the source region left to right.
     """
 
     source_mask: Path | None = None
@@ -82,7 +83,7 @@ def transfer(
     max_pixels: Pixels = MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    r"""Carry the detail of one normal map onto the shape of another, all over or in a part.
+    r"""Transfer the detail of one normal map to the shape of another, globally or locally.
 
     A source smaller than the target is repeated, a larger one is cropped. Only --scale resizes.
 
@@ -95,44 +96,46 @@ def transfer(
     Parameters
     ----------
     source
-        The map whose detail is taken.
+        Normal map whose detail is used.
     target
-        The map whose shape is kept.
+        Normal map whose shape is used.
     out
         Folder for normals.exr, normals.png, mask.png, shape_error.exr, detail_error.exr,
         errors.png and normals.json.
     keep_target_detail
-        Put the detail onto the target's own normals instead of onto its shape (the paper's table).
+        Add the detail to the target's normals instead of its shape component (as in the paper's
+        table).
     amplitude
-        Factor on the slopes of the detail; negative inverts the relief.
+        Factor on the slopes of the detail; negative values invert the relief.
     refine
-        Correction steps: each about halves the shape error and raises the detail error by half.
+        Number of correction steps; each about halves the shape error and raises the detail error
+        by half.
     filter
-        Low-pass filter that makes the shape: gaussian, box, or guided or bilateral, which stop at
-        steps and occlusions.
+        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
+        do not smooth across steps and occlusions.
     order
-        Order of the Gaussian; 1 is the paper's.
+        Order of the Gaussian; the paper uses 1.
     w
-        Half width of the filter's window in pixels; sigma is w / 2. The larger, the
-        coarser is the detail; default: 5, of a local transfer 10.
+        Half width of the filter window in pixels; sigma is w / 2. A larger window
+        gives coarser detail; default: 5, or 10 for a local transfer.
     at
-        Column and row (x,y) of the target where the source's first pixel goes; of a local transfer
-        where the middle of its part goes.
+        Position (x,y) in the target, column and row, of the source's first pixel; for a local
+        transfer, of the centre of the source region.
     profile
         Integrate target and result, and write height_profile.png and .csv.
     source_green
-        Which way the green channel of the source points.
+        Direction of the green channel in the source.
     target_green
-        Which way the green channel of the target points.
+        Direction of the green channel in the target.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     place = None if at is None else numbers("--at", at, 2)
     is_local = local != LocalOptions()
     if is_local and (keep_target_detail or refine):
-        raise UsageError("--keep-target-detail and --refine are not for a part of the source")
+        raise UsageError("--keep-target-detail and --refine cannot be used in a local transfer")
     first = read_normals(source, green=source_green, max_pixels=max_pixels)
     second = read_normals(target, green=target_green, max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
@@ -181,12 +184,12 @@ def _mask(path: Path | None, normal_map: NormalMap) -> Mask | None:
 
 def _whole(place: list[float]) -> tuple[int, int]:
     if not all(value.is_integer() for value in place):
-        raise UsageError("--at must be whole pixels: without a part nothing is resampled")
+        raise UsageError("--at must be whole pixels, except in a local transfer")
     return int(place[0]), int(place[1])
 
 
 def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result: Result) -> None:
-    """Write error maps and their picture, and add the figures."""
+    """Write error maps and their picture, and add the figures to `result`."""
     own, paper = done.fidelity, done.fidelity_paper
     maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
     means = {"shape": own.shape_mae_deg, "detail": own.detail_mae_deg}
@@ -204,9 +207,9 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
             f"detail_mae_deg{suffix}": fidelity.detail_mae_deg,
         }
     pairs = {"shape": (own.result.shape, own.shape), "detail": (own.result.detail, own.detail)}
-    for name, (found, meant) in pairs.items():
-        result.metrics[f"{name}_ssim"] = ssim(found, meant, own.detail.mask)
-        result.metrics[f"{name}_ssim_paper"] = ssim(found, meant, protocol="paper")
+    for name, (part, reference) in pairs.items():
+        result.metrics[f"{name}_ssim"] = ssim(part, reference, own.detail.mask)
+        result.metrics[f"{name}_ssim_paper"] = ssim(part, reference, protocol="paper")
     result.summary = [
         _where(done),
         f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
@@ -220,7 +223,7 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
             "seam_ratio": done.seam.ratio,
         }
         result.summary.append(
-            f"seam          {done.seam.seam_deg:.2f} deg a pixel, interior "
+            f"seam          {done.seam.seam_deg:.2f} deg per pixel, interior "
             f"{done.seam.interior_deg:.2f}"
         )
     else:
@@ -230,7 +233,7 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
 
 def _where(done: TransferResult | LocalTransferResult) -> str:
     if isinstance(done, LocalTransferResult):
-        return f"{int(done.region.sum())} pixels set in"
+        return f"detail transferred to {int(done.region.sum())} pixels"
     x, y, width, height = done.placement.source_window
     across, down = done.placement.tiles
-    return f"{width} x {height} pixels of the source from {x},{y}, laid {across} x {down} times"
+    return f"{width} x {height} pixels of the source from {x},{y}, tiled {across} x {down} times"

@@ -26,14 +26,14 @@ def normals(
     Parameters
     ----------
     source
-        A session, a DiLiGenT object folder, images with an .lp, or a folder of images.
+        Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
         Folder for normals.exr, normals.png, albedo.exr, residual.exr, used.exr, mask.png and
         normals.json.
     options
-        Lights, camera, mask, method.
+        Lights, camera, mask and method.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     opened, files = open_source(
         source,

@@ -1,4 +1,4 @@
-"""``sgp project``: meshes and point clouds to normal maps."""
+"""``sgp project``: project meshes and point clouds to normal maps."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sgp._result import Result
 
 Unit = Literal["um", "mm", "cm", "m", "in"]
 Neighbours = Annotated[Whole, Parameter(validator=Number(gte=3, lte=1000))]
-# "-90,0,0" is a value and no option.
+# "-90,0,0" is a value, not an option.
 Triple = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 _UNIT_MM: dict[Unit, float] = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
@@ -45,7 +45,7 @@ def project(
     neighbours: Neighbours = 16,
     force: bool = False,
 ) -> Result:
-    """Draw a mesh or a point cloud as a normal map, with mask and height.
+    """Project a mesh or a point cloud to a normal map, with mask and height.
 
     For example:
 
@@ -56,44 +56,47 @@ def project(
     Parameters
     ----------
     geometry
-        A mesh (.obj, .ply, .stl, .glb, .off), or points (.ply without faces, .xyz).
+        Mesh (.obj, .ply, .stl, .glb, .off) or points (.ply without faces, .xyz).
     out
         Folder for normals.exr, normals.png, mask.png, height.exr (mm), depth.exr (with a camera)
         and project.json.
     view
-        The side that is seen; default: front, looking along -Z of the file.
+        Visible side; default: front, viewed along -Z of the file.
     look
-        Instead of --view: the direction of sight x,y,z in the file's axes.
+        Viewing direction x,y,z in the axes of the file, instead of --view.
     up
-        The file's axis that points up; with z the front looks along +Y.
+        Axis of the file that points up; with z, the front view is along +Y.
     rotate_deg
-        Then turn the object about x (right), y (up) and z (toward the viewer).
+        Additional rotation of the object in degrees about x (right), y (up) and z (toward the
+        viewer).
     size
-        Width and height in pixels, such as 640x512; default: what fits, or the camera's.
+        Width and height in pixels, for example 640x512; default: the size of the camera, else the
+        size that fits the object.
     pixel_mm
-        Size of a pixel on the object; default: the object fills the image.
+        Size of a pixel on the object in mm; default: the object fills the image.
     unit
-        Of the file's coordinates; default: mm, and m for .glb.
+        Unit of the coordinates in the file; default: mm, or m for .glb.
     camera
-        Perspective camera; default: orthographic.
+        File of a perspective camera; default: orthographic projection.
     distance_mm
-        From the camera to the working plane; default: the camera's own.
+        Distance from the camera to the working plane; default: the one in the camera file.
     keep_origin
-        The file's origin lies on the optical axis in the working plane; default: the middle of the
-        object does.
+        Place the origin of the file, instead of the centre of the object, on the optical axis in
+        the working plane.
     shading
-        smooth blends the normals of a mesh's vertices, flat keeps its faces.
+        smooth interpolates the normals of mesh vertices; flat uses the normals of the faces.
     neighbours
-        Points around each point of a cloud that its normal is fitted to; more is smoother.
+        Number of neighbours of each point to which its normal is fitted; more give smoother
+        normals.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     if view is not None and look is not None:
-        raise UsageError("--view and --look both say from where: give one of them")
+        raise UsageError("--view and --look both give the viewing direction: give only one")
     if camera is None and distance_mm is not None:
-        raise UsageError("--distance-mm is the distance of a camera: give --camera too")
+        raise UsageError("--distance-mm requires a camera: give --camera too")
     if camera is not None and pixel_mm is not None:
-        raise UsageError("with --camera the scale follows from its distance: leave --pixel-mm out")
+        raise UsageError("--camera and its distance give the scale: leave --pixel-mm out")
     pixels = None if size is None else image_size("--size", size)[::-1]
     try:
         rotation = view_rotation(
@@ -146,6 +149,6 @@ def project(
     }
     result.summary = [
         f"{width} x {height} pixels of {seen.mm_per_px:.4g} mm, {result.metrics['pixels']} on the "
-        f"object, height spans {result.metrics['height_range_mm']:.4g} mm"
+        f"object, height range {result.metrics['height_range_mm']:.4g} mm"
     ]
     return result

@@ -1,4 +1,4 @@
-"""``sgp rig``: talk to board and camera."""
+"""``sgp rig``: check and operate the board and the camera."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ from sgp._options import Microseconds, Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
 
-# The board's watchdog turns the light off after a second without a sign of life.
+# The board's watchdog turns the LED off after one second without a message from this program.
 _SIGN_EVERY_S = 0.25
-# The board's own hold ends so much later than the light is wanted; its clock may be 1 % too fast.
+# The board's own time limit ends this much later than the requested time; its clock may be 1 %
+# too fast.
 _SPARE_HOLD_MS = 3000
 _CLOCK = 0.99
 _HOT_C = 70.0
 
 
 def check(*, rig: str = "simulated") -> Result:
-    """Open a rig and tell what board and camera it has, and what looks wrong.
+    """Open a rig, describe its board and camera, and report possible problems.
 
     For example:
 
@@ -42,7 +43,7 @@ def check(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     """
     with open_rig(rig) as opened:
         board, camera, config = opened.board.identity, opened.camera.info, opened.config
@@ -77,7 +78,7 @@ def check(*, rig: str = "simulated") -> Result:
                 f"exposure {camera.exposure_min_us:g} to {camera.exposure_max_us:g} us{readout}"
                 f"{rate}",
                 f"trigger by {config.trigger}",
-                *[f"off     {', '.join(camera.turned_off)}: turned off in the camera"]
+                *[f"off     {', '.join(camera.turned_off)}: switched off in the camera"]
                 * bool(camera.turned_off),
             ],
             warnings=_doubts(status, config),
@@ -85,7 +86,7 @@ def check(*, rig: str = "simulated") -> Result:
 
 
 def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
-    """Light one LED for a while; Ctrl-C turns it off. Of a bench only the board is needed.
+    """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
 
@@ -94,40 +95,42 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     Parameters
     ----------
     led
-        LED number from 0.
+        LED number, from 0.
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     seconds
-        How long. The board itself turns the LED off 3 s later, or a second after this program
-        died.
+        Time in seconds. As a safeguard the board itself turns the LED off 3 s later, or one second
+        after this program died.
     """
     with open_lights(rig) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
             raise UsageError(
-                f"--seconds {seconds:g}: this board lights for up to {longest / 1000:g} s"
+                f"--seconds {seconds:g}: this board keeps an LED on for at most "
+                f"{longest / 1000:g} s"
             )
         _check_led(opened.config, led)
-        # Beyond the end: who is to turn it off then is this program.
+        # Longer than requested, so that normally this program turns the LED off.
         hold_ms = min(longest, round(seconds * 1000 + _SPARE_HOLD_MS))
         began_s = time.monotonic()
         board.on(led, hold_ms)
         while (left_s := began_s + seconds - time.monotonic()) > 0:
             time.sleep(min(left_s, _SIGN_EVERY_S))
             board.ping()
-        burned = board.off().led
+        was_on = board.off().led
         held = (time.monotonic() - began_s) * 1000 < hold_ms * _CLOCK
-        if burned != led and held:
+        if was_on != led and held:
+            state = "no LED was on" if was_on is None else f"LED {was_on} was on"
             raise BoardError(
-                f"LED board on {board.port}: LED {led} was lit, but {_burning(burned)} when it was "
-                "to be turned off: check the board's supply, and that nothing else uses the port"
+                f"LED board on {board.port}: LED {led} was turned on, but {state} at the end: "
+                "check the board's supply, and that no other program uses the port"
             )
-    return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off again"])
+    return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off"])
 
 
 def off(*, rig: str = "simulated") -> Result:
-    """Turn every LED off. Of a bench only the board is needed.
+    """Turn all LEDs off. No camera is needed.
 
     For example:
 
@@ -136,11 +139,10 @@ def off(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     """
     with open_lights(rig):
-        # It is dark from the beginning, and made sure of at the end.
-        pass
+        pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 
 
@@ -152,7 +154,7 @@ def snap(
     rig: str = "simulated",
     force: bool = False,
 ) -> Result:
-    """Take one frame under one LED, or in the dark.
+    """Take one frame with one LED on, or with all LEDs off.
 
     For example:
 
@@ -161,16 +163,16 @@ def snap(
     Parameters
     ----------
     out
-        TIFF to write, 16 bit, grey values as the sensor gave them: not turned upright where the
-        camera is mounted otherwise.
+        TIFF file to write, 16 bit, raw values of the sensor. The frame is not rotated upright, even
+        if the rig file gives the mounting of the camera.
     led
-        LED number from 0; default: none.
+        LED number, from 0; default: all LEDs off.
     exposure_us
-        Exposure time, within the camera's range.
+        Exposure time in µs, within the camera's range.
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     force
-        Replace a file that exists.
+        Overwrite an existing file.
     """
     check_file(out, ".tif", force=force)
     with open_rig(rig) as opened:
@@ -185,15 +187,17 @@ def snap(
     return Result(
         outputs={"frame": out},
         metrics={"clipped_fraction": clipped, "p1_dn": low, "p99_dn": high, "white_dn": white},
-        summary=[f"{out}: 1 % at {low:g}, 99 % at {high:g} of {white}, {clipped:.3%} clipped"],
+        summary=[
+            f"{out}: percentiles 1 % {low:g}, 99 % {high:g} of {white}, {clipped:.3%} clipped"
+        ],
     )
 
 
 def selftest(*, rig: str = "simulated") -> Result:
-    """Find dead, dim, swapped, doubled and stuck LEDs by what the camera sees, and missing wires.
+    """Find dead, dim, swapped, doubled and stuck LEDs with the camera, and missing wires.
 
-    Lay something matte under the camera that fills most of its view. Swapped LEDs are found where
-    the rig file has led_positions_mm. Exit code 3 says that something is wrong.
+    Place a matte object under the camera that fills most of its view. Swapped LEDs can be found
+    only if the rig file has led_positions_mm. The exit code is 3 if a fault was found.
 
     For example:
 
@@ -202,17 +206,17 @@ def selftest(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or a rig.toml.
+        Name of a rig, or path of a rig file (.toml).
     """
     with open_rig(rig) as opened, Stages() as progress:
         result = examine(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if rig in rig_names():  # opened by its name: there is no file to set anything in
+    if rig in rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
-    verdict = "nothing is wrong" if result.ok else f"{len(faults)} things are wrong"
+    verdict = "no faults" if result.ok else f"{len(faults)} faults"
     if len(faults) == 1:
-        verdict = "one thing is wrong"
+        verdict = "1 fault"
     return Result(
         metrics={
             "leds": list(result.leds),
@@ -221,7 +225,7 @@ def selftest(*, rig: str = "simulated") -> Result:
             "findings": [asdict(finding) for finding in result.findings],
         },
         summary=[
-            f"{len(result.leds)} LEDs tried at {result.exposure_us:g} us: {verdict}",
+            f"{len(result.leds)} LEDs tested at {result.exposure_us:g} us: {verdict}",
             *(f"- {finding.text}" for finding in faults),
         ],
         warnings=[finding.text for finding in notes],
@@ -233,35 +237,33 @@ def selftest(*, rig: str = "simulated") -> Result:
 def _mounted(config: RigConfig) -> str:
     mounting = config.mounting
     words = ["mirrored"] * mounting.mirror
-    words += [f"turned by {mounting.rotation_deg} degrees"] * (mounting.rotation_deg != 0)
+    words += [f"rotated by {mounting.rotation_deg} degrees"] * (mounting.rotation_deg != 0)
     return "frames are " + (" and ".join(words) + " to be upright" if words else "upright")
 
 
 def _doubts(status: BoardStatus, config: RigConfig) -> list[str]:
-    """Say what is not an error yet and may become one."""
+    """Return warnings about states that are not errors yet."""
     doubts = []
     if status.faults:
         doubts.append(
             f"the board received {status.faults} damaged lines since it started: use a shorter or "
-            "better cable, away from motors and mains"
+            "better cable, away from motors and mains cables"
         )
     if status.trips:
         doubts.append(
             f"the board's watchdog turned LEDs off {status.trips} times since it started: a "
-            "program died, or this computer was too busy, while an LED was lit"
+            "program died, or this computer was too busy, while an LED was on"
         )
     if status.temperature_c is not None and status.temperature_c > _HOT_C:
         doubts.append(
-            f"the board is {status.temperature_c:.0f} degrees hot: let it cool, and lower the "
-            "LEDs' current or their time"
+            f"the temperature of the board is {status.temperature_c:.0f} C: let it cool, and "
+            "reduce the current or the on-time of the LEDs"
         )
     if not config.led_positions_mm:
-        doubts.append("led_positions_mm is not in the rig file: no self-test can tell swapped LEDs")
+        doubts.append(
+            "led_positions_mm is not in the rig file: the self-test cannot detect swapped LEDs"
+        )
     return doubts
-
-
-def _burning(led: int | None) -> str:
-    return "none burned any more" if led is None else f"LED {led} burned"
 
 
 def _check_led(config: RigConfig, led: int) -> None:

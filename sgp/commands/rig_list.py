@@ -1,4 +1,4 @@
-"""``sgp rig list``: the rigs, boards and cameras within reach."""
+"""``sgp rig list``: installed rigs, connected boards and cameras."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sgp._result import Result
 
 
 def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
-    """Name the rigs that are installed, the serial ports with what answers, and cameras.
+    """List the installed rigs, the serial ports with the boards that answer, and the cameras.
 
     For example:
 
@@ -22,17 +22,17 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     Parameters
     ----------
     port
-        Serial port to ask for an LED board; default: all that this computer has.
+        Serial port on which to look for an LED board; default: all ports of this computer.
     cti
-        GenTL producer of a camera maker (.cti file) to ask for its cameras.
+        GenTL producer (.cti file) of a camera vendor whose cameras to list.
     """
     missing = next((path for path in cti if not path.exists()), None)
     if missing is not None:
         raise UsageError(
-            f"--cti {missing}: no such file; give the path of the .cti that came with the camera's "
-            "driver"
+            f"--cti {missing}: no such file; give the path of the .cti file that was installed "
+            "with the camera's driver"
         )
-    # First, as what is wrong with a producer is told at once: silent ports take seconds.
+    # Cameras first: a wrong producer fails at once, while silent ports take seconds.
     cameras = find_cameras(cti) if cti else ()
     ports = find_boards(port or None)
     names = list(rig_names())
@@ -45,7 +45,7 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     if not boards:
         summary.append("no LED board was found: plug one in, or give its port with --port")
     if not cti:
-        summary.append("cameras are listed where --cti names their maker's GenTL producer")
+        summary.append("to list cameras, give the GenTL producer of their vendor with --cti")
     elif not cameras:
         summary.append("no camera was found: check its cable and power, and close other programs")
     return Result(

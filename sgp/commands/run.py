@@ -1,4 +1,4 @@
-"""``sgp run``: a recording to normals, detail, surface and overview."""
+"""``sgp run``: compute normals, detail, surface and overview from a recording."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run(
     options: SourceOptions = _DEFAULTS,
     force: bool = False,
 ) -> Result:
-    """Turn a recording into normals, shape and detail, and a surface.
+    """Compute normals, shape and detail components, and a surface from a recording.
 
     For example:
 
@@ -31,13 +31,13 @@ def run(
     Parameters
     ----------
     source
-        A session, a DiLiGenT object folder, images with an .lp, or a folder of images.
+        Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
         Folder for overview.png, summary.json, normals/, detail/ and surface/.
     options
-        Lights, camera, mask, method.
+        Lights, camera, mask and method.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     watch = Stopwatch()
     opened, files = open_source(

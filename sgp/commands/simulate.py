@@ -1,4 +1,4 @@
-"""``sgp simulate``: scenes recorded on the simulated rig, their truth beside them."""
+"""``sgp simulate``: record scenes on the simulated rig, with their ground truth."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def simulate(
     layout: Annotated[Literal["session", "diligent"], Parameter(name="format")] = "session",
     sheet: Path | None = None,
 ) -> Result:
-    """Record a simulated scene, and keep what is true of it beside the recording.
+    """Record a simulated scene, and save its ground truth with the recording.
 
-    The recording goes through the simulated rig and the same writer as a capture. What is true
-    (normals, height, albedo, shadows, lights, camera, spheres, noise) lies in its derived/truth.
+    The recording uses the simulated rig and the same writer as a capture. The ground truth
+    (normals, height, albedo, shadows, lights, camera, spheres, noise) is saved in derived/truth.
 
     For example:
 
@@ -56,41 +56,44 @@ def simulate(
     Parameters
     ----------
     scene
-        A name, a scene file (.toml), or `list` for the names.
+        Name of a scene, scene file (.toml), or `list` to list the names.
     out
         New folder for the recording.
     lights
-        Number of LEDs; default: the scene's, 36 where it does not say.
+        Number of LEDs; default: as in the scene, else 36.
     size
-        Pixels of the camera, such as 640x512; the width of the field stays.
+        Size of the image in pixels, for example 640x512; the width of the field does not change.
     seed
-        Of surface, paint and the lights' spread (default: the scene file's, else 0), and of the
-        noise (default: 0).
+        Seed of surface, paint and spread of the lights (default: the seed in the scene file, else
+        0), and of the noise (default: 0).
     exposure_us
-        Exposure in microseconds, given again for each bracket; default: metered.
+        Exposure time in microseconds; repeat the option for each bracket; default: metered.
     noise
-        Without noise, frames differ from the truth by rounding alone.
+        --no-noise disables the noise: frames then differ from the ground truth by rounding only.
     layout
         session, or diligent: 16-bit PNGs with light_directions.txt, mask.png and Normal_gt.mat.
     sheet
-        With `list`: a .png to draw every scene into, lit, as normals and with its shadows.
+        With `list`: contact sheet (.png) to write, with each scene lit, as normals and with its
+        shadows.
     """
     if scene == "list":
         return _list(sheet, out)
     if out is None:
-        raise UsageError("a recording needs a folder: give --out")
+        raise UsageError("--out is missing: give a folder for the recording")
     if sheet is not None:
-        raise UsageError("--sheet draws all scenes: give it with `sgp simulate list`")
+        raise UsageError("--sheet draws all scenes: use it with `sgp simulate list` only")
     check_folder(out)
     watch = Stopwatch()
-    made, files = _scene(scene, lights, size, seed)
-    if layout == "diligent" and made.lens.cfa is not None:
-        raise UsageError("--format diligent takes no camera with a colour mosaic: record a session")
+    chosen, files = _scene(scene, lights, size, seed)
+    if layout == "diligent" and chosen.lens.cfa is not None:
+        raise UsageError(
+            "--format diligent does not support cameras with a colour mosaic: record a session"
+        )
     with watch.stage("render"), Stages() as progress:
-        rendering = render(made, progress)
+        rendering = render(chosen, progress)
     exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
     if layout == "diligent":
-        exposures = exposures[:1]  # the layout has one image of each light
+        exposures = exposures[:1]  # the layout has one image per light
     truth = rendering.truth
     height, width = truth.size
     result = Result(
@@ -104,13 +107,13 @@ def simulate(
             "seconds": watch.seconds,
         },
         summary=[
-            f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposed "
+            f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposure time "
             + " and ".join(f"{exposure:g} us" for exposure in exposures)
         ],
         inputs=files,
     )
-    if dead := made.lamps.dead:
-        result.warnings.append(f"LED {', '.join(map(str, dead))}: dead in the scene, left out")
+    if dead := chosen.lamps.dead:
+        result.warnings.append(f"LED {', '.join(map(str, dead))} skipped: dead in the scene")
 
     def recorded(folder: Path) -> Session:
         return record_simulated(
@@ -135,7 +138,7 @@ def simulate(
             place = out / "derived" / "truth"
             session = recorded(out)
             result.outputs["session"] = out
-            result.summary.append(f"{out}: {len(session.frames)} frames, the truth in {place}")
+            result.summary.append(f"{out}: {len(session.frames)} frames, ground truth in {place}")
     parameters = {
         "scene": scene, "lights": lights, "size": size, "seed": seed, "exposures_us": exposures,
         "noise": noise, "noise_seed": seed or 0, "format": layout,
@@ -159,7 +162,8 @@ def _scene(
         return read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
     if name not in SCENES:
         raise UsageError(
-            f"no scene is called {name}: `sgp simulate list` names them, a file ends in .toml"
+            f"there is no scene {name}: `sgp simulate list` lists the names; the name of a scene "
+            "file must end in .toml"
         )
     options = {} if lights is None else {"leds": lights}
     if pixels is not None:
@@ -183,15 +187,15 @@ def _write_diligent(
         )
     if truth.lights.near:
         result.warnings.append(
-            "the lights are near, and light_directions.txt gives them as seen from the middle of "
-            "the field: the layout knows no positions"
+            "the lights are near: light_directions.txt has their directions from the centre of the "
+            "field, because the layout has no light positions"
         )
     return files
 
 
 def _list(sheet: Path | None, out: Path | None) -> Result:
     if out is not None:
-        raise UsageError("`sgp simulate list` records nothing: leave --out away")
+        raise UsageError("`sgp simulate list` records nothing: leave out --out")
     widest = max(map(len, SCENES))
     result = Result(
         metrics={"scenes": dict(SCENES)},

@@ -1,4 +1,4 @@
-"""``sgp surface``: surface from normals."""
+"""``sgp surface``: integrate normals to a surface."""
 
 from __future__ import annotations
 
@@ -38,27 +38,28 @@ def surface(
     Parameters
     ----------
     normals
-        An image of normals, or a folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png.
     out
         Folder for height.exr, depth.exr (with a camera), mask.png, surface.ply and surface.json.
     mask
-        Pixels to integrate; default: where the map is known.
+        Mask image of the pixels to integrate; default: all pixels with a normal.
     camera
-        Perspective camera; default: orthographic.
+        File of a perspective camera; default: orthographic projection.
     pixel_mm
-        Size of a pixel on the object; without it or a working distance the unit is one pixel.
+        Size of a pixel on the object in mm; without it and without a working distance, the unit of
+        the height is one pixel.
     green
-        Which way the green channel of an image file points.
+        Direction of the green channel in an image file.
     glb
-        Write surface.glb too, in metres as glTF wants.
+        Also write surface.glb, in metres as glTF requires.
     stl
-        Write surface.stl too.
+        Also write surface.stl.
     obj
-        Write surface.obj too.
+        Also write surface.obj.
     max_pixels
-        Refuse images of more pixels, before they are decoded.
+        Refuse images with more pixels than this, before decoding them.
     force
-        Write into a folder that holds files already.
+        Write into an output folder that already contains files.
     """
     read = read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map

@@ -82,7 +82,7 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
         watch(folder),
         out,
         lights=lights,
-        tell=lines.append,
+        on_message=lines.append,
         on_progress=lambda *report: steps.append(report),
         texts={"operator": "Ada", "place": "Rome"},
     )
@@ -128,7 +128,7 @@ def test_an_image_after_a_gap_waits_for_the_next_in_case_it_was_only_delayed(
         if line == "IMG_0005.png is L05_E0":
             shoot(folder, 7, 7.3)
 
-    result = watch_folder(watch(folder, timeout_s=5.0), out, tell=tell)
+    result = watch_folder(watch(folder, timeout_s=5.0), out, on_message=tell)
     assert result.session.complete
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
     assert not any("missing" in line for line in lines)
@@ -143,7 +143,7 @@ def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) ->
     result = watch_folder(
         watch(folder, timeout_s=3.0),
         out,
-        tell=lambda line: reported_s.setdefault(line, time.monotonic() - began_s),
+        on_message=lambda line: reported_s.setdefault(line, time.monotonic() - began_s),
     )
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
     assert 1.2 <= reported_s["IMG_0007.png is L07_E0"] < 2.5
@@ -160,7 +160,7 @@ def test_an_overwritten_image_is_reported_and_shifts_no_other(folder: Path, out:
             shoot(folder, 7, 14.0)
 
     lines: list[str] = []
-    result = watch_folder(watch(folder), out, tell=tell)
+    result = watch_folder(watch(folder), out, on_message=tell)
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in (0, 1, 2, 3, 4, 5, 7)}
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
     line = (
@@ -223,7 +223,7 @@ def test_images_are_recorded_as_they_appear_and_only_when_complete(folder: Path,
 
     thread = in_background(camera)
     lines: list[str] = []
-    result = watch_folder(watch(folder, timeout_s=20.0), out, tell=lines.append)
+    result = watch_folder(watch(folder, timeout_s=20.0), out, on_message=lines.append)
     thread.join(20)
     assert result.session.complete
     assert recorded(out) == {i: f"IMG_{i:04d}.png" for i in range(8)}
@@ -259,7 +259,7 @@ def test_an_interrupted_watch_continues_where_it_stopped(folder: Path, out: Path
     for number, at in ((6, 14), (7, 16)):
         shoot(folder, number, at)
     lines: list[str] = []
-    result = watch_folder(watch(folder), out, tell=lines.append)
+    result = watch_folder(watch(folder), out, on_message=lines.append)
     assert "continued with 3 images" in lines[0]
     assert sorted(recorded(out)) == [0, 1, 2, 3, 5, 6, 7]
     assert [shot.led for shot in result.missing] == [4]

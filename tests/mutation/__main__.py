@@ -1,11 +1,11 @@
-"""Plant faults in the core modules and count those that no test notices.
+"""Plant faults in the core modules and count those that no test detects.
 
     python -m tests.mutation --sample 15 --seed 1
     python -m tests.mutation calibration/_spheres/cone.py --sample 1000
     python -m tests.mutation --planted
 
-Faults go into a temporary copy of the tree. Exit code 1: fewer than 90 % were noticed, or one that
-was planted by name was not.
+Faults are planted in a temporary copy of the tree. The exit code is 1 if fewer than 90 % are
+detected, or if a fault planted by name is not detected.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("modules", nargs="*", metavar="MODULE", help="default: all core modules")
-    parser.add_argument("--sample", type=int, default=15, help="faults for each module")
-    parser.add_argument("--seed", type=int, default=1, help="which faults are drawn")
-    parser.add_argument("--limit-s", type=float, default=120, help="processor time for each fault")
-    parser.add_argument("--planted", action="store_true", help="only the faults planted by name")
+    parser.add_argument("--sample", type=int, default=15, help="number of faults per module")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the random choice of faults")
+    parser.add_argument("--limit-s", type=float, default=120, help="CPU time per fault in seconds")
+    parser.add_argument("--planted", action="store_true", help="plant only the faults with names")
     args = parser.parse_args()
     unknown = set(args.modules) - set(TARGETS)
     if unknown:
-        parser.error(f"no core module: {', '.join(sorted(unknown))}")
+        parser.error(f"not a core module: {', '.join(sorted(unknown))}")
     modules = args.modules or list(TARGETS)
-    # So that what runs is ended, and the copy removed.
+    # So that running tests are ended and the copy is removed.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     with tempfile.TemporaryDirectory(prefix="sgp-mutants-", ignore_cleanup_errors=True) as folder:
         trial = Trial(Path(folder) / "tree")
@@ -69,9 +69,9 @@ def _drawn(trial: Trial, modules: list[str], args: argparse.Namespace) -> int:
         text, tests = trial.original(module), TARGETS[module]
         plain = trial.run(module, text, tests, args.limit_s)
         if plain.verdict != "survived":
-            print(plain.said, file=sys.stderr)
-            sys.exit(f"{module}: its tests fail without any fault ({plain.verdict})")
-        # An endless loop is known by much less than the limit.
+            print(plain.output, file=sys.stderr)
+            sys.exit(f"{module}: its tests fail without a planted fault ({plain.verdict})")
+        # A much shorter time than the limit is enough to detect an endless loop.
         limit_s = min(args.limit_s, 5 + 3 * plain.seconds)
         every = mutants_of(text)
         draw = random.Random(f"{args.seed} {module}")
@@ -102,10 +102,10 @@ def _drawn(trial: Trial, modules: list[str], args: argparse.Namespace) -> int:
 
 
 def _survivor(module: str, mutant: Mutant, reason: str | None) -> str:
-    told = (
+    text = (
         f"  {module}:{mutant.line} {mutant.function}\n    - {mutant.before}\n    + {mutant.after}"
     )
-    return told if reason is None else f"{told}\n    listed: {reason}"
+    return text if reason is None else f"{text}\n    listed: {reason}"
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Small faults in Python source: one token, one call or one statement changed at a time.
+"""Small faults in Python source: one token, one call or one statement is changed at a time.
 
-A fault is a change of text at the place that `ast` gives, so that everything else of the module,
-its line numbers too, stays as it is. Left out is what no test should pin down: texts of messages,
+A fault is a change of text at the position that `ast` reports, so that the rest of the module,
+including line numbers, is unchanged. Code that tests should not fix is skipped: texts of messages,
 annotations, decorators and imports, seeds, and numbers below 1e-9 that keep a divisor from 0.
 """
 
@@ -39,7 +39,7 @@ _ARITHMETIC = {
 }
 _LOGIC = {ast.And: ("and", "or"), ast.Or: ("or", "and")}
 _SIGNS = {ast.Not: "not", ast.USub: "-", ast.Invert: "~"}
-# Names of functions, plain or behind a dot, and what stands in for them.
+# Names of functions, plain or after a dot, and their replacements.
 _CALLS = {
     "min": "max",
     "max": "min",
@@ -69,13 +69,13 @@ class Mutant:
     Parameters
     ----------
     function
-        Qualified name of the function around it, ``<module>`` outside of any.
+        Qualified name of the enclosing function, ``<module>`` outside of functions.
     line
-        Counted from 1.
+        Line number, counted from 1.
     before, after
-        The line that changes, without indentation.
+        The changed line, without indentation.
     source
-        The whole module with the fault in it.
+        The complete module with the fault.
     """
 
     function: str
@@ -86,12 +86,12 @@ class Mutant:
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What stays the same while other lines of the module change."""
+        """Identification that does not depend on other lines of the module."""
         return self.function, self.before, self.after
 
 
 def mutants_of(source: str) -> list[Mutant]:
-    """Return every fault that the operators make, in the order of the text."""
+    """Return all faults that the operators produce, in the order of the text."""
     return list(_Walk(source).mutants())
 
 
@@ -185,7 +185,7 @@ class _Walk:
     def _between(
         self, left: ast.AST, right: ast.AST, pattern: str, other: str
     ) -> tuple[int, int, str]:
-        """Find the operator between two operands; brackets and comments may lie there too."""
+        """Find the operator between two operands, where brackets and comments may also be."""
         begin, end = self._span(left)[1], self._span(right)[0]
         between = re.sub(rb"#[^\n]*", lambda m: b" " * len(m[0]), self._text[begin:end])
         found = re.search(pattern.encode(), between)

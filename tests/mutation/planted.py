@@ -1,4 +1,4 @@
-"""Faults that once went through every test, by the text that they change."""
+"""Faults that once passed all tests, with the text that they change."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Planted:
-    """A fault to plant: ``old``, which is in the file exactly once, becomes ``new``."""
+    """A fault to plant: ``old``, which is in the file exactly once, is replaced by ``new``."""
 
     name: str
     file: str
@@ -31,25 +31,25 @@ PLANTED = (
         'self._dark["ambient", shot.exposure_us] = quality',
     ),
     Planted(
-        "the shortest exposure tells what an LED gives",
+        "the shortest exposure gives the light of an LED",
         "acquisition/_engine/references.py",
         "light.exposure_us > known.exposure_us",
         "light.exposure_us < known.exposure_us",
     ),
     Planted(
-        "the last repeat tells what an LED gives",
+        "the last repeat gives the light of an LED",
         "acquisition/_engine/references.py",
         "light.exposure_us > known.exposure_us",
         "light.exposure_us >= known.exposure_us",
     ),
     Planted(
-        "light held too short for a fast clock",
+        "LED on too short for a fast clock",
         "rig/_shooting/exposure.py",
         "self.needed_us * (1 + CLOCK_SHARE) + self.margin_us",
         "self.needed_us * (1 - CLOCK_SHARE) + self.margin_us",
     ),
     Planted(
-        "the clock's share is not allowed for",
+        "the clock's share is ignored",
         "rig/_shooting/exposure.py",
         "self.needed_us * (1 + CLOCK_SHARE) + self.margin_us",
         "self.needed_us + self.margin_us",
@@ -76,7 +76,7 @@ PLANTED = (
         "sigma_px = math.sqrt(1 / self.scale**2 - 1)",
     ),
     Planted(
-        "a low pass that forgets the pixel's own width",
+        "a low pass that ignores the pixel's own width",
         "processing/_detail/similarity.py",
         "sigma_px = 0.5 * math.sqrt(1 / self.scale**2 - 1)",
         "sigma_px = 0.5 * math.sqrt(1 / self.scale**2)",
@@ -88,19 +88,19 @@ PLANTED = (
         "slope = np.eye(3) / root",
     ),
     Planted(
-        "the covariance of the cone with a sign turned",
+        "the covariance of the cone with a wrong sign",
         "calibration/_spheres/cone.py",
         "slope = np.eye(3) / root - np.outer(v, v) / root**3",
         "slope = np.eye(3) / root + np.outer(v, v) / root**3",
     ),
     Planted(
-        "spheres below the plane are not told",
+        "spheres below the plane are not reported",
         "calibration/_spheres/placed.py",
         "if abs(beneath_mm) <= _FARTHEST_SHARE",
         "if beneath_mm <= _FARTHEST_SHARE",
     ),
     Planted(
-        "a cap behind the origin of a ray is met",
+        "a cap behind the origin of a ray is hit",
         "simulator/_shapes/surface.py",
         "hit = (root >= 0) & (t > 0) & (points[..., 2] >= 0)",
         "hit = (root >= 0) & (points[..., 2] >= 0)",

@@ -1,4 +1,4 @@
-"""Faults that no test can notice, or that none has to, each with its reason."""
+"""Faults that no test can or must detect, each with its reason."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FILE = Path(__file__).with_name("survivors.toml")
 
 @dataclass(frozen=True)
 class Survivors:
-    """What ``survivors.toml`` lists, by module, function, line before and line after."""
+    """The entries of ``survivors.toml``, by module, function, line before and line after."""
 
     reasons: dict[tuple[str, str, str, str], str]
 
@@ -35,5 +35,5 @@ class Survivors:
         return cls(reasons)
 
     def reason(self, module: str, mutant: Mutant) -> str | None:
-        """Return why a fault may survive; None where that is not known."""
+        """Return the reason why a fault may survive, or None if it is not listed."""
         return self.reasons.get((module, *mutant.key))

@@ -1,4 +1,4 @@
-"""The core modules, and the test files that have to notice a fault in each, quickest first."""
+"""The core modules, and the test files that must detect a fault in each, fastest first."""
 
 from __future__ import annotations
 

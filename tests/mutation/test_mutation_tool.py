@@ -1,4 +1,4 @@
-"""The faults can be planted in the code as it is, and the tool notices which tests notice them."""
+"""The faults can be planted in the current code, and the tool reports which tests detect them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_planted_fault_is_in_the_code_once(fault: Planted) -> None:
 
 
 @pytest.mark.parametrize("module", TARGETS)
-def test_core_modules_and_their_tests_are_there(module: str) -> None:
+def test_core_modules_and_their_tests_exist(module: str) -> None:
     assert (ROOT / module).is_file()
     assert TARGETS[module]
     assert [name for name in TARGETS[module] if not (ROOT / "tests" / name).is_file()] == []
@@ -45,7 +45,7 @@ def test_faults_are_python_and_change_one_place(module: str) -> None:
         assert text.splitlines()[mutant.line - 1].strip() == mutant.before
 
 
-def test_what_is_listed_as_surviving_can_still_be_planted() -> None:
+def test_listed_survivors_can_still_be_planted() -> None:
     for (module, *key), reason in Survivors.read().reasons.items():
         assert len(reason) > 10
         assert tuple(key) in {mutant.key for mutant in mutants_of(text_of(module))}, (module, key)
@@ -113,11 +113,13 @@ ROBUST = "calibration/_spheres/robust.py"
         pytest.param("    root = ", "    while True: pass\n    root = ", "timeout", id="endless"),
     ],
 )
-def test_the_verdict_is_that_of_the_tests(trial: Trial, old: str, new: str, verdict: str) -> None:
+def test_the_verdict_is_the_result_of_the_tests(
+    trial: Trial, old: str, new: str, verdict: str
+) -> None:
     text = text_of(ROBUST)
     limit_s = 10 if verdict == "timeout" else 60
     outcome = trial.run(ROBUST, text.replace(old, new, 1), TARGETS[ROBUST], limit_s)
-    assert outcome.verdict == verdict, outcome.said
+    assert outcome.verdict == verdict, outcome.output
     assert text_of(ROBUST) == text
 
 
@@ -130,10 +132,10 @@ def test_tests_that_do_not_import_the_module_judge_nothing(trial: Trial) -> None
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("fault", [pytest.param(fault, id=fault.name) for fault in PLANTED])
-def test_a_planted_fault_is_noticed(trial: Trial, fault: Planted) -> None:
+def test_a_planted_fault_is_detected(trial: Trial, fault: Planted) -> None:
     text = text_of(fault.file).replace(fault.old, fault.new)
     outcome = trial.run(fault.file, text, TARGETS[fault.file], 120)
-    assert outcome.verdict == "killed", outcome.said
+    assert outcome.verdict == "killed", outcome.output
 
 
 def test_the_working_tree_is_another_folder(tmp_path: Path) -> None:

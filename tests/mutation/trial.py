@@ -1,4 +1,4 @@
-"""A copy of the tree in which one module at a time has a fault, and the tests that run on it."""
+"""Run tests on a copy of the tree in which one module at a time has a fault."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typing import Literal
 ROOT = Path(__file__).resolve().parents[2]
 Verdict = Literal["killed", "timeout", "survived"]
 
-# Whoever imports these once need not do so for every fault: it is most of a short test's time.
+# Imported once for all faults: these imports are most of the time of a short test.
 _PRELOADED = (
     "cv2", "hypothesis", "numba", "numpy", "OpenImageIO", "pydantic", "pytest", "scipy.linalg",
     "scipy.ndimage", "scipy.optimize", "scipy.sparse.linalg", "serial",
@@ -26,7 +26,7 @@ _OPTIONS = (
     "-x", "-q", "--assert=plain", "--tb=line", "--timeout=0", "--hypothesis-seed=0",
     "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow",
 )  # fmt: skip
-# Wall clock against processor time: a busy host is no endless loop.
+# Limit of wall clock time relative to CPU time: a busy host is not an endless loop.
 _WAITING = 6
 _MOST_MEMORY = 8 << 30
 _STRANGE = 97
@@ -34,11 +34,11 @@ _STRANGE = 97
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the tests said, and the seconds they took."""
+    """Verdict, CPU time and output of the tests."""
 
     verdict: Verdict
     seconds: float
-    said: str
+    output: str
 
 
 class Trial:
@@ -47,7 +47,7 @@ class Trial:
     Parameters
     ----------
     folder
-        Where the copy goes; it must not exist.
+        Folder for the copy; it must not exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -74,11 +74,11 @@ class Trial:
         module
             Path in the tree.
         text
-            Put in its place for as long as the tests run.
+            Text of the module while the tests run.
         tests
             Paths below ``tests``.
         limit_s
-            Processor time.
+            Limit of CPU time in seconds.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Trial:
         original, before = path.read_bytes(), path.stat()
         log.write_text("", encoding="utf-8")
         for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
-            stale.unlink()  # known by the second and the size alone
+            stale.unlink()  # its validity is checked by whole seconds and size only
         path.write_text(text, encoding="utf-8")
         words = (self._folder, log, module, tests, limit_s)
         process = self._context.Process(target=_tests, args=words)
@@ -102,28 +102,28 @@ class Trial:
             process.join()
             path.write_bytes(original)
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-        said = log.read_text(encoding="utf-8", errors="replace").rstrip()
+        output = log.read_text(encoding="utf-8", errors="replace").rstrip()
         if process.exitcode == _STRANGE:
             raise RuntimeError(f"{module} is not what {', '.join(tests)} import")
         if not ended or process.exitcode in (-signal.SIGXCPU, -signal.SIGKILL):
-            return Outcome("timeout", limit_s, said)
-        # A crash, which is noticed too, leaves no time behind.
-        used = float(found[1]) if (found := re.search(r"processor time (\S+)$", said)) else 0.0
-        return Outcome("survived" if process.exitcode == 0 else "killed", used, said)
+            return Outcome("timeout", limit_s, output)
+        # A crash also counts as detected, but prints no time.
+        used = float(found[1]) if (found := re.search(r"processor time (\S+)$", output)) else 0.0
+        return Outcome("survived" if process.exitcode == 0 else "killed", used, output)
 
 
 def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s: float) -> None:
-    """Run pytest in a process that is forked for it, and leave with its exit code."""
+    """Run pytest in a forked process, and exit with its exit code."""
     import numba
     import pytest
 
     os.setsid()
     os.chdir(folder)
-    # For what the tests start too.
+    # Also for the processes that the tests start.
     os.environ["PYTHONPATH"] = str(folder)
-    # Compiled code is known by the time and the size of its source: a fault is compiled anew.
+    # Compiled code is cached by the time and the size of its source: a fault is compiled again.
     os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = str(folder / ".numba")
-    # In place of the working tree, which an editable install puts on the path.
+    # Replaces the working tree, which an editable install adds to the path.
     sys.path[:] = [str(folder), *(entry for entry in sys.path if Path(entry or ".") != ROOT)]
     stream = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     os.dup2(stream, 1)
@@ -132,7 +132,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     resource.setrlimit(resource.RLIMIT_AS, (_MOST_MEMORY, _MOST_MEMORY))
     code = int(pytest.main([*_OPTIONS, *(f"tests/{name}" for name in tests)]))
     loaded = sys.modules.get(module.removesuffix(".py").replace("/", "."))
-    # An import that fails is a fault that was noticed.
+    # A failing import counts as a detected fault.
     if code == 0 and Path(getattr(loaded, "__file__", None) or "") != folder / module:
         code = _STRANGE
     print("processor time", sum(os.times()[:4]), flush=True)
@@ -140,7 +140,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
 
 
 def _end_group(pid: int | None) -> None:
-    """End what a test left running; the tests are the first of their process group."""
+    """End processes that a test left running; the tests lead their process group."""
     if pid is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""A recording small enough for every test, and the front door called as a person calls it."""
+"""A small recording, and a fixture that runs commands as from the command line."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,7 @@ class Answer(NamedTuple):
     err: str
 
     def error_line(self, code: int) -> str:
-        """Return the one line that a refusal consists of."""
+        """Assert that stderr is a single error line, and return it."""
         assert self.code == code, self
         assert self.out == ""
         (line,) = self.err.splitlines()
@@ -29,13 +29,13 @@ class Answer(NamedTuple):
 
 @pytest.fixture
 def sgp(capsys) -> Callable[..., Answer]:
-    """Call ``sgp`` with words; returns exit code, stdout and stderr."""
+    """Call ``sgp`` with arguments; return exit code, stdout and stderr."""
 
     def call(*words: object) -> Answer:
         capsys.readouterr()
         code = run(build(), [str(word) for word in words])
-        said = capsys.readouterr()
-        return Answer(code, said.out, said.err)
+        printed = capsys.readouterr()
+        return Answer(code, printed.out, printed.err)
 
     return call
 
@@ -46,7 +46,7 @@ def ring_lights(count: int = 8) -> Lights:
 
 
 def ball() -> tuple[np.ndarray, np.ndarray]:
-    """Normals and mask of a ball in the middle of the frame."""
+    """Return normals and mask of a ball in the middle of the frame."""
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
     x, y = (columns - 23.5) / 16, -(rows - 19.5) / 16
     mask = x**2 + y**2 < 0.9
@@ -56,7 +56,7 @@ def ball() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
-    """Eight 16-bit images of a Lambertian ball, their lights.json beside the folder."""
+    """Eight 16-bit images of a Lambertian ball, with lights.json next to their folder."""
     folder = tmp_path / "ball"
     folder.mkdir()
     lights = ring_lights()

@@ -1,13 +1,13 @@
-"""A program that runs commands while somebody plants links at every name that is written.
+"""A program that runs commands and plants links at every name just before it is written.
 
 planting.py ROOT VICTIMS KIND COMMANDS   (JSON: a list of command lines)
 
-Python tells an audit hook of every file that it is about to open and of every rename. The first
-time a name below ROOT comes up for writing, the hook puts something there, in the moment before:
-KIND is ``link`` (to a victim of its own), ``dangling`` (link to a file that must not come to be),
-``hard`` (another name of a victim) or ``pipe``. Printed is one JSON object: exit codes, names
-planted at, opens for writing that would have followed a link, and files that appeared without a
-rename or an open that the hook saw, as a library of C would write them.
+Python reports every file that it is about to open, and every rename, to an audit hook. Just before
+a name below ROOT is written for the first time, the hook creates something there: KIND is ``link``
+(a link to a separate victim), ``dangling`` (a link to a file that must not be created), ``hard``
+(another name of a victim) or ``pipe``. The program prints one JSON object: exit codes, planted
+names, opens for writing that would have followed a link, and files that appeared without a rename
+or open that the hook saw, for example files written by a C library.
 """
 
 import contextlib
@@ -89,16 +89,16 @@ def main() -> None:
     sys.addaudithook(watch)
     ended = []
     for words in COMMANDS:
-        if words[0] == "python":  # what happens to the files between two commands
+        if words[0] == "python":  # changes the files between two commands
             _busy = True
             exec(words[1], {"ROOT": ROOT})
             _busy = False
             before |= files()
             continue
-        said = io.StringIO()
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        errors = io.StringIO()
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
             code = run(build(), words)
-        ended.append([" ".join(words[:3]), code, said.getvalue()[-600:]])
+        ended.append([" ".join(words[:3]), code, errors.getvalue()[-600:]])
         if code != 0:
             break
     unseen = sorted(files() - before - made)

@@ -2,9 +2,9 @@
 
 refusing_disk.py KIND DISK COMMANDS   (JSON: a list of command lines)
 
-It runs in a mount namespace of its own (``unshare -rm``). DISK is a folder: it is mounted anew, as
-a file system of 64 kB that holds what lies there and is full, or read-only. Printed is one JSON
-list of command, exit code, stdout and stderr.
+It runs in its own mount namespace (``unshare -rm``). DISK is a folder. It is remounted as a full
+file system of 64 kB, or read-only. The program prints one JSON list of command, exit code, stdout
+and stderr.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Bad input gets one clear line, the right exit code, and costs nothing that was there."""
+"""Bad input gets one clear line and the right exit code, and no existing file changes."""
 
 import json
 
@@ -14,7 +14,7 @@ def spoil_lights(recording, change):
     path = recording.parent / "lights.json"
     content = json.loads(path.read_text(encoding="utf-8"))
     change(content["lights"])
-    # Python writes NaN as a bare word, which is what a careless program would leave behind.
+    # Python writes NaN as a bare word, as a careless program might.
     path.write_text(json.dumps(content), encoding="utf-8")
 
 
@@ -121,7 +121,7 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         pytest.param(["normals", "nowhere", "--out", "o"], "nowhere", id="missing source"),
         pytest.param(["surface", "nowhere", "--out", "o"], "nowhere", id="missing normals"),
@@ -133,18 +133,18 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["rig", "check", "--rig", "unicorn"], "unicorn", id="unknown rig"),
         pytest.param(
             ["calibrate", "spheres", "c", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
-            "give one of them",
+            "give only one",
             id="spheres marked twice",
         ),
     ],
 )
-def test_usage(sgp, tmp_path, monkeypatch, words, said):
+def test_usage(sgp, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)
-    assert said in sgp(*words).error_line(2)
+    assert message in sgp(*words).error_line(2)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_results_are_not_written_over_without_force(sgp, recording):
+def test_results_are_not_overwritten_without_force(sgp, recording):
     out = recording.parent / "out"
     command = ("normals", recording, "--lights", recording.parent / "lights.json", "--out", out)
     assert sgp(*command).code == 0
@@ -155,7 +155,7 @@ def test_results_are_not_written_over_without_force(sgp, recording):
     assert sgp(*command, "--method", "ls", "--force").code == 0
 
 
-def test_lights_without_images_of_that_name_are_told_to_be_matched_by_order(sgp, recording):
+def test_matching_lights_to_images_by_order_is_reported(sgp, recording):
     answer = sgp(
         "normals", recording, "--lights", recording.parent / "lights.json",
         "--out", recording.parent / "out",

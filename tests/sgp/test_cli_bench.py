@@ -1,4 +1,4 @@
-"""The paper's tables: what is in them, and that they say what is missing."""
+"""The paper's tables: their contents, and their notes about missing data."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ STAND_INS = ("scales", "cloth")
 
 
 def check_curve(path: Path, rms: float) -> None:
-    """The points that are listed are some of all, the ends among them."""
+    """Check that the listed points are a subset of all points, including both ends."""
     pixel, target, result, smoothed = np.loadtxt(path, delimiter=",", skiprows=1).T
     assert len(pixel) == 4000
     assert pixel[0] == 0
@@ -51,7 +51,7 @@ def check(made: dict, markdown_text: str) -> None:
                 assert len(row) == len(table[columns]), (table["key"], name)
 
 
-# Names that were printed before the round trip had a row: whoever reads tables.json knows them.
+# Row names from before the round trip had a row: programs that read tables.json use them.
 ROWS = [
     f"{quantity}, {method}"
     for quantity in (
@@ -63,7 +63,7 @@ ROWS = [
 
 
 def check_peers_rows(table: dict, spread: dict) -> None:
-    """Old rows, the floor, what is the same on both sides, and costs that lie in their spread."""
+    """Check old rows, the floor, the measures with equal conditions, and the spread of costs."""
     rows = table["rows"]
     assert set(ROWS) <= set(rows)
     for part in ("shape", "detail"):
@@ -72,11 +72,11 @@ def check_peers_rows(table: dict, spread: dict) -> None:
                 rows[f"{part} error {name}, deg, {method}"]
                 for name in ("from the same surfaces", "as surfaces")
             )
-            # A mesh method's result is a surface already.
+            # The result of a mesh method is already a surface.
             assert (same == surface) == (not method.startswith("normals"))
         floor = rows[f"{part} error, deg, round trip without transfer"]
         assert all(0 <= cell < 10 for cell in floor)
-    # What a mesh method is charged with by the plain measure is mostly the round trip.
+    # Most of the plain error of a mesh method is the error of the round trip.
     for method in ("DSPL", "LAPL"):
         for place, floor in enumerate(rows["detail error, deg, round trip without transfer"]):
             plain = rows[f"detail error, deg, {method}"][place]
@@ -95,7 +95,7 @@ def check_peers_rows(table: dict, spread: dict) -> None:
 
 @pytest.fixture
 def small(monkeypatch):
-    """Only the lowest number of points, and not the largest textures."""
+    """Use the smallest number of points, and skip the largest textures."""
     textures = Sources.textures
     monkeypatch.setattr(_paper_run, "_QUICK_POINTS", 6000)
     monkeypatch.setattr(
@@ -114,9 +114,9 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
     monkeypatch.delenv("SGP_DATA", raising=False)
     answer = sgp("bench", "paper", "--out", tmp_path / "tables", "--quick", "--json")
     assert answer.code == 0, answer.err
-    said = json.loads(answer.out)
-    assert any("SGP_DATA is not set" in line for line in said["warnings"])
-    assert any("--quick" in line for line in said["warnings"])
+    report = json.loads(answer.out)
+    assert any("SGP_DATA is not set" in line for line in report["warnings"])
+    assert any("--quick" in line for line in report["warnings"])
     assert "cloth (simulated)" in answer.err
     made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
     text = (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8")
@@ -127,7 +127,7 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
     check(made, text)
     check_peers_rows(made["resolution"], made["resolution_spread"])
     assert "Note: SGP_DATA is not set" in text
-    # Both cells of the headline are not there: it must not be made up.
+    # Both cells of the headline are missing, so it must not have a value.
     assert made["headline"]["rows"]["normals"] == [None] * 4
     assert made["headline"]["columns"][:2] == ["memory ratio", "time ratio"]
     assert (tmp_path / "tables" / "resolution.png").stat().st_size > 10_000
@@ -151,7 +151,7 @@ def test_with_data_every_table_is_there(sgp, tmp_path):
     for key in ("diligent", "diligent_owl"):
         assert made[key]["columns"] == ["bear", "buddha", "cat", "cow", "goblet"]
         check_peers_rows(made[key], made[f"{key}_spread"])
-    # By the same measure neither domain's detail error is far below the other's on real maps.
+    # With the same measure, the detail errors of both domains are similar on real maps.
     for key in ("diligent", "diligent_owl"):
         for method in ("DSPL", "LAPL"):
             for measure_name in ("from the same surfaces", "as surfaces"):
@@ -182,7 +182,7 @@ def test_with_data_every_table_is_there(sgp, tmp_path):
     assert max(local["step across the seam over the interior's, normals"]) <= 1.2
 
 
-def test_another_number_of_runs_is_believed(monkeypatch, sgp, tmp_path):
+def test_another_number_of_runs_is_used(monkeypatch, sgp, tmp_path):
     asked = []
 
     def note_runs(*, quick, runs, advance):
@@ -214,11 +214,11 @@ def test_a_measured_transfer_is_the_transfer(method):
     inside = NormalMap(np.where(target.mask[..., None], source.normals, 0), target.mask)
     meant = combine(separate(target, order=order).shape, separate(inside, order=order).detail)
     error = angle_deg(measured.normal_map.normals, meant.normals)[target.mask]
-    # The meshes lose what triangles as wide as a pixel cannot hold.
+    # The meshes lose detail that triangles one pixel wide cannot represent.
     assert error.mean() < (1e-3 if method.startswith("normals") else 7)
 
 
-def test_a_pixel_that_stands_alone_stays_as_it_is():
+def test_an_isolated_pixel_is_not_changed():
     source, whole = ripples(), ripples()
     mask = whole.mask.copy()
     mask[39:42, 49:52] = False
@@ -230,7 +230,7 @@ def test_a_pixel_that_stands_alone_stays_as_it_is():
         assert angle_deg(made[mask], target.normals[mask]).mean() < 12
 
 
-def test_a_bowl_has_the_points_that_were_asked_for():
+def test_a_bowl_has_the_requested_number_of_points():
     for points in (5010, 49532):
         made = bowl(points)
         assert np.count_nonzero(made.mask) == pytest.approx(points, rel=0.02)
@@ -241,7 +241,7 @@ def test_a_bowl_has_the_points_that_were_asked_for():
 
 
 @needs_data
-def test_what_is_read_is_remembered():
+def test_files_that_were_read_are_listed():
     sources = Sources.found()
     sources.given("diligent/cat")
     sources.resolution_pair(5010)
@@ -255,7 +255,7 @@ def test_what_is_read_is_remembered():
 
 
 @needs_data
-def test_the_bunny_has_the_points_that_were_asked_for():
+def test_the_bunny_has_the_requested_number_of_points():
     name, source, target = Sources.found().resolution_pair(5010)
     assert name == "cracks onto bunny"
     assert np.count_nonzero(target.mask) == pytest.approx(5010, rel=0.02)
@@ -289,7 +289,7 @@ def test_the_papers_ratios_come_from_its_own_cells():
         ("time, s", "normals", 0.48),
     ],
 )
-def test_the_papers_table_has_the_means_that_its_text_tells(quantity, method, mean):
+def test_the_papers_table_has_the_means_that_its_text_states(quantity, method, mean):
     row = paper.DILIGENT[quantity][method]
     assert len(row) == len(paper.DILIGENT_TARGETS)
     assert np.mean(row) == pytest.approx(mean, rel=2e-3, abs=0.006)

@@ -1,4 +1,4 @@
-"""Which mask may mark a sphere: one that was given, or that of a plain folder of images."""
+"""Masks of spheres: a mask given as an option, or the mask of a plain folder of images."""
 
 import json
 
@@ -19,14 +19,14 @@ def directions(count=9):
 
 
 def disc(centre=CENTRE, radius=RADIUS):
-    """An anti-aliased mask: the share of each pixel is exact to about a hundredth."""
+    """Return an anti-aliased mask: the coverage of each pixel is exact to about 0.01."""
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
     distance = np.hypot(columns - centre[0], rows - centre[1])
     return np.rint(255 * np.clip(radius + 0.5 - distance, 0, 1)).astype(np.uint8)
 
 
 def highlights():
-    """Where an orthographic view sees the lights: the normal is half way to the view (0, 0, 1)."""
+    """Return the highlights in an orthographic view: normals half way to the view (0, 0, 1)."""
     lights = directions() / np.linalg.norm(directions(), axis=1, keepdims=True)
     half = lights + np.array([0, 0, 1])
     normals = half / np.linalg.norm(half, axis=1, keepdims=True)
@@ -35,7 +35,7 @@ def highlights():
 
 @pytest.fixture
 def chrome(tmp_path):
-    """A plain folder: a mirror ball, grey on black, under nine lights; no mask yet."""
+    """A plain folder of images of a mirror ball, grey on black, under nine lights, no mask."""
     folder = tmp_path / "chrome"
     folder.mkdir()
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
@@ -56,7 +56,7 @@ def test_the_mask_file_of_a_plain_folder_marks_the_sphere(sgp, chrome, tmp_path,
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json", "--json")
     assert answer.code == 0, answer.err
     (sphere,) = json.loads(answer.out)["metrics"]["spheres"]
-    # The anti-aliased edge is used: cut at one half it would scatter by a third of a pixel.
+    # The anti-aliased edge is used: thresholded at 0.5 it would scatter by a third of a pixel.
     assert sphere["rms_px"] < 0.05
     assert error_deg(tmp_path / "l.json") < 0.3
 
@@ -77,8 +77,8 @@ def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
 def test_an_object_in_the_mask_file_of_a_plain_folder_is_named(sgp, chrome, tmp_path):
     write_png(chrome / "mask.png", disc((150, 120), 20))
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json")
-    said = answer.error_line(5)
-    assert f"{chrome / 'mask.png'} was taken as the mask of a sphere" in said
+    message = answer.error_line(5)
+    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in message
 
 
 def test_a_given_outline_comes_before_the_mask_file(sgp, chrome, tmp_path):
@@ -118,7 +118,7 @@ def as_truth(sgp, chrome):
 
 
 def as_export(sgp, chrome):
-    """AliceVision's layout has no table of its own: to a reader it is a plain folder."""
+    """AliceVision's layout has no table, so that it is read as a plain folder."""
     session, _ = as_session(sgp, chrome)
     out, lights = chrome.parent / "export", chrome.parent / "true.json"
     write_lights(lights, Lights(directions=directions()))
@@ -135,24 +135,24 @@ LAYOUTS = [
 
 
 @pytest.mark.parametrize("made", LAYOUTS)
-def test_the_mask_of_an_object_marks_no_sphere(sgp, chrome, tmp_path, made):
+def test_the_mask_of_an_object_is_not_used_for_a_sphere(sgp, chrome, tmp_path, made):
     source, mask = made(sgp, chrome)
     assert mask.exists()
     answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
     assert answer.code == 0, answer.err
     assert error_deg(tmp_path / "found.json") < 1
-    # Given by name, the same file marks a sphere, here one without any highlight.
+    # Given as an option, the same file is the mask of a sphere, here without any highlight.
     answer = sgp("calibrate", "spheres", source, "--mask", mask, "--out", tmp_path / "m.json")
     assert "no highlight under light" in answer.error_line(5)
 
 
 @pytest.mark.parametrize("made", LAYOUTS)
-def test_where_no_sphere_is_found_the_mask_left_aside_is_named(sgp, chrome, tmp_path, made):
+def test_if_no_sphere_is_found_the_unused_mask_is_named(sgp, chrome, tmp_path, made):
     for path in chrome.glob("*.png"):
         write_png(path, np.full(SIZE, 9000, np.uint16))
     source, mask = made(sgp, chrome)
     answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
-    assert f"{mask} was not used, as it shows the object" in answer.error_line(5)
+    assert f"{mask} was not used, because it shows the object" in answer.error_line(5)
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +163,7 @@ def coin(tmp_path_factory):
     return out
 
 
-def test_spheres_beside_an_object_give_the_positions(sgp, coin, tmp_path):
+def test_spheres_next_to_an_object_give_the_positions(sgp, coin, tmp_path):
     truth = read_lights(coin / "derived" / "truth" / "lights.json")
     found = tmp_path / "l.json"
     answer = sgp("calibrate", "spheres", coin, "--radius-mm", 12, "--out", found, "--json")
@@ -180,12 +180,12 @@ def test_intensities_come_from_the_card_and_not_from_the_object(sgp, coin, tmp_p
     answer = sgp("calibrate", "intensities", coin, "--lights", truth, "--out", found, "--json")
     assert answer.code == 0, answer.err
     strength, true = (np.asarray(read_lights(p).intensities).mean(axis=1) for p in (found, truth))
-    # With the coin as the card: mu 0, errors of 1.2 % on average.
+    # If the coin were used as the card: mu 0, errors of 1.2 % on average.
     assert np.abs(strength / strength.mean() / (true / true.mean()) - 1).mean() < 0.006
     assert abs(json.loads(answer.out)["metrics"]["mu"] - 1) < 0.3
 
 
-def test_a_card_that_is_given_is_the_card(sgp, coin, tmp_path):
+def test_a_mask_of_the_card_is_used(sgp, coin, tmp_path):
     truth = coin / "derived" / "truth" / "lights.json"
     write_png(tmp_path / "card.png", np.full((512, 640), 255, np.uint8))
     metrics = []

@@ -1,4 +1,4 @@
-"""Recording on the simulated rig as an operator does: to the end, interrupted, damaged later."""
+"""Recording on the simulated rig as an operator does: complete, interrupted, damaged later."""
 
 import json
 import os
@@ -56,7 +56,7 @@ def with_flats(tmp_path: Path) -> Path:
 
 
 def capture(sgp, *words, **options):
-    """Call ``sgp capture run`` without the checks that come first, unless they are wanted."""
+    """Call ``sgp capture run``, without the checks before the recording unless requested."""
     more = [] if options.pop("check", False) else ["--skip-check"]
     return sgp("capture", "run", *words, *more)
 
@@ -65,7 +65,7 @@ def events(folder):
     return [line.event for line in Session.open(folder).events if line.event != "paused"]
 
 
-def test_a_session_is_checked_recorded_verified_and_told(sgp, rig, plan, tmp_path):
+def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tmp_path):
     out = tmp_path / "session"
     words = ("--rig", rig, "--plan", plan(5000.0), "--object-name", "coin", "--operator", "Ada")
     more = ("--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
@@ -73,16 +73,16 @@ def test_a_session_is_checked_recorded_verified_and_told(sgp, rig, plan, tmp_pat
     assert answer.code == 0, answer.err
     assert events(out) == ["checked"]
     assert sgp("capture", "verify", out).code == 0
-    told = sgp("capture", "info", out)
+    info = sgp("capture", "info", out)
     for text in ("coin, by Ada", "hall 3", "CC0", "rim scratched", "L05_E0.tif", "1 x checked"):
-        assert text in told.out
+        assert text in info.out
     manifest = Session.open(out).manifest
     assert (manifest.place, manifest.rights) == ("hall 3", "CC0")
-    assert capture(sgp, out, *words).code == 2, "a session is never recorded over"
+    assert capture(sgp, out, *words).code == 2, "a session is never overwritten"
     assert sgp("capture", "verify", out).code == 0
 
 
-def test_a_check_that_fails_ends_it_before_anything_is_recorded(sgp, tmp_path, plan):
+def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, tmp_path, plan):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
     answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), check=True)
@@ -99,7 +99,7 @@ def test_an_led_that_gives_no_light_is_found_while_recording(sgp, tmp_path, plan
     assert answer.code == 3
     assert "LED 2 gave no light" in answer.err
     assert "the LEDs are off" in answer.err
-    # Listed as dead it is left out, which is told.
+    # If the LED is listed as dead, it is skipped with a warning.
     listed = tmp_path / "listed.toml"
     listed.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]"), encoding="utf-8")
     out = tmp_path / "t"
@@ -122,7 +122,7 @@ def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_
     assert max(bright) > 2000
 
 
-def test_an_led_that_is_dead_to_the_meter_is_left_out(sgp, tmp_path, plan):
+def test_an_led_without_light_in_the_metering_is_skipped(sgp, tmp_path, plan):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
     answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--meter", "each")
@@ -146,7 +146,7 @@ def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
 
 
 def test_flats_wait_for_the_card(sgp, rig, with_flats, tmp_path):
-    """Without a terminal to ask at, the recording stops before them and resume takes them."""
+    """Without a terminal the recording stops before the flats, and resume takes them."""
     answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", with_flats)
     assert answer.code == 2
     assert "put the white card under the camera" in answer.err
@@ -157,7 +157,7 @@ def test_flats_wait_for_the_card(sgp, rig, with_flats, tmp_path):
 
 
 def at_the_prompt(rig, plan, out, act, typed_before=b""):
-    """Record at a terminal, act when the card is asked for; return the exit code and the words."""
+    """Record at a terminal and act at the prompt for the card; return exit code and output."""
     mine, its = os.openpty()
     os.write(mine, typed_before)
     words = [*CAPTURE, "run", str(out), "--rig", rig, "--plan", plan, "--skip-check"]
@@ -168,28 +168,28 @@ def at_the_prompt(rig, plan, out, act, typed_before=b""):
                 if "press Enter" in line:
                     act(process, mine)
                     break
-            _, said = process.communicate(timeout=30)
+            _, message = process.communicate(timeout=30)
         finally:
             process.kill()
             os.close(mine)
             os.close(its)
-    return process.returncode, said
+    return process.returncode, message
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+@pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, rig, with_flats, tmp_path):
     out = tmp_path / "s"
-    code, said = at_the_prompt(
+    code, message = at_the_prompt(
         rig, with_flats, out, lambda process, _: process.send_signal(signal.SIGINT)
     )
-    assert code == 130, said
-    assert "stopping after this shot" in said
-    assert "the LEDs are off" in said
+    assert code == 130, message
+    assert "stopping after this shot" in message
+    assert "the LEDs are off" in message
     assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3
     assert sgp("capture", "resume", out, "--rig", rig).code == 0
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+@pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 def test_enter_takes_the_flats(rig, with_flats, tmp_path):
     out = tmp_path / "s"
 
@@ -197,17 +197,17 @@ def test_enter_takes_the_flats(rig, with_flats, tmp_path):
         assert not any(frame.role == "flat" for frame in Session.open(out).recorded)
         os.write(terminal, b"\n")
 
-    code, said = at_the_prompt(rig, with_flats, out, press)
-    assert code == 0, said
+    code, message = at_the_prompt(rig, with_flats, out, press)
+    assert code == 0, message
     assert Session.open(out).complete
 
 
 def leave_it(process, terminal):
-    time.sleep(1)  # in which three flats of 5 ms would be taken
+    time.sleep(1)  # enough time for three flats of 5 ms
     process.send_signal(signal.SIGINT)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pty to ask at")
+@pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 @pytest.mark.parametrize(
     ("typed_before", "act", "code"),
     [
@@ -218,14 +218,14 @@ def leave_it(process, terminal):
 def test_only_enter_at_the_prompt_takes_the_flats(
     rig, with_flats, tmp_path, typed_before, act, code
 ):
-    """Not one that was pressed before the card was asked for, nor the end of the input."""
+    """Neither an Enter before the prompt nor the end of the input counts."""
     out = tmp_path / "s"
-    ended, said = at_the_prompt(rig, with_flats, out, act, typed_before)
-    assert ended == code, said
+    ended, message = at_the_prompt(rig, with_flats, out, act, typed_before)
+    assert ended == code, message
     assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3
 
 
-def test_an_led_that_dies_amid_a_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):
+def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):
     rig, out = tmp_path / "rig.toml", tmp_path / "s"
     lamps = "[options.lamps]\ndead = [2]\n"
     rig.write_text(RIG + lamps, encoding="utf-8")
@@ -237,12 +237,12 @@ def test_an_led_that_dies_amid_a_recording_is_listed_and_the_rest_completed(sgp,
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
     assert answer.code == 0, answer.err
-    assert "LED 2: died, shots left out: 1" in answer.err
+    assert "LED 2 died: 1 shots skipped" in answer.err
     assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
     answer = sgp("capture", "verify", out)
     assert answer.code == 0
-    assert "1 planned frames were left out as their LED died, first L02_E0.tif" in answer.out
-    assert "LED 2: died" in sgp("capture", "info", out).err
+    assert "1 planned frames were skipped because their LED died, first L02_E0.tif" in answer.out
+    assert "LED 2 died" in sgp("capture", "info", out).err
 
 
 def test_resuming_checks_disk_and_rig_first(sgp, rig, with_flats, tmp_path, monkeypatch):
@@ -262,11 +262,11 @@ def test_resuming_checks_disk_and_rig_first(sgp, rig, with_flats, tmp_path, monk
     assert [(check["name"], check["state"]) for check in checked.details["checks"]] == [
         (name, "ok") for name in ("disk", "board", "camera", "brightness")
     ]
-    # Three flats of 64 x 52 and 16 bits, and a quarter more.
+    # Three flats of 64 x 52 pixels with 16 bits, plus a quarter.
     assert checked.details["checks"][0]["needed_bytes"] == 1.25 * 3 * 64 * 52 * 2
 
 
-def test_resuming_without_the_checks_writes_no_event_of_them(sgp, rig, with_flats, tmp_path):
+def test_resuming_without_the_checks_writes_no_checked_event(sgp, rig, with_flats, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2
     assert sgp("capture", "resume", out, "--rig", rig, "--skip-check").code == 0
@@ -283,7 +283,7 @@ def test_resuming_without_the_checks_writes_no_event_of_them(sgp, rig, with_flat
         pytest.param(("--max-clipped", "0"), (99.5, 0.7, 0.0), id="clipping"),
     ],
 )
-def test_what_is_metered_for_can_be_said(sgp, rig, plan, tmp_path, words, expected):
+def test_the_metering_goal_can_be_set(sgp, rig, plan, tmp_path, words, expected):
     out = tmp_path / "s"
     answer = capture(sgp, out, "--rig", rig, "--plan", plan(5000.0), "--meter", "each", *words)
     assert answer.code == 0, answer.err
@@ -307,25 +307,25 @@ def test_what_is_metered_for_can_be_said(sgp, rig, plan, tmp_path, words, expect
         ("--meter", "one", "--max-clipped", "1.5"),
     ],
 )
-def test_how_to_meter_is_checked(sgp, rig, plan, tmp_path, words):
+def test_metering_options_are_checked(sgp, rig, plan, tmp_path, words):
     answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), *words)
     assert answer.code == 2
     assert words[-2] in answer.err
     assert not (tmp_path / "s").exists()
 
 
-def test_a_compaction_that_was_cut_off_is_told(sgp, rig, plan, tmp_path):
+def test_an_interrupted_compaction_is_reported(sgp, rig, plan, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
     (out / "derived").mkdir(exist_ok=True)
     (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
-    said = "a compaction was interrupted: compact the session again"
+    message = "a compaction was interrupted: compact the session again"
     answer = sgp("capture", "verify", out)
     assert answer.code == 4
-    assert said in answer.err
-    assert said in sgp("capture", "info", out).err
+    assert message in answer.err
+    assert message in sgp("capture", "info", out).err
     assert sgp("capture", "compact", out).code == 0
-    assert said not in sgp("capture", "verify", out).err
+    assert message not in sgp("capture", "verify", out).err
 
 
 def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
@@ -335,9 +335,9 @@ def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
     assert json.loads(answer.out)["outputs"]["sheet"] == str(sheet)
     picture = read_image(sheet)
     assert picture.dtype == np.uint8
-    # Seven frames in rows of six, 200 px wide and as high as 52 / 64 asks for, and their names.
+    # Seven frames in rows of six, 200 px wide with the aspect ratio 52 / 64, and their names.
     assert picture.shape == (2 * (162 + 22 + 4), 6 * 204, 3)
-    # The first one is dark, the second is not; red marks what is clipped, and nothing is.
+    # The first is dark, the second is not; clipped pixels would be red, but no pixel is clipped.
     assert picture[:162, :200].mean() < 30 < picture[:162, 204:404].mean()
     assert (picture[:162, 204:404, 0] == picture[:162, 204:404, 1]).all()
     assert sgp("capture", "info", out, "--sheet", sheet).code == 2
@@ -365,7 +365,7 @@ def flip(path):
 
 def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp_path):
     out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2  # the card is not there
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2  # the card is missing
     flip(out / "frames" / "L01_E0.tif")
     (out / "frames" / "L02_E0.tif").unlink()
     damaged = (out / "frames" / "L01_E0.tif").read_bytes()
@@ -386,9 +386,9 @@ def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
     answer = sgp(*words, "--retake-damaged", "--json")
     assert answer.code == 0
-    told = json.loads(answer.out)["metrics"]
-    assert told["complete"]
-    assert told["set_aside"] == ["frames/L01_E0.tif", "frames/L02_E0.tif"]
+    report = json.loads(answer.out)["metrics"]
+    assert report["complete"]
+    assert report["set_aside"] == ["frames/L01_E0.tif", "frames/L02_E0.tif"]
     assert "set aside: frames/L01_E0.tif, kept as derived/set_aside/000_L01_E0.tif" in answer.err
     assert (out / "derived/set_aside/000_L01_E0.tif").read_bytes() == damaged
     assert sgp("capture", "verify", out).code == 0
@@ -404,7 +404,7 @@ def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp
     answer = sgp("capture", "verify", out)
     assert answer.code == 4
     assert f"`capture resume {out} --retake-damaged`" in answer.out
-    assert "nothing was missing" in sgp(*words).err
+    assert "no shot is missing" in sgp(*words).err
     assert sgp(*words, "--retake-damaged").code == 0
     assert sgp("capture", "verify", out).code == 0
 
@@ -415,7 +415,7 @@ def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan,
     rows = rows_of(out)
     next(row for row in rows if row.get("led") == 3)["echo"]["led"] = 5
     seal(out, rows)
-    said = "L03_E0.tif was planned with LED 3, but the LED board reports LED 5"
+    message = "L03_E0.tif was planned with LED 3, but the LED board reports LED 5"
     words = ("capture", "resume", out, "--rig", rig, "--skip-check")
     for command in (
         ("capture", "info", out),
@@ -423,13 +423,13 @@ def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan,
         words,
     ):
         line = sgp(*command[command[0] == "sgp" :]).error_line(4)
-        assert said in line
+        assert message in line
     assert line.endswith(f"`capture resume {out} --retake-damaged` takes it again")
     assert sgp(*words, "--retake-damaged").code == 0
     assert sgp("capture", "verify", out).code == 0
 
 
-def test_lines_that_are_gone_are_hinted_at(sgp, rig, plan, tmp_path):
+def test_missing_lines_are_reported(sgp, rig, plan, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
     seal(out, rows_of(out)[:4], complete=False)
@@ -447,7 +447,7 @@ def test_lines_that_are_gone_are_hinted_at(sgp, rig, plan, tmp_path):
     assert len(list((out / "derived" / "unrecorded").iterdir())) == 4
 
 
-def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan, tmp_path):
+def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, plan, tmp_path):
     out = tmp_path / "session"
     process = subprocess.Popen(
         [*CAPTURE, "run", str(out), *("--rig", rig), *("--plan", plan(200_000.0)), "--skip-check"],
@@ -462,16 +462,16 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
         assert time.monotonic() < deadline
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
-    assert process.returncode == 130, said
-    assert "Ctrl-C" in said
-    assert "incomplete" in said
-    assert "Traceback" not in said
+    _, message = process.communicate(timeout=20)
+    assert process.returncode == 130, message
+    assert "Ctrl-C" in message
+    assert "incomplete" in message
+    assert "Traceback" not in message
     session = Session.open(out)
     assert not session.complete
     assert 0 < len(session.missing) < 7
-    assert "the LEDs are off" in said
-    assert "stopping after this shot" in said
+    assert "the LEDs are off" in message
+    assert "stopping after this shot" in message
     assert events(out) == ["interrupted"]
     assert session.events[-1].details["leds_confirmed_off"] is True
     answer = sgp("capture", "verify", out, "--json")
@@ -479,7 +479,7 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
     found = json.loads(answer.out)["metrics"]
     assert found["whole"] is True
     assert found["complete"] is False
-    # Another rig is refused; this one takes what is missing.
+    # Another rig is refused; the same rig takes the missing shots.
     other = tmp_path / "other.toml"
     other.write_text(RIG.replace("width = 64", "width = 72"), encoding="utf-8")
     answer = sgp("capture", "resume", out, "--rig", other)
@@ -498,11 +498,13 @@ def test_ctrl_c_leaves_a_dark_rig_and_a_whole_incomplete_session(sgp, rig, plan,
     journal = (out / "journal.jsonl").read_bytes()
     answer = sgp("capture", "resume", out, "--rig", rig)
     assert answer.code == 0
-    assert "complete already: nothing was missing" in answer.err
+    assert "already complete: no shot is missing" in answer.err
     assert (out / "journal.jsonl").read_bytes() == journal
 
 
-def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig, plan, tmp_path):
+def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(
+    sgp, rig, plan, tmp_path
+):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
     (out / "COMPLETE").unlink()
@@ -511,7 +513,7 @@ def test_a_torn_last_line_is_told_on_resuming_and_its_frame_taken_again(sgp, rig
     answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
     assert answer.code == 0, answer.err
     assert answer.err.count("writing the last line was interrupted") == 1
-    assert "missing and have been taken: 1" in answer.err
+    assert "missing shots that have been taken: 1" in answer.err
     assert sgp("capture", "verify", out).code == 0
 
 
@@ -525,7 +527,7 @@ def test_a_second_writer_is_refused_in_one_line_that_claims_nothing(sgp, rig, wi
     assert answer.err.count("\n") == 1
 
 
-def test_what_cannot_be_resumed(sgp, rig, tmp_path):
+def test_folders_that_cannot_be_resumed(sgp, rig, tmp_path):
     assert sgp("capture", "resume", tmp_path / "none", "--rig", rig).code == 2
     (tmp_path / "empty").mkdir()
     assert sgp("capture", "resume", tmp_path / "empty", "--rig", rig).code == 4
@@ -544,9 +546,9 @@ def test_rig_commands(sgp, rig, tmp_path):
     assert not (tmp_path / "b.tif").exists()
 
 
-@pytest.fixture(params=["a full disk", "a reader that has gone", "none"])
+@pytest.fixture(params=["a full disk", "a reader that has exited", "none"])
 def deaf(request):
-    """A stderr that takes nothing, as an argument of `subprocess.run`."""
+    """A stderr that cannot be written, as an argument of `subprocess.run`."""
     if sys.platform == "win32":
         pytest.skip("has neither /dev/full nor descriptors that a child inherits closed")
     if request.param == "none":
@@ -570,11 +572,11 @@ def test_a_recording_does_not_end_because_its_log_cannot_be_written(deaf, rig, p
     assert Session.open(out).complete
 
 
-def test_the_exit_code_of_an_error_is_its_own_though_it_cannot_be_told(deaf, tmp_path):
+def test_the_exit_code_of_an_error_is_right_even_if_it_cannot_be_printed(deaf, tmp_path):
     words = ("verify", tmp_path / "none", "--json")
     ended = subprocess.run([*CAPTURE, *words], stdout=subprocess.PIPE, check=False, **deaf)
-    told = json.loads(ended.stdout)
-    assert (told["ok"], told["exit_code"], ended.returncode) == (False, 2, 2)
+    report = json.loads(ended.stdout)
+    assert (report["ok"], report["exit_code"], ended.returncode) == (False, 2, 2)
 
 
 def _pipe(path):
@@ -587,10 +589,10 @@ def _zero(path):
     path.symlink_to("/dev/zero")
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="knows no such files")
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files")
 @pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE", "frames/L02_E0.tif"])
 @pytest.mark.parametrize("replaced", [_pipe, _zero])
-def test_what_is_no_regular_file_is_told_and_never_waited_for(
+def test_a_file_that_is_not_regular_is_reported_and_never_waited_for(
     sgp, rig, plan, tmp_path, name, replaced
 ):
     out = tmp_path / "session"

@@ -1,4 +1,4 @@
-"""Sessions made smaller, written for other programs and brought back, as an operator does it."""
+"""Compacting, exporting and importing sessions, as an operator does."""
 
 import json
 import os
@@ -57,7 +57,7 @@ def test_compacting_a_session(sgp, session, made):
     assert metrics["bytes_after"] == sum(f.stat().st_size for f in (session / "frames").iterdir())
     verified = sgp("capture", "verify", session)
     assert verified.code == 0
-    assert "whole and complete" in verified.out
+    assert "intact and complete" in verified.out
     same(made, session)
     again = sgp("capture", "compact", session)
     assert again.code == 0
@@ -90,7 +90,7 @@ def test_export_and_import_give_the_same_pixels_and_lights(sgp, session, tmp_pat
     assert any("positions" in warning for warning in record["warnings"])
     answer = sgp("capture", "import", out, "--out", back)
     assert answer.code == 0, answer.err
-    assert answer.err == "", "nothing to warn of"
+    assert answer.err == "", "there must be no warnings"
     same(session, back)
     lights, expected = Session.open(back).lights, read_lights(lights_of(session))
     assert lights is not None
@@ -100,7 +100,7 @@ def test_export_and_import_give_the_same_pixels_and_lights(sgp, session, tmp_pat
 
 
 def test_normals_of_an_export_are_as_good_as_those_of_the_session(sgp, session, tmp_path):
-    """Linear values stand alone: another program needs no black level and no dark frame."""
+    """With linear values another program needs neither black level nor dark frame."""
     lights = lights_of(session)
     words = ("--format", "diligent", "--values", "linear", "--lights", lights)
     answer = sgp("capture", "export", session, *words, "--out", tmp_path / "out", "--json")
@@ -129,7 +129,7 @@ def test_an_exr_stack_has_every_frame(sgp, session, tmp_path):
     assert not (tmp_path / "back").exists()
 
 
-def test_an_export_replaces_only_an_earlier_one_and_only_when_told(sgp, session, tmp_path):
+def test_an_export_replaces_only_an_earlier_one_and_only_with_force(sgp, session, tmp_path):
     out, lights = tmp_path / "out", lights_of(session)
     words = ("capture", "export", session, "--out", out, "--lights", lights, "--format")
     assert sgp(*words, "lp").code == 0
@@ -139,7 +139,7 @@ def test_an_export_replaces_only_an_earlier_one_and_only_when_told(sgp, session,
     assert "--force" in refused.err
     assert (out / "lights.lp").exists()
     assert sgp(*words, "diligent", "--bracket", 7, "--force").code == 4
-    assert (out / "lights.lp").exists(), "a command that fails costs nothing"
+    assert (out / "lights.lp").exists(), "a failed command must not delete files"
     assert sgp(*words, "diligent", "--force").code == 0
     assert not (out / "lights.lp").exists()
     assert (out / "filenames.txt").exists()
@@ -147,7 +147,7 @@ def test_an_export_replaces_only_an_earlier_one_and_only_when_told(sgp, session,
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("words", "code", "message"),
     [
         pytest.param(["--format", "lp"], 4, "no lights are known", id="no-lights"),
         pytest.param(["--format", "gif"], 2, "gif", id="unknown-layout"),
@@ -156,10 +156,10 @@ def test_an_export_replaces_only_an_earlier_one_and_only_when_told(sgp, session,
         pytest.param([], 2, "--format", id="no-layout"),
     ],
 )
-def test_exports_that_cannot_be(sgp, session, tmp_path, words, code, said):
+def test_impossible_exports(sgp, session, tmp_path, words, code, message):
     answer = sgp("capture", "export", session, "--out", tmp_path / "out", *words)
     assert answer.code == code
-    assert said in answer.err
+    assert message in answer.err
     assert answer.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -171,7 +171,7 @@ def test_an_export_never_goes_into_the_session(sgp, session):
     assert sgp("capture", "verify", session).code == 0
 
 
-def test_texts_for_people_go_into_the_session_and_on(sgp, recording, tmp_path):
+def test_texts_are_stored_in_the_session_and_in_exports(sgp, recording, tmp_path):
     texts = {"object-name": "Ball", "operator": "Ada", "place": "Rome", "rights": "CC0"}
     options = [word for name, text in texts.items() for word in (f"--{name}", text)]
     lights = recording.parent / "lights.json"
@@ -209,7 +209,7 @@ def test_watching_a_folder(sgp, tmp_path):
     assert answer.code == 0, answer.err
     assert sgp("capture", "verify", out).code == 0
     assert Session.open(out).manifest.operator == "Ada"
-    assert sgp(*words).code == 4, "a complete session is not taken up"
+    assert sgp(*words).code == 4, "a complete session is not continued"
 
 
 def test_watching_with_a_plan(sgp, tmp_path):
@@ -226,7 +226,7 @@ def test_watching_with_a_plan(sgp, tmp_path):
     ]
 
 
-def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
+def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 6, 8, 10]), tmp_path / "out"
     words = ["import", str(folder), "--watch", "--leds", "7", "--out", str(out)]
     process = subprocess.Popen(
@@ -241,22 +241,24 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
         assert time.monotonic() < deadline
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=30)
-    assert process.returncode == 130, said
-    assert "the same command goes on" in said
-    assert "Traceback" not in said
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == 130, message
+    assert "run the same command again to continue" in message
+    assert "Traceback" not in message
     tethered(folder, [0, 2, 4, 6, 8, 10, 12])
     assert sgp("capture", *words, "--timeout-s", 20).code == 0
     assert sgp("capture", "verify", out).code == 0
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
-        pytest.param(["--watch"], "give --leds or --plan", id="no-shots"),
-        pytest.param(["--watch", "--leds", "3", "--plan", "p.toml"], "one of the two", id="both"),
-        pytest.param(["--leds", "3"], "--leds is for --watch", id="not-watching"),
-        pytest.param(["--interval-s", "3"], "--interval-s is for --watch", id="interval"),
+        pytest.param(["--watch"], "requires either --leds or --plan", id="no-shots"),
+        pytest.param(
+            ["--watch", "--leds", "3", "--plan", "p.toml"], "either --leds or --plan", id="both"
+        ),
+        pytest.param(["--leds", "3"], "--leds requires --watch", id="not-watching"),
+        pytest.param(["--interval-s", "3"], "--interval-s requires --watch", id="interval"),
         pytest.param(
             ["--watch", "--leds", "3", "--no-gaps", "--interval-s", "2"], "--no-gaps", id="no-time"
         ),
@@ -265,11 +267,11 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_goes_on(sgp, tmp_path):
         pytest.param(["--watch", "--leds", "3", "--timeout-s", "0"], "timeout", id="timeout"),
     ],
 )
-def test_watches_that_cannot_be(sgp, tmp_path, words, said):
+def test_impossible_watches(sgp, tmp_path, words, message):
     folder = tethered(tmp_path / "in", [0])
     answer = sgp("capture", "import", folder, "--out", tmp_path / "out", *words)
     assert answer.code == 2
-    assert said in answer.err
+    assert message in answer.err
     assert answer.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
@@ -281,15 +283,15 @@ def test_a_watch_for_other_shots_is_refused_and_does_not_ask_to_be_tried_again(s
     assert answer.code == 4
     assert "INCOMPLETE, 1 of 4 shots missing, first L03_E0.tif" in answer.out
     assert "frames    3, 0 rejected" in answer.out
-    told = sgp("capture", "verify", tmp_path / "out")
-    assert "incomplete, 3 frames are whole, but it was not brought to its end" in told.out
+    verified = sgp("capture", "verify", tmp_path / "out")
+    assert "incomplete, 3 frames are intact, but the session was not finished" in verified.out
     answer = sgp(*words, "--leds", 5)
     assert answer.code == 4
     assert "not started by watching a folder for these shots" in answer.err
     assert answer.err.count("\n") == 1
 
 
-def test_a_watch_never_writes_into_a_folder_of_other_things(sgp, tmp_path):
+def test_a_watch_never_writes_into_a_folder_with_other_files(sgp, tmp_path):
     folder = tethered(tmp_path / "in", [0])
     words = ("capture", "import", folder, "--watch", "--leds", 1, "--out")
     assert sgp(*words, folder).code == 2

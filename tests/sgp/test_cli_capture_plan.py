@@ -1,4 +1,4 @@
-"""A plan shown without hardware, and a rig checked against it, as an operator does."""
+"""Showing a plan without hardware, and checking a rig for it, as an operator does."""
 
 import json
 from itertools import pairwise
@@ -47,17 +47,17 @@ def test_a_plan_is_shown_without_hardware(sgp, plan):
     assert metrics["counts"] == {"light": 10, "dark": 2, "ambient": 0, "flat": 0}
     assert metrics["bytes"] == 12 * 100 * 50 * 2
     assert metrics["exposure_seconds"] == pytest.approx(6 * 0.021)
-    # 70 ms for each frame and 2 ms for the light to settle.
+    # 70 ms for each frame, and 2 ms for settling of the light.
     assert metrics["seconds"] == pytest.approx(6 * 0.021 + 12 * 0.072)
 
 
 def test_time_and_dead_leds_are_those_of_the_rig_file(sgp, plan, rig):
     answer = sgp("capture", "plan", plan(), "--rig", rig, "--frame-ms", 10)
     assert answer.code == 0
-    assert "left out because the rig file lists them as dead: LEDs 7" in answer.err
+    assert "LEDs 7 skipped: listed in dead_leds" in answer.err
     assert "L07" not in answer.out
     assert "10 shots: 8 light, 2 dark" in answer.out
-    assert "15 ms for each frame" in answer.out
+    assert "15 ms per frame" in answer.out
     shown = json.loads(sgp("capture", "plan", plan(), "--rig", rig, "--json").out)
     assert shown["metrics"]["left_out"] == [7]
     assert list(shown["metrics"]["exposures_us"]) == ["0", "1", "2", "3"]
@@ -86,7 +86,7 @@ def test_many_exposures_take_few_lines(sgp, plan):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         pytest.param(
             "leds=[36]\nexposures_us=[5]", "LED 36 does not exist", id="led-36-of-0-to-35"
@@ -97,11 +97,11 @@ def test_many_exposures_take_few_lines(sgp, plan):
         pytest.param("leds=[0]\nexposures_us=[5]\nflat=2", "unknown key 'flat'", id="key"),
     ],
 )
-def test_plans_that_are_refused(sgp, plan, text, said):
+def test_plans_that_are_refused(sgp, plan, text, message):
     answer = sgp("capture", "plan", plan(text))
     assert answer.code == 4
     assert answer.out == ""
-    assert said in answer.err
+    assert message in answer.err
     assert answer.err.startswith("error: ")
     assert "plan.toml: " in answer.err
     assert len(answer.err.splitlines()) == 1
@@ -115,11 +115,11 @@ def test_plans_that_are_refused(sgp, plan, text, said):
         pytest.param(("--frame-ms", -1), id="negative-time"),
     ],
 )
-def test_what_is_not_there_is_wrong_usage(sgp, words):
+def test_missing_files_are_wrong_usage(sgp, words):
     assert sgp("capture", "plan", *words).code == 2
 
 
-def test_a_rig_in_order_is_ready(sgp, rig, plan, tmp_path):
+def test_a_working_rig_is_ready(sgp, rig, plan, tmp_path):
     answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan())
     assert answer.code == 0, answer.out
     assert answer.out.splitlines()[-1] == "ready to record"
@@ -141,10 +141,10 @@ def test_a_rig_that_is_not_ready_gives_exit_3_and_says_why(sgp, rig, plan, tmp_p
         "capture", "check", tmp_path / "new", "--rig", rig, "--plan", short, "--quick", "--json"
     )
     assert found.code == 3
-    told = json.loads(found.out)
-    assert told["ok"] is False
-    assert told["metrics"]["ready"] is False
-    states = {check["name"]: check["state"] for check in told["metrics"]["checks"]}
+    report = json.loads(found.out)
+    assert report["ok"] is False
+    assert report["metrics"]["ready"] is False
+    states = {check["name"]: check["state"] for check in report["metrics"]["checks"]}
     assert states["camera"] == "failed"
     assert "LEDs" not in states
 
@@ -158,8 +158,8 @@ def test_help_is_wrapped_by_paragraphs(sgp, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
     shown = sgp("capture", "import", "--help").out.partition("For example:")
     lines = [line for line in shown[0].splitlines()[3:] if line]
-    # Each line but the last of a paragraph has no room for the next one's first word.
+    # Each line except the last of a paragraph has no room for the first word of the next line.
     short = [one for one, next_one in pairwise(lines) if len(f"{one} {next_one.split()[0]}") <= 60]
     assert len(lines) >= 4
     assert short == []
-    assert len(shown[2].partition("Parameters")[0].splitlines()) > 4, "examples stay lines"
+    assert len(shown[2].partition("Parameters")[0].splitlines()) > 4, "examples are not joined"

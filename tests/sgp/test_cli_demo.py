@@ -1,4 +1,4 @@
-"""The demo: the whole chain on the simulated rig, its errors against the simulator's truth."""
+"""The demo: the complete chain on the simulated rig, with errors against the ground truth."""
 
 import json
 
@@ -16,7 +16,7 @@ def demo(tmp_path_factory):
     return out
 
 
-def test_errors_are_within_the_promise(demo):
+def test_errors_are_within_the_documented_limits(demo):
     metrics = json.loads((demo / "summary.json").read_text(encoding="utf-8"))["metrics"]
     assert metrics["light_error_deg"] <= 0.5
     assert metrics["light_error_mm"] <= 6.0
@@ -33,7 +33,7 @@ def test_the_pictures_and_maps_are_there(demo):
         assert (demo / name).stat().st_size > 1000
 
 
-def test_its_recording_can_be_processed_again_from_the_files_it_left(sgp, demo, tmp_path):
+def test_its_recording_can_be_processed_again_from_its_files(sgp, demo, tmp_path):
     answer = sgp(
         "run", demo / "recording", "--lights", demo / "lights.json", "--out", tmp_path, "--json"
     )

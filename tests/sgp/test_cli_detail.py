@@ -31,7 +31,7 @@ def disc(size, x, y, radius):
 
 @pytest.fixture
 def maps(tmp_path):
-    """A folder with a source of 40 x 50, a target and a part of the source."""
+    """A folder with a source of 40 x 50 pixels, a target and a mask of a part of the source."""
     for name, normal_map in (("source", relief(0, (40, 50))), ("target", ball())):
         (tmp_path / name).mkdir()
         write_normals(tmp_path / name, normal_map)
@@ -43,11 +43,11 @@ def record(folder, name="normals.json"):
     return json.loads((folder / name).read_text(encoding="utf-8"))
 
 
-def test_a_transfer_writes_maps_errors_and_where_the_source_went(sgp, maps):
+def test_a_transfer_writes_maps_errors_and_the_source_window(sgp, maps):
     out = maps / "out"
     answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
     assert answer.code == 0, answer.err
-    assert "50 x 40 pixels of the source from 0,0, laid 2 x 2 times" in answer.out
+    assert "50 x 40 pixels of the source from 0,0, tiled 2 x 2 times" in answer.out
     made = record(out)
     for file in ("shape_error.exr", "detail_error.exr", "errors.png", "height_profile.png"):
         assert (out / file).is_file()
@@ -58,7 +58,7 @@ def test_a_transfer_writes_maps_errors_and_where_the_source_went(sgp, maps):
     assert made["metrics"]["height_rms_px"] < made["metrics"]["height_range_px"]
 
 
-def test_the_height_profile_as_data_is_what_the_figures_tell(sgp, maps):
+def test_the_height_profile_data_agree_with_the_figures(sgp, maps):
     out = maps / "out"
     answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
     assert answer.code == 0, answer.err
@@ -67,7 +67,7 @@ def test_the_height_profile_as_data_is_what_the_figures_tell(sgp, maps):
     lines = (out / "height_profile.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "pixel,target_px,result_px,smoothed_px"
     pixel, target, result, smoothed = np.loadtxt(lines[1:], delimiter=",").T
-    # A map of few pixels is listed whole.
+    # For a map with few pixels, all pixels are listed.
     np.testing.assert_array_equal(pixel, np.arange(read_normals(out).normal_map.mask.sum()))
     assert (np.diff(target) >= 0).all()
     for heights, name in ((result, "height_rms_px"), (smoothed, "height_smoothed_rms_px")):
@@ -75,7 +75,7 @@ def test_the_height_profile_as_data_is_what_the_figures_tell(sgp, maps):
     assert np.ptp(target) == pytest.approx(metrics["height_range_px"], rel=1e-5)
 
 
-def test_a_part_is_set_in_and_the_rest_stays(sgp, maps):
+def test_a_part_is_transferred_and_the_rest_stays(sgp, maps):
     out = maps / "out"
     answer = sgp(
         *("detail", "transfer", maps / "source", maps / "target", "--out", out),
@@ -143,12 +143,12 @@ def other_mask(maps):
 @pytest.mark.parametrize(
     ("spoil", "words", "code", "text"),
     [
-        pytest.param(None, ["--at", "900,0"], 4, "does not reach the mask", id="beside"),
+        pytest.param(None, ["--at", "900,0"], 4, "does not reach the mask", id="outside"),
         pytest.param(None, ["--at", "1.5,0"], 2, "--at must be whole pixels", id="half a pixel"),
-        pytest.param(None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers", id="endless"),
+        pytest.param(None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers", id="infinite"),
         pytest.param(None, ["--at", "1e300,0"], 4, "does not reach the mask", id="far away"),
         pytest.param(
-            None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers", id="no number"
+            None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers", id="not a number"
         ),
         pytest.param(None, ["--w", "30"], 4, "larger than the normal map", id="w"),
         pytest.param(None, ["--scale", "1.1"], 4, "has no position on a target", id="no position"),
@@ -187,8 +187,8 @@ def test_maps_of_different_size_do_not_combine(sgp, maps):
 
 
 @pytest.mark.parametrize("erased", ["black", "alpha"])
-def test_what_an_edited_detail_lost_is_told(sgp, maps, erased):
-    """A patch painted over in an image program, and no mask beside the picture."""
+def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
+    """A patch was painted over in an image program, and the picture has no mask file."""
     sgp("detail", "separate", maps / "target", "--out", maps / "parts")
     pixels = cv2.imread(str(maps / "parts" / "detail.png"), cv2.IMREAD_UNCHANGED)
     pixels = np.dstack([pixels, np.full(SIZE, 65535, np.uint16)])
@@ -199,10 +199,10 @@ def test_what_an_edited_detail_lost_is_told(sgp, maps, erased):
         *("--out", maps / "back", "--json"),
     )
     assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
-    assert told["metrics"]["pixels"] == ball().mask.sum() - 100
-    lost = "edited.png: 100 pixels of the shape have no detail and are left out"
-    assert [line for line in told["warnings"] if line.endswith(lost)]
+    report = json.loads(answer.out)
+    assert report["metrics"]["pixels"] == ball().mask.sum() - 100
+    lost = "edited.png: 100 pixels of the shape have no detail and are masked out"
+    assert [line for line in report["warnings"] if line.endswith(lost)]
 
 
 def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
@@ -217,7 +217,7 @@ def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
 
 
 @pytest.mark.parametrize("command", ["separate", "transfer", "properties", "combine", "compare"])
-def test_alpha_is_told_by_every_command_that_reads_maps(sgp, maps, command):
+def test_alpha_is_reported_by_every_command_that_reads_maps(sgp, maps, command):
     colours = np.rint((relief(2, (40, 50)).normals / 2 + 0.5) * 255).astype(np.uint8)
     alpha = disc((40, 50), 25, 20, 17)[..., None]
     cv2.imwrite(str(maps / "cut.png"), np.concatenate([colours[..., ::-1], alpha], axis=2))
@@ -244,14 +244,14 @@ def test_results_never_go_into_one_of_several_targets(sgp, maps, where):
         *("--out", maps / where, "--force"),
     )
     assert answer.code == 2
-    assert "read from" in answer.err
+    assert "is in the folder of the input" in answer.err
     assert sorted(path.name for path in (maps / "target").iterdir()) == before
 
 
 @pytest.mark.parametrize("words", [["separate"], ["transfer"], ["properties"]])
 def test_help_names_the_filters(sgp, words):
-    said = " ".join(sgp("detail", *words, "--help").out.replace("\u2502", " ").split())
-    assert "gaussian, box, or guided or bilateral, which stop at steps and occlusions" in said
+    text = " ".join(sgp("detail", *words, "--help").out.replace("\u2502", " ").split())
+    assert "gaussian, box, guided or bilateral. The last two do not smooth across steps" in text
 
 
 def test_maps_that_do_not_overlap_are_not_compared(sgp, maps):
@@ -264,4 +264,4 @@ def test_maps_that_do_not_overlap_are_not_compared(sgp, maps):
     answer = sgp("compare", maps / "left", maps / "right")
     assert answer.code == 4
     assert answer.err.count("\n") == 1
-    assert "their masks do not overlap: nothing to compare" in answer.err
+    assert "their masks do not overlap: there is nothing to compare" in answer.err

@@ -1,4 +1,4 @@
-"""Full and read-only disks: every command that writes exits with 3, in one line that says why."""
+"""Full and read-only disks: every command that writes exits with 3 and one line with the reason."""
 
 import json
 import shutil
@@ -21,11 +21,11 @@ def _mounts() -> bool:
         return False
 
 
-pytestmark = pytest.mark.skipif(not _mounts(), reason="no user namespace may mount a disk here")
+pytestmark = pytest.mark.skipif(not _mounts(), reason="mounting in a user namespace is not allowed")
 
 
 def called(kind: str, disk: Path, commands: list[str]) -> list[tuple[str, int, str, str]]:
-    """Run command lines on a refusing disk: what each was, its exit code, stdout and stderr."""
+    """Run command lines on such a disk; return command, exit code, stdout and stderr of each."""
     lines = json.dumps([line.split() for line in commands])
     words = ["unshare", "-rm", sys.executable, PROGRAM, kind, disk, lines]
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=280)
@@ -35,7 +35,7 @@ def called(kind: str, disk: Path, commands: list[str]) -> list[tuple[str, int, s
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A simulated session and what was made of it."""
+    """A simulated session, and results computed from it."""
     root = tmp_path_factory.mktemp("made")
     lights = f"--lights {root}/sim/derived/truth/lights.json"
     for line in (
@@ -89,7 +89,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         ("read-only", "Read-only file system", "mount it writable or choose another folder"),
     ],
 )
-def test_every_writer_says_what_the_disk_refuses(
+def test_every_writer_reports_the_disk_error(
     made: Path, tmp_path: Path, kind: str, reason: str, remedy: str
 ) -> None:
     disk = tmp_path / "disk"
@@ -103,7 +103,7 @@ def test_every_writer_says_what_the_disk_refuses(
         assert "[Errno" not in err
 
 
-def test_a_read_only_session_is_read_and_its_state_is_told(made: Path, tmp_path: Path) -> None:
+def test_a_read_only_session_is_read_and_its_state_is_reported(made: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     for name in ("whole", "compact", "cut"):

@@ -1,4 +1,4 @@
-"""Help pages, and what is said of a command line that is not understood."""
+"""Help pages, and messages about wrong command lines."""
 
 import re
 import shlex
@@ -24,7 +24,7 @@ PAGES = [pytest.param(words, id=" ".join(("sgp", *words))) for words in _pages(b
 
 @pytest.fixture
 def page(sgp, monkeypatch):
-    """Print a help page on a terminal of some width; returns it."""
+    """Return a help page as printed on a terminal of a given width."""
 
     def show(*words, width=80):
         monkeypatch.setenv("COLUMNS", str(width))
@@ -54,22 +54,22 @@ def test_every_page_has_examples_that_fit_and_are_understood(page, words):
 
 
 @pytest.mark.parametrize("words", PAGES)
-def test_texts_flow_and_defaults_say_something(page, words):
+def test_texts_are_wrapped_and_empty_defaults_are_hidden(page, words):
     text = page(*words, width=400)
     assert re.search(r'\[default: (\(\)|""|False)\]|Default|default \d|\[ARGS', text) is None
-    # On a line this long every text ends where its sentence or its list of defaults does.
+    # With lines this long, every text ends with the end of a sentence or a list of defaults.
     texts = [line.strip("│ \n") for line in text.splitlines() if line.startswith("│")]
     assert [line for line in texts if not line.endswith((".", "]", "--version"))] == []
 
 
-def test_arguments_that_may_be_left_out_have_names(page):
+def test_optional_arguments_have_names(page):
     assert page("capture", "plan").startswith("Usage: sgp capture plan [OPTIONS] [PLAN]\n")
     usage = page("detail", "properties").splitlines()[0]
     assert usage.endswith("NORMALS [TARGETS...]")
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         pytest.param(["nonsense"], r"sgp has no command nonsense: .* bench \(see `sgp --help`\)"),
         pytest.param(["nromals"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
@@ -86,11 +86,11 @@ def test_arguments_that_may_be_left_out_have_names(page):
         ),
     ],
 )
-def test_a_wrong_command_line_is_told_in_one_line(sgp, words, said):
-    assert re.search(said, sgp(*words).error_line(2))
+def test_a_wrong_command_line_gets_one_line(sgp, words, message):
+    assert re.search(message, sgp(*words).error_line(2))
 
 
-def test_a_mistyped_command_waits_for_no_library():
+def test_a_mistyped_command_imports_no_library():
     code = (
         "import sys; from sgp.app import build, run; "
         "code = run(build(), ['nonsense']); sys.exit(code if 'numpy' not in sys.modules else 9)"
@@ -99,7 +99,7 @@ def test_a_mistyped_command_waits_for_no_library():
 
 
 @pytest.mark.parametrize("option", ["--help", "--version"])
-def test_a_reader_who_has_gone_is_no_error(option):
+def test_a_reader_that_has_exited_is_not_an_error(option):
     code = "import sgp; sgp.main()"
     program = subprocess.Popen(
         [sys.executable, "-c", code, option], stdout=subprocess.PIPE, stderr=subprocess.PIPE
@@ -113,7 +113,7 @@ def test_a_reader_who_has_gone_is_no_error(option):
 def test_notes_come_before_the_summary(sgp, recording, monkeypatch):
     monkeypatch.setattr(sys, "stderr", sys.stdout)
     lights = recording.parent / "lights.json"
-    said = sgp("normals", recording, "--lights", lights, "--out", recording.parent / "o").out
-    lines = said.splitlines()
+    output = sgp("normals", recording, "--lights", lights, "--out", recording.parent / "o").out
+    lines = output.splitlines()
     assert any(line.startswith("note: ") for line in lines[:-1])
     assert "pixels solved" in lines[-1]

@@ -1,4 +1,4 @@
-"""`--max-pixels` on every command that reads images, and NaN vectors said on the console."""
+"""`--max-pixels` of every command that reads images, and notes about NaN vectors."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_larger_images_are_refused(sgp, tmp_path, monkeypatch, normals, command)
     assert "are allowed" not in sgp(*command.split(), "--max-pixels", 400).err
 
 
-def test_vectors_that_are_none_are_told(sgp, tmp_path, normals):
+def test_invalid_vectors_are_reported(sgp, tmp_path, normals):
     answer = sgp("detail", "separate", normals, "--out", tmp_path / "o")
     assert answer.code == 0
     assert "note: " in answer.err

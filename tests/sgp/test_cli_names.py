@@ -1,4 +1,4 @@
-"""Names that are not UTF-8, as arguments and in folders: a sentence or a result, never a fault."""
+"""Names that are not UTF-8, as arguments and in folders: a message or a result, never a crash."""
 
 import json
 import os
@@ -16,17 +16,17 @@ BAD = os.fsdecode(b"caf\xe9")
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """A folder that holds a recording under a bad name, and one in which a file has one."""
+    """A folder in which files and folders with bad names can be created."""
     try:
         (tmp_path / BAD).mkdir()
     except OSError:
-        pytest.skip("this file system takes only names in UTF-8")
+        pytest.skip("this file system accepts only names in UTF-8")
     return tmp_path
 
 
 @pytest.fixture
 def session(sgp, recording, place) -> Path:
-    """A session with a stray file of a bad name among its frames."""
+    """A session that contains a folder with a bad name."""
     lights = place / "lights.json"
     out = place / "session"
     assert sgp("capture", "import", recording, "--lights", lights, "--out", out).code == 0
@@ -35,7 +35,7 @@ def session(sgp, recording, place) -> Path:
 
 
 def in_bad_folder(recording: Path) -> list[Path]:
-    """Return sources with a bad name: of the folder, of the images, of the mask, of the table."""
+    """Return sources with a bad name of the folder, the images, the mask or the table."""
     place = recording.parent
     shutil.copytree(recording, place / BAD, dirs_exist_ok=True)
     images = Path(shutil.copytree(recording, place / "images"))
@@ -75,8 +75,8 @@ def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json
             assert not out.exists()
 
 
-def test_what_needs_no_image_library_takes_any_name(sgp, recording, session, place):
-    """Tables, lights and cameras under such names; results tell the name, to be read back."""
+def test_files_that_need_no_image_library_may_have_any_name(sgp, recording, session, place):
+    """Tables and lights have such names; records contain names that can be read back."""
     table = recording / f"{BAD}.lp"
     write_lights(place / "t.lp", ring_lights())
     rows = (place / "t.lp").read_text().splitlines()
@@ -116,7 +116,7 @@ def test_outputs_are_refused_before_the_work(sgp, recording, session, place):
         ("demo", "--out", out),
         ("bench", "paper", "--out", out),
     ):
-        assert "the name is not UTF-8: choose another one" in sgp(*words).error_line(2)
+        assert "the name is not UTF-8: choose another name" in sgp(*words).error_line(2)
 
 
 def test_words_that_are_not_utf_8(sgp, recording, place):
@@ -139,7 +139,7 @@ def test_words_that_are_not_utf_8(sgp, recording, place):
 
 @pytest.mark.parametrize("name", ["$a^", "100$ \\frac", "a$b$c", "日本"])
 def test_names_are_drawn_as_they_are(sgp, recording, place, name, recwarn):
-    """A dollar sign begins no formula."""
+    """A dollar sign does not start a formula."""
     source = Path(shutil.copytree(recording, place / name))
     lights = ("--lights", place / "lights.json")
     assert sgp("run", source, *lights, "--out", place / "out").code == 0
@@ -148,7 +148,7 @@ def test_names_are_drawn_as_they_are(sgp, recording, place, name, recwarn):
 
 
 def test_a_stdout_of_another_encoding(recording, place):
-    """As old terminals have; in a process of its own."""
+    """Old terminals have such encodings; this runs in a separate process."""
     import subprocess
 
     source = shutil.copytree(recording, place / "日本")

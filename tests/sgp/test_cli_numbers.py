@@ -1,4 +1,4 @@
-"""Numeric options of every command, found by asking the parser, given what is no number."""
+"""All numeric options of all commands, listed by the parser, with values that are not numbers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ ALL = list(options())
 
 
 def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
-    """What else a command needs, of the right kind and not there."""
+    """Return the other required arguments, with valid values that name missing files."""
     leaf = app
     for name in path:
         leaf = leaf[name]
@@ -57,7 +57,7 @@ def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
 
 
 def test_options_are_found() -> None:
-    """Those that there are today: were the search to fail, nothing would be tested."""
+    """Check a list of known options: if the search failed, nothing would be tested."""
     found = {f"{' '.join(case.values[0])} {case.values[1].name}" for case in ALL}
     assert {
         "detail transfer --amplitude",
@@ -73,7 +73,7 @@ def test_options_are_found() -> None:
 
 
 def test_text_options_of_numbers_are_known() -> None:
-    """Numbers inside text are not found by type: who adds one is to add it below."""
+    """Numbers inside text are not found by type: new options of this kind must be added here."""
     source = re.compile(r'(?:numbers|image_size)\("(--[a-z-]+)"')
     named = {
         match[1]
@@ -84,7 +84,7 @@ def test_text_options_of_numbers_are_known() -> None:
 
 
 @pytest.mark.parametrize(("path", "argument"), ALL)
-def test_what_is_no_finite_number_is_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
+def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
     monkeypatch.chdir(tmp_path)
     rest = complete(build(), path, argument)
     for value in NOT_FINITE:
@@ -96,15 +96,15 @@ def test_what_is_no_finite_number_is_named(sgp, tmp_path, monkeypatch, path, arg
 
 
 @pytest.mark.parametrize(("path", "argument"), ALL)
-def test_no_number_is_a_fault_of_the_program(sgp, tmp_path, monkeypatch, path, argument) -> None:
-    """Refused in one short line, or taken: then what is not there is missed."""
+def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, argument) -> None:
+    """The value is refused in one short line, or accepted; then the missing file is reported."""
     monkeypatch.chdir(tmp_path)
     rest = complete(build(), path, argument)
     for value in NO_NUMBERS:
         line = sgp(*path, *rest, f"{argument.name}={value}").error_line(2)
         assert re.search(r"is not a (finite |whole )?number", line), line
         assert len(line) < 300
-    # Others may be what a command takes: of those that would do their work then, only the worst.
+    # Commands may accept other values. Those that would then run get only the extreme values.
     works = path[0] in ("rig", "demo", "bench", "simulate") or path == ("capture", "plan")
     for value in ODD[:2] if works else ODD:
         assert len(sgp(*path, *rest, f"{argument.name}={value}").error_line(2)) < 300

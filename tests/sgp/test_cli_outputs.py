@@ -1,4 +1,4 @@
-"""Where results may go, what is recorded beside them, and what an error says to a program."""
+"""Allowed places of results, their records, and errors in JSON."""
 
 import json
 
@@ -13,7 +13,7 @@ def words(recording):
     return ("normals", recording, "--lights", recording.parent / "lights.json")
 
 
-def test_a_record_tells_parameters_inputs_and_outputs(sgp, words, recording, tmp_path):
+def test_a_record_contains_parameters_inputs_and_outputs(sgp, words, recording, tmp_path):
     out = tmp_path / "out"
     assert sgp(*words, "--method", "ls", "--out", out).code == 0
     record = json.loads((out / "normals.json").read_text(encoding="utf-8"))
@@ -38,7 +38,7 @@ def test_a_failed_run_leaves_nothing_that_blocks_the_next(sgp, words, tmp_path):
     assert sgp("run", *words[1:], "--out", out).code == 0
 
 
-def test_force_removes_what_the_earlier_result_alone_had(sgp, words, tmp_path):
+def test_force_removes_files_that_only_the_earlier_result_had(sgp, words, tmp_path):
     normals, out = tmp_path / "n", tmp_path / "out"
     assert sgp(*words, "--out", normals).code == 0
     assert sgp("surface", normals, "--out", out, "--stl").code == 0
@@ -52,19 +52,19 @@ def test_force_removes_what_the_earlier_result_alone_had(sgp, words, tmp_path):
 def test_results_never_go_into_the_source(sgp, words, recording, where):
     answer = sgp(*words, "--out", recording.parent / where, "--force")
     assert answer.code == 2
-    assert "read from" in answer.err
+    assert "is in the folder of the input" in answer.err
     assert not (recording / "mask.png").exists()
 
 
-def test_an_error_is_an_object_for_programs(sgp, words, tmp_path):
+def test_an_error_is_a_json_object(sgp, words, tmp_path):
     answer = sgp("normals", tmp_path / "nowhere", "--out", tmp_path / "o", "--json")
-    said = json.loads(answer.out)
-    assert said["ok"] is False
-    assert said["exit_code"] == answer.code == 2
-    assert f"error: {said['error']}\n" == answer.err
+    report = json.loads(answer.out)
+    assert report["ok"] is False
+    assert report["exit_code"] == answer.code == 2
+    assert f"error: {report['error']}\n" == answer.err
 
 
-def test_what_an_error_learned_on_its_way_is_said(monkeypatch, capsys):
+def test_notes_of_an_error_are_printed(monkeypatch, capsys):
     def broken(*_):
         error = BoardError("the line is lost")
         error.add_note("LEDs not confirmed off: no reply")
@@ -72,8 +72,8 @@ def test_what_an_error_learned_on_its_way_is_said(monkeypatch, capsys):
 
     monkeypatch.setattr("sgp.commands.rig.open_lights", broken)
     assert run(build(), ["rig", "off"]) == 3
-    said = capsys.readouterr().err
-    assert said == "error: the line is lost; LEDs not confirmed off: no reply\n"
+    message = capsys.readouterr().err
+    assert message == "error: the line is lost; LEDs not confirmed off: no reply\n"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""``sgp project``: a mesh or points become a normal map, or one clear line says why not."""
+"""``sgp project``: a mesh or points are projected to a normal map, or refused with one line."""
 
 import json
 
@@ -32,9 +32,9 @@ def test_a_mesh_becomes_a_folder_of_normals(sgp, ball, tmp_path):
     out = tmp_path / "out"
     answer = sgp("project", ball, "--size", "120x100", "--out", out, "--json")
     assert answer.code == 0, answer.err
-    said = json.loads(answer.out)
-    assert sorted(said["outputs"]) == ["height", "mask", "normals", "normals_png"]
-    metrics = said["metrics"]
+    report = json.loads(answer.out)
+    assert sorted(report["outputs"]) == ["height", "mask", "normals", "normals_png"]
+    metrics = report["metrics"]
     assert (metrics["width"], metrics["height"], metrics["faces"]) == (120, 100, len(BALL.faces))
     assert metrics["mm_per_px"] == pytest.approx(20 / 96)
     normal_map = read_normals(out).normal_map
@@ -61,7 +61,7 @@ def test_a_mesh_becomes_a_folder_of_normals(sgp, ball, tmp_path):
 )
 def test_up_is_up_and_the_view_is_the_one_named(sgp, tmp_path, options, normal):
     path = tmp_path / "roof.obj"
-    # It rises away from the front: its normal is (0, 1, 1).
+    # The roof rises toward the back: its normal is (0, 1, 1).
     path.write_text("v 0 0 0\nv 4 0 0\nv 4 2 -2\nv 0 2 -2\nf 1 2 3\nf 1 3 4\n", encoding="ascii")
     assert sgp("project", path, "--out", tmp_path / "o", "--size", "40x30", *options).code == 0
     seen = read_normals(tmp_path / "o").normal_map
@@ -83,7 +83,7 @@ def test_a_camera_gives_depth_in_millimetres(sgp, ball, camera, tmp_path):
         pytest.param("ply", (), 20.0, id="mm"),
         pytest.param("ply", ("--unit", "in"), 508.0, id="inches"),
         pytest.param("glb", (), 20_000.0, id="glb in metres"),
-        pytest.param("glb", ("--unit", "cm"), 200.0, id="glb said to be in cm"),
+        pytest.param("glb", ("--unit", "cm"), 200.0, id="glb with unit cm"),
     ],
 )
 def test_units(sgp, tmp_path, suffix, options, span_mm):
@@ -134,7 +134,7 @@ def test_bad_files_get_one_line(sgp, tmp_path, name, text, code, words):
     assert not (tmp_path / "o").exists()
 
 
-def test_a_point_has_no_surface_whatever_the_size(sgp, tmp_path):
+def test_a_single_point_has_no_surface_at_any_size(sgp, tmp_path):
     path = _spoil(tmp_path / "a.xyz", "1 2 3\n" * 3)
     answer = sgp("project", path, "--out", tmp_path / "o", "--size", "64x64")
     assert (answer.code, "places (1)" in answer.err) == (5, True), answer.err
@@ -149,21 +149,21 @@ def test_a_point_has_no_surface_whatever_the_size(sgp, tmp_path):
         pytest.param(("--pixel-mm", "0"), 2, "", id="no pixel size"),
         pytest.param(("--look", "0,0,0"), 2, "no view along", id="look nowhere"),
         pytest.param(("--look", "1,2"), 2, "3 numbers", id="look of two"),
-        pytest.param(("--look", "0,0,1", "--view", "top"), 2, "one of them", id="two views"),
+        pytest.param(("--look", "0,0,1", "--view", "top"), 2, "give only one", id="two views"),
         pytest.param(("--neighbours", "2"), 2, "", id="two neighbours"),
         pytest.param(("--distance-mm", "5"), 2, "--camera too", id="no camera"),
         pytest.param(("--camera", "nowhere.json"), 2, "nowhere.json", id="missing camera"),
         pytest.param(("--size", "1x2", "--pixel-mm", "90"), 5, "no pixel centre", id="unseen"),
     ],
 )
-def test_options_that_cannot_be_met_get_one_line(sgp, ball, tmp_path, options, code, words):
+def test_impossible_options_get_one_line(sgp, ball, tmp_path, options, code, words):
     answer = sgp("project", ball, "--out", tmp_path / "o", *options)
     assert answer.code == code, answer.err
     assert words in answer.err
     assert answer.err.count("\n") == 1
 
 
-def test_scale_and_distance_of_a_camera_are_asked_for_once(sgp, ball, camera, tmp_path):
+def test_scale_and_distance_of_a_camera_are_given_once(sgp, ball, camera, tmp_path):
     words = ("project", ball, "--out", tmp_path / "o", "--camera")
     answer = sgp(*words, camera, "--pixel-mm", "1")
     assert (answer.code, "--pixel-mm" in answer.err) == (2, True)

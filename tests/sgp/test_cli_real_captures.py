@@ -1,4 +1,4 @@
-"""The promises about real captures, as the commands that a reader would type."""
+"""The documented accuracy on real captures, measured with the commands of the documents."""
 
 import json
 import os
@@ -65,14 +65,14 @@ def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp
     mask = read_mask(tmp_path / "normals" / "mask.png")
     colours = read_image(tmp_path / "normals" / "normals.png").astype(float) / 65535
     rows, columns = np.nonzero(mask)
-    # A raised object turns right on its right and up at its top.
+    # The normals of a raised object point right on its right side and up at its top.
     right = columns > np.quantile(columns, 0.9)
     left = columns < np.quantile(columns, 0.1)
     top, bottom = rows < np.quantile(rows, 0.05), rows > np.quantile(rows, 0.3)
     red, green = colours[rows, columns, 0], colours[rows, columns, 1]
     assert red[right].mean() > 0.6 > 0.4 > red[left].mean()
     assert green[top].mean() > green[bottom].mean()
-    # Row by row, what lies in the middle of the figure stands out from its two edges.
+    # In each row, the middle of the figure is higher than its two edges.
     height = read_image(tmp_path / "surface" / "height.exr")
     steps = []
     for row in range(rows.min() + 30, rows.max() - 30, 10):
@@ -86,7 +86,7 @@ def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp
 
 
 def test_gray_ball_agrees_with_its_geometry(sgp, data, uw_lights, tmp_path):
-    """Truth: the ball's own outline, an ellipse since the pixels are not square."""
+    """The truth is the ball's outline, an ellipse since the pixels are not square."""
     answer = sgp("normals", data / "uw" / "gray", "--lights", uw_lights, "--out", tmp_path)
     assert answer.code == 0, answer.err
     found = read_normals(tmp_path).normal_map

@@ -1,4 +1,4 @@
-"""``sgp rig``: what it tells of a bench in order, and one clear line for each that is not."""
+"""``sgp rig``: reports about a working bench, and one clear line for each fault."""
 
 import contextlib
 import json
@@ -90,7 +90,7 @@ def bench(tmp_path):
 
 @contextlib.contextmanager
 def device(answer):
-    """A serial device of another kind: ``answer`` turns what it hears into what it says."""
+    """A serial device of another kind: ``answer`` maps received bytes to sent bytes."""
     master, slave = os.openpty()
     tty.setraw(slave)
     stop = threading.Event()
@@ -113,27 +113,27 @@ def device(answer):
 
 
 def of_protocol_1(heard: bytes) -> bytes:
-    said = b""
+    replies = b""
     for line in heard.splitlines():
         with contextlib.suppress(LineError):
             command: Command = decode_command(line)
             words = ("sgp-led-board", "1", "1.0.0", "36", "10000")
-            said += encode_reply(Reply(command.seq, command.verb, words))
-    return said
+            replies += encode_reply(Reply(command.seq, command.verb, words))
+    return replies
 
 
-def test_the_bench_in_order_is_told(bench, sgp):
+def test_a_working_bench_is_described(bench, sgp):
     answer = sgp("rig", "check", "--rig", bench.rig, "--json")
     assert answer.code == 0, answer.err
-    told = json.loads(answer.out)["metrics"]
-    assert (told["board"]["leds"], told["board"]["port"]) == (36, bench.board.port)
-    assert (told["camera"]["serial"], told["camera"]["pixel_format"]) == ("cam-7", "Mono12")
+    report = json.loads(answer.out)["metrics"]
+    assert (report["board"]["leds"], report["board"]["port"]) == (36, bench.board.port)
+    assert (report["camera"]["serial"], report["camera"]["pixel_format"]) == ("cam-7", "Mono12")
     plain = sgp("rig", "check", "--rig", bench.rig)
     assert "bench 1, 36 LEDs" in plain.out
-    assert "no self-test can tell swapped LEDs" in plain.err
+    assert "the self-test cannot detect swapped LEDs" in plain.err
 
 
-def test_check_tells_what_is_not_an_error_yet(bench, sgp):
+def test_check_warns_of_problems_that_are_not_errors_yet(bench, sgp):
     board = Board(bench.board.port)
     board._line._serial.write(b">0000 ON 1 1000*FFFF\n")
     board.on(3, 50_000)
@@ -152,7 +152,7 @@ def test_check_says_how_the_camera_is_mounted(sgp, tmp_path):
         "[mounting]\nrotation_deg = 90\nmirror = true\n[options]\nwidth = 64\nheight = 48\n"
     )
     answer = sgp("rig", "check", "--rig", file)
-    assert "mirrored and turned by 90 degrees to be upright" in answer.out
+    assert "mirrored and rotated by 90 degrees to be upright" in answer.out
     assert "48 x 64 Mono12" in answer.out
 
 
@@ -162,14 +162,14 @@ def test_list_names_rigs_ports_and_cameras(bench, sgp, tmp_path):
         ports = ["--port", bench.board.port, "--port", echo, "--port", tmp_path / "none"]
         answer = sgp("rig", "list", *ports, "--cti", bench.options["cti"], "--json")
     assert answer.code == 0, answer.err
-    told = json.loads(answer.out)["metrics"]
-    assert {"bench", "simulated"} <= set(told["rigs"])
-    assert [port["board"] is not None for port in told["ports"]] == [True, False, False]
-    assert "cannot be opened" in told["ports"][2]["complaint"]
-    assert [camera["serial"] for camera in told["cameras"]] == ["cam-7"]
+    report = json.loads(answer.out)["metrics"]
+    assert {"bench", "simulated"} <= set(report["rigs"])
+    assert [port["board"] is not None for port in report["ports"]] == [True, False, False]
+    assert "cannot be opened" in report["ports"][2]["complaint"]
+    assert [camera["serial"] for camera in report["cameras"]] == ["cam-7"]
 
 
-def test_list_without_anything_says_what_to_try(sgp, monkeypatch):
+def test_an_empty_list_says_what_to_do(sgp, monkeypatch):
     monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
     answer = sgp("rig", "list")
     assert answer.code == 0
@@ -177,7 +177,7 @@ def test_list_without_anything_says_what_to_try(sgp, monkeypatch):
     assert "--cti" in answer.out
 
 
-def test_a_producer_that_is_not_there_is_told_before_any_port_is_asked(sgp, monkeypatch, tmp_path):
+def test_a_missing_producer_is_reported_before_any_port_is_opened(sgp, monkeypatch, tmp_path):
     asked = []
     monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: asked.append(1) or [])
     answer = sgp("rig", "list", "--cti", tmp_path / "missing.cti")
@@ -203,11 +203,11 @@ def test_a_frame_is_snapped_as_the_sensor_gave_it(bench, sgp, tmp_path):
     answer = sgp(*words)
     assert answer.code == 0, answer.err
     assert bench.dark()
-    # 5 electrons per us for 2000 us at 10 electrons per grey value, above black.
+    # 5 electrons per us for 2000 us at 10 electrons per DN, plus the black level.
     assert (read_image(out) == 64 + 1000).all()
 
 
-def test_off_puts_out_what_another_program_left(bench, sgp):
+def test_off_turns_off_an_led_that_another_program_left_on(bench, sgp):
     board = Board(bench.board.port)
     board.on(3, 50_000)
     board.close()
@@ -244,11 +244,11 @@ def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
     assert bench.dark()
 
 
-def test_an_led_that_goes_out_by_itself_is_told(without_camera, sgp):
+def test_an_led_that_turns_off_by_itself_is_reported(without_camera, sgp):
     bench = without_camera
     bench.board.set_faults(BoardFault(kind="goes-dark", verb="ON", value=100))
     line = sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig).error_line(3)
-    assert "LED 5 was lit, but none burned any more" in line
+    assert "LED 5 was turned on, but no LED was on at the end" in line
 
 
 def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
@@ -262,7 +262,7 @@ def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
         bench.close()
 
 
-def test_light_burns_for_longer_than_the_watchdogs_patience(bench, sgp):
+def test_light_stays_on_for_longer_than_the_watchdog_time(bench, sgp):
     answer = sgp("rig", "light", 5, "--seconds", 1.6, "--rig", bench.rig)
     assert answer.code == 0, answer.err
     assert bench.dark()
@@ -327,7 +327,7 @@ def missing_cti(bench):
 
 def corrupt_cti(bench):
     path = bench.file.parent / "maker.cti"
-    path.write_text("this is no library")
+    path.write_text("this is not a library")
     bench.options["cti"] = str(path)
 
 
@@ -375,7 +375,7 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
 
 
 @pytest.mark.parametrize(
-    ("spoil", "words", "said"),
+    ("spoil", "words", "message"),
     [
         pytest.param(no_port, SNAP, "/dev/no-such-port: the port cannot be opened", id="no port"),
         pytest.param(busy, SNAP, "cannot be opened .* no other program uses it", id="port busy"),
@@ -411,11 +411,11 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
         pytest.param(misspelt, SNAP, "unknown option 'prot'; known are", id="misspelt option"),
     ],
 )
-def test_a_bench_that_is_not_in_order_gets_one_line(bench, sgp, spoil, words, said, monkeypatch):
+def test_a_faulty_bench_gets_one_line(bench, sgp, spoil, words, message, monkeypatch):
     monkeypatch.chdir(bench.file.parent)
     with spoil(bench) or contextlib.nullcontext():
         line = sgp(*words, "--rig", bench.rig).error_line(3)
-    assert re.search(said, line), line
+    assert re.search(message, line), line
     assert bench.dark()
     assert not (bench.file.parent / "frame.tif").exists()
 
@@ -449,18 +449,20 @@ def test_the_bench_without_a_rig_file_says_what_to_write(sgp):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         pytest.param(["light", "36"], "LED 36 does not exist", id="no such LED"),
         pytest.param(["light", "3"], "LED 3 of bench 1 is listed as dead", id="dead LED"),
-        pytest.param(["light", "1", "--seconds", "100"], "lights for up to 60 s", id="too long"),
+        pytest.param(
+            ["light", "1", "--seconds", "100"], "keeps an LED on for at most 60 s", id="too long"
+        ),
         pytest.param(["snap", "--led", "36", "--out", "f.tif"], "LED 36 does not", id="snap"),
     ],
 )
-def test_what_is_asked_wrongly_is_exit_2(bench, sgp, words, said, monkeypatch):
+def test_wrong_arguments_are_exit_2(bench, sgp, words, message, monkeypatch):
     monkeypatch.chdir(bench.file.parent)
     bench.keys["dead_leds"] = [3]
-    assert said in sgp("rig", *words, "--rig", bench.rig).error_line(2)
+    assert message in sgp("rig", *words, "--rig", bench.rig).error_line(2)
     assert bench.dark()
 
 
@@ -477,25 +479,25 @@ scene = "plane"
 
 
 @pytest.mark.parametrize(
-    ("wiring", "code", "said"),
+    ("wiring", "code", "message"),
     [
-        pytest.param("", 0, "nothing is wrong", id="in order"),
+        pytest.param("", 0, "no faults", id="in order"),
         pytest.param(
             "wiring = {swapped = [[3, 7]]}",
             3,
             "the light of LED 3 is from the place of LED 7",
             id="swapped",
         ),
-        pytest.param("lamps = {dead = [5]}", 3, "one thing is wrong", id="dead"),
+        pytest.param("lamps = {dead = [5]}", 3, "1 fault", id="dead"),
     ],
 )
-def test_the_self_test_tells_what_it_found(sgp, tmp_path, wiring, code, said):
+def test_the_self_test_reports_its_findings(sgp, tmp_path, wiring, code, message):
     file = tmp_path / "rig.toml"
     file.write_text(SIMULATED.format(wiring=wiring))
     answer = sgp("rig", "selftest", "--rig", file)
     assert answer.code == code, answer.err
-    assert said in answer.out
-    told = json.loads(sgp("rig", "selftest", "--rig", file, "--json").out)
-    assert told["ok"] == (code == 0)
-    assert told["metrics"]["wires"] == {"trigger": True, "exposure_active": True}
-    assert bool([one for one in told["metrics"]["findings"] if one["fault"]]) == (code != 0)
+    assert message in answer.out
+    report = json.loads(sgp("rig", "selftest", "--rig", file, "--json").out)
+    assert report["ok"] == (code == 0)
+    assert report["metrics"]["wires"] == {"trigger": True, "exposure_active": True}
+    assert bool([one for one in report["metrics"]["findings"] if one["fault"]]) == (code != 0)

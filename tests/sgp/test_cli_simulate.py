@@ -1,4 +1,4 @@
-"""Scenes recorded from the command line: real sessions, with a truth that the commands find."""
+"""Scenes recorded from the command line: real sessions, with ground truth that commands find."""
 
 import json
 from dataclasses import replace
@@ -39,13 +39,13 @@ def distant(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_session_is_recorded_and_judged_by_its_own_truth(sgp, tmp_path):
+def test_a_session_is_recorded_and_compared_with_its_ground_truth(sgp, tmp_path):
     out = tmp_path / "coin"
     answer = sgp("simulate", "coin", "--out", out, *SMALL, "--json")
     assert answer.code == 0, answer.err
-    told = json.loads(answer.out)
-    assert told["outputs"]["session"] == str(out)
-    assert (told["metrics"]["width"], told["metrics"]["height"]) == (96, 80)
+    report = json.loads(answer.out)
+    assert report["outputs"]["session"] == str(out)
+    assert (report["metrics"]["width"], report["metrics"]["height"]) == (96, 80)
     assert sgp("capture", "verify", out).code == 0
     session = Session.open(out)
     assert session.complete
@@ -55,10 +55,10 @@ def test_a_session_is_recorded_and_judged_by_its_own_truth(sgp, tmp_path):
         "normals", out, "--lights", truth / "lights.json", "--out", tmp_path / "n", "--json"
     )
     metrics = json.loads(judged.out)["metrics"]
-    # Lights as near as those of a dome are known only at the working plane: a few tenths.
+    # Directions to near lights are exact only in the working plane: errors of a few tenths.
     assert metrics["mae_deg"] < 1.0
     assert metrics["coverage"] == 1.0
-    assert metrics["pixels"] == told["metrics"]["pixels"]
+    assert metrics["pixels"] == report["metrics"]["pixels"]
     bound = read_image(truth / "cramer_rao.exr")
     known = bound[read_source(out).mask]
     assert 0 < np.median(known) < 1.0
@@ -105,7 +105,7 @@ def test_seeds_and_noise(sgp, tmp_path):
     assert abs(spread.mean()) < 1.0
 
 
-def test_a_scene_file_and_the_scene_it_leaves_behind_give_the_same_frames(sgp, distant, tmp_path):
+def test_a_scene_file_and_the_saved_scene_give_the_same_frames(sgp, distant, tmp_path):
     assert sgp("simulate", distant, "--out", tmp_path / "a").code == 0
     left = tmp_path / "a" / "derived" / "truth" / "scene.toml"
     assert sgp("simulate", left, "--out", tmp_path / "b").code == 0
@@ -124,7 +124,7 @@ def test_diligent_layout(sgp, distant, tmp_path):
     truth = out / "truth"
     np.testing.assert_allclose(source.normals_truth, read_image(truth / "normals.exr"), atol=1e-6)
     np.testing.assert_array_equal(source.mask, read_image(truth / "mask.png") > 0)
-    # A cap of a sphere 110.5 mm in radius, seen along parallel rays: its normals by hand.
+    # Normals of a spherical cap of radius 110.5 mm, seen along parallel rays, in closed form.
     rows, columns = np.nonzero(source.mask)
     x, y = 2.0 * (columns - 47.5), -2.0 * (rows - 39.5)
     sphere = (70.0**2 + 25.0**2) / 50.0
@@ -148,12 +148,12 @@ def test_diligent_layout(sgp, distant, tmp_path):
     assert not [path for path in out.iterdir() if path.name.startswith(".")]
 
 
-def test_diligent_layout_of_near_lights_says_what_it_loses(sgp, tmp_path):
+def test_diligent_layout_of_near_lights_warns_of_the_loss(sgp, tmp_path):
     out = tmp_path / "coin"
     answer = sgp("simulate", "coin-with-spheres", "--out", out, *SMALL, "--format", "diligent")
     assert answer.code == 0
     assert "positions" in answer.err
-    assert len(read_source(out).frames) == 8, "one image a light, whatever the brackets"
+    assert len(read_source(out).frames) == 8, "one image per light, for any number of brackets"
 
 
 def test_list_names_every_scene(sgp):
@@ -168,7 +168,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
     sheet = tmp_path / "sheet.png"
     assert sgp("simulate", "list", "--sheet", sheet).code == 0
     picture = read_image(sheet)[..., :3].astype(float)
-    # The coin's normals are what is blue: redder on the right.
+    # The coin's normals are the blue part; they are redder on the right.
     left = picture[:, : picture.shape[1] // 3]
     coin = left[..., 2] > left[..., 0] + 40
     columns = np.flatnonzero(coin.any(axis=0))
@@ -177,7 +177,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
     ]
     assert reds[1] > reds[0]
     assert columns.mean() == pytest.approx(left.shape[1] / 2, rel=0.1)
-    # Both marks are whole.
+    # Both marks are complete.
     gold = np.all(np.abs(picture - (255, 215, 0)) < 60, axis=2)
     counts = [int(part.sum()) for part in np.array_split(gold, 3, axis=1)]
     assert counts[0] > 8
@@ -186,7 +186,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("words", "code", "said"),
+    ("words", "code", "message"),
     [
         pytest.param(["coin"], 2, "--out", id="no folder"),
         pytest.param(["coyn", "--out", "o"], 2, "sgp simulate list", id="unknown scene"),
@@ -199,7 +199,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
         pytest.param(["coin", "--out", "o", "--lights", "0"], 2, "lights", id="no lights"),
         pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
         pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
-        pytest.param(["coin", "--out", "full"], 2, "full", id="folder that holds files"),
+        pytest.param(["coin", "--out", "full"], 2, "full", id="folder with files"),
         pytest.param(["coin", "--out", "bad.toml"], 2, "bad.toml", id="folder that is a file"),
         pytest.param(["coin", "--out", "o", "--sheet", "s.png"], 2, "list", id="sheet of one"),
         pytest.param(["list", "--out", "o"], 2, "--out", id="list with a folder"),
@@ -209,7 +209,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
         ),
     ],
 )
-def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
+def test_refusals(sgp, tmp_path, monkeypatch, words, code, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("years of work", encoding="utf-8")
@@ -218,13 +218,13 @@ def test_refusals(sgp, tmp_path, monkeypatch, words, code, said):
     )
     (tmp_path / "bayer.toml").write_text(DISTANT + "cfa = 'RGGB'\n", encoding="utf-8")
     line = sgp("simulate", *words).error_line(code)
-    assert said in line
-    assert "--force" not in line  # which it has not
+    assert message in line
+    assert "--force" not in line  # the command has no such option
     assert not (tmp_path / "o").exists()
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 
 
-def test_metering_knows_the_quantum_efficiency():
+def test_metering_uses_the_quantum_efficiency():
     plain = render(scene_named("plane", width=48, height=40, leds=4))
     (exposure_us,) = metered_exposures(plain)
     noise = replace(plain.truth.noise, quantum_efficiency=0.5)
@@ -233,12 +233,12 @@ def test_metering_knows_the_quantum_efficiency():
     assert longer_us == pytest.approx(2 * exposure_us, rel=0.1)
 
 
-def test_dead_leds_of_a_scene_are_left_out(sgp, tmp_path):
+def test_dead_leds_of_a_scene_are_skipped(sgp, tmp_path):
     scene = tmp_path / "dead.toml"
     scene.write_text(DISTANT + "[lamps]\ndead = [3]\n", encoding="utf-8")
     answer = sgp("simulate", scene, "--out", tmp_path / "s")
     assert answer.code == 0, answer.err
-    assert "LED 3: dead in the scene, left out" in answer.err
+    assert "LED 3 skipped: dead in the scene" in answer.err
     session = Session.open(tmp_path / "s")
     assert session.complete
     assert [frame.led for frame in session.frames if frame.role == "light"] == [0, 1, 2, 4, 5]

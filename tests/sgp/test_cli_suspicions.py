@@ -1,4 +1,4 @@
-"""What is in order as files and yet wrong: the commands say so instead of believing it."""
+"""Valid files with suspicious contents: the commands report them."""
 
 import json
 
@@ -19,9 +19,9 @@ def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     write_png(recording / "ball.3.png", np.zeros((40, 48), np.uint16))
     answer = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json")
     assert answer.code == 0, answer.err
-    said = json.loads(answer.out)
-    assert any("ball.3" in line and "show no light" in line for line in said["warnings"])
-    assert said["metrics"]["images"] == 7
+    report = json.loads(answer.out)
+    assert any("ball.3" in line and "show no light" in line for line in report["warnings"])
+    assert report["metrics"]["images"] == 7
     whole = read_normals(tmp_path / "whole").normal_map
     dead = read_normals(tmp_path / "dead").normal_map
     both = whole.mask & dead.mask
@@ -38,7 +38,7 @@ def test_lights_behind_the_object_are_refused(sgp, words, recording, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_sphere_mask_that_is_no_disc_is_refused(sgp, recording, tmp_path):
+def test_a_sphere_mask_that_is_not_a_disc_is_refused(sgp, recording, tmp_path):
     square = np.zeros((40, 48), np.uint8)
     square[10:14, 5:40] = 255
     write_png(tmp_path / "mask.png", square)
@@ -51,7 +51,7 @@ def test_a_sphere_mask_that_is_no_disc_is_refused(sgp, recording, tmp_path):
     assert not (tmp_path / "found.json").exists()
 
 
-def test_what_is_not_used_is_told(sgp, words, recording, tmp_path):
+def test_unused_files_are_reported(sgp, words, recording, tmp_path):
     (recording / "notes.txt").write_text("n", encoding="utf-8")
     answer = sgp(*words, "--out", tmp_path / "out")
     assert answer.code == 0
@@ -60,7 +60,7 @@ def test_what_is_not_used_is_told(sgp, words, recording, tmp_path):
 
 
 @pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
-def test_a_part_of_a_whole_number_is_not_rounded(sgp, number):
+def test_a_fraction_is_not_rounded_to_a_whole_number(sgp, number):
     answer = sgp("capture", "plan", "--leds", number)
     assert answer.code == 2
     assert number in answer.err

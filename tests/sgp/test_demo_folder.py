@@ -1,4 +1,4 @@
-"""The folder of a demo: its own files are replaced, also after a kill; those of others never."""
+"""The folder of a demo: files of a demo are replaced, also after a kill; other files never."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def names(out: Path) -> list[str]:
     return sorted(path.name for path in out.iterdir())
 
 
-def test_a_killed_demo_is_begun_again(killed):
+def test_a_killed_demo_can_be_repeated(killed):
     with claimed(killed, force=False) as folder:
         assert names(killed) == [MARK]
         folder.begin("camera.json")
@@ -65,13 +65,13 @@ def test_a_killed_demo_is_begun_again(killed):
         pytest.param("lights.json", id="a file of a stage that had not begun"),
         pytest.param("overview.png", id="another"),
         pytest.param("calibration/session.toml", id="a finished file, changed"),
-        pytest.param("calibration/notes.txt", id="a file beside finished ones"),
+        pytest.param("calibration/notes.txt", id="a file next to finished ones"),
     ],
 )
-def test_a_file_of_others_is_never_replaced(killed, file):
+def test_other_files_are_never_replaced(killed, file):
     (killed / file).write_text("mine")
     with (
-        pytest.raises(UsageError, match=f"{file} was not made by a demo"),
+        pytest.raises(UsageError, match=f"{file} was not written by a demo"),
         claimed(killed, force=True),
     ):
         pass
@@ -91,17 +91,17 @@ def test_links_are_refused_and_not_followed(killed, tmp_path):
     (victim / "file").write_text("x")
     (killed / "recording" / "link").symlink_to(victim)
     with (
-        pytest.raises(UsageError, match="link was not made by a demo"),
+        pytest.raises(UsageError, match="link was not written by a demo"),
         claimed(killed, force=True),
     ):
         pass
     assert (victim / "file").exists()
 
 
-def test_a_folder_of_others_is_refused(tmp_path):
+def test_a_folder_with_other_files_is_refused(tmp_path):
     (tmp_path / "lights.json").write_text("mine")
-    refused(tmp_path, "already holds files")
-    refused(tmp_path, "was not made by a demo", force=True)
+    refused(tmp_path, "already contains files")
+    refused(tmp_path, "was not written by a demo", force=True)
 
 
 def test_a_mark_of_an_earlier_version_is_understood(tmp_path):
@@ -115,24 +115,24 @@ def test_a_mark_of_an_earlier_version_is_understood(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"files": 3}', '{"unfinished": 3}', "null"])
-def test_a_damaged_mark_makes_no_file_ours(killed, text):
+def test_files_below_a_damaged_mark_are_not_replaced(killed, text):
     (killed / MARK).write_text(text)
-    refused(killed, "was not made by a demo")
+    refused(killed, "was not written by a demo")
 
 
-def test_two_demos_do_not_work_in_one_folder(tmp_path):
+def test_two_demos_do_not_run_in_one_folder(tmp_path):
     with claimed(tmp_path / "demo", force=False):
-        refused(tmp_path / "demo", "another demo is at work")
+        refused(tmp_path / "demo", "another demo is running")
         assert names(tmp_path / "demo") == [MARK]
 
 
-def test_a_demo_killed_as_it_wrote_its_mark_is_begun_again(tmp_path):
+def test_a_demo_killed_while_writing_its_mark_can_be_repeated(tmp_path):
     (tmp_path / f".part-{MARK}").write_text("{")
     with claimed(tmp_path, force=False):
         assert names(tmp_path) == [MARK]
 
 
-def test_a_demo_that_fails_leaves_files_that_the_next_one_knows(tmp_path):
+def test_the_next_demo_replaces_the_files_of_one_that_failed(tmp_path):
     def interrupted() -> None:
         with claimed(tmp_path / "demo", force=False) as folder:
             folder.begin("recording")

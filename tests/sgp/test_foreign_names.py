@@ -1,4 +1,4 @@
-"""Files in the user's folder that have the names of modules: none of them is ever executed."""
+"""Files in the user's folder that have the names of modules are never executed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sgp._entry import PACKAGES
 pytest_plugins = ["pytester"]
 
 ROOT = Path(sgp.__file__).parents[1]
-# Ours, libraries that we use, and modules of Python that a new process imports.
+# Our packages, libraries that we use, and modules of Python that a new process imports.
 NAMES = (
     *PACKAGES,
     *(
@@ -45,7 +45,7 @@ RIG = "--rig", "small.toml"
 
 @pytest.fixture
 def decoys(tmp_path: Path) -> Path:
-    """A folder in which every name that a process may import is taken."""
+    """A folder with a decoy for every name that a process may import."""
     folder = tmp_path / "work"
     folder.mkdir()
     for name in NAMES:
@@ -77,7 +77,7 @@ def run(folder: Path, *command: str, **environment: str) -> subprocess.Completed
 def script(name: str) -> str:
     found = shutil.which(name, path=str(Path(sys.executable).parent))
     if found is None:
-        pytest.skip(f"the command {name} is not installed beside {sys.executable}")
+        pytest.skip(f"the command {name} is not installed next to {sys.executable}")
     return found
 
 
@@ -98,13 +98,13 @@ def script(name: str) -> str:
                      marks=pytest.mark.slow),
     ],
 )  # fmt: skip
-def test_no_command_executes_what_lies_in_the_working_directory(decoys, words):
+def test_no_command_executes_files_in_the_working_directory(decoys, words):
     done = run(decoys, script(words[0]), *words[1:])
     assert executed(decoys) == []
     assert done.returncode in ((0, 3) if words[-1] == "list" else (0,)), done.stderr
 
 
-def test_nor_does_the_build_of_the_virtual_camera(decoys, tmp_path):
+def test_the_build_of_the_virtual_camera_executes_no_decoy(decoys, tmp_path):
     if shutil.which("cc") is None:
         pytest.skip("the virtual camera needs a C compiler")
     done = run(decoys, *module_command("simulator.gentl"), XDG_CACHE_HOME=str(tmp_path / "cache"))
@@ -114,14 +114,14 @@ def test_nor_does_the_build_of_the_virtual_camera(decoys, tmp_path):
 
 
 def test_python_m_sgp_works_from_anywhere(decoys):
-    # `python -m` would run this one: that is what it is told to do.
+    # `python -m` would run this file, as requested.
     (decoys / "sgp.py").unlink()
     done = run(decoys, sys.executable, "-m", "sgp", "rig", "off", *RIG)
     assert (done.returncode, executed(decoys)) == (0, []), done.stderr
 
 
 def test_a_checkout_that_is_not_installed_starts_its_own_processes(tmp_path):
-    """The child has the packages of its parent, found through the working directory or not."""
+    """The child imports the packages of its parent, with and without the working directory."""
     checkout = copied(tmp_path / "checkout")
     (checkout / "simulator" / "board.py").write_text("raise SystemExit('the copy of the board')")
     program = "import simulator; simulator.VirtualBoard()"
@@ -161,9 +161,9 @@ def test_a_missing_package_is_reported(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_a_package_that_was_written_over_is_reported(tmp_path):
+def test_a_package_that_was_overwritten_is_reported(tmp_path):
     installed = copied(tmp_path)
-    (installed / "rig" / "__init__.py").write_text('"""Somebody else\'s."""\n')
+    (installed / "rig" / "__init__.py").write_text('"""Another package."""\n')
     program = f"import sys; sys.path.insert(0, {str(installed)!r}); import sgp; sgp.main()"
     done = run(tmp_path, sys.executable, "-P", "-c", program, "rig", "list")
     assert done.returncode == 2

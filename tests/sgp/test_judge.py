@@ -1,4 +1,4 @@
-"""The measures that put mesh methods and the normal domain on one footing."""
+"""The measures that compare mesh methods and the normal domain under equal conditions."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ DOME = from_slopes(-(COLUMNS - 24) / 60, (ROWS - 24) / 60)
 
 
 @pytest.mark.parametrize("period", [4, 6, 12, 40])
-def test_a_round_trip_loses_what_the_two_means_over_pixels_take(period):
-    """The chord rule averages two slopes, the faces around a vertex two steps: cos^2(k / 2)."""
+def test_a_round_trip_loses_as_much_as_two_means_over_pixels(period):
+    """The chord rule averages two slopes, and the faces at a vertex two steps: cos^2(k / 2)."""
     slope = 0.01 * np.sin(COLUMNS * 2 * np.pi / period)
     given = from_slopes(slope, 0 * slope)
     read = Surfaces.of(given, FLAT).round_trip(given)
@@ -42,20 +42,20 @@ def test_a_round_trip_of_a_plane_changes_nothing():
 
 
 def test_no_face_joins_two_parts_of_the_source():
-    """Two tilted halves behind a ridge too sharp to join: how high each lies is not known."""
+    """The ridge between two tilted halves is too sharp, so their relative height is unknown."""
     slope = np.where(COLUMNS < 24, 0.5, -0.2)
     slope[:, 23], slope[:, 24] = -3, 3
     source = from_slopes(slope, 0 * slope)
     surfaces = Surfaces.of(source, FLAT)
     columns = surfaces.mesh.faces % SIDE
     assert not ((columns <= 23).any(axis=1) & (columns >= 24).any(axis=1)).any()
-    # On either side the planes are read as they are.
+    # On both sides, the normals of the planes are unchanged.
     read = surfaces.round_trip(source)
     planes = np.abs(COLUMNS - 23.5) > 2
     assert angle_deg(read.normals, source.normals)[planes].max() < 0.01
 
 
-def test_pixels_that_no_face_touches_keep_their_normals():
+def test_pixels_without_a_face_keep_their_normals():
     normals = FLAT.normals.copy()
     normals[:, 24] = (0, 0, -1)
     source = NormalMap(normals, FLAT.mask)
@@ -66,8 +66,8 @@ def test_pixels_that_no_face_touches_keep_their_normals():
     )
 
 
-def test_a_perfect_mesh_transfer_has_only_the_floor_against_it():
-    """Detail of a surface put onto itself, by a method that returns the surface."""
+def test_a_perfect_mesh_transfer_has_only_the_error_of_the_floor():
+    """Detail of a surface is transferred to itself, by a method that returns the surface."""
     surfaces = Surfaces.of(RELIEF, RELIEF)
     perfect = surfaces.read(surfaces.source, RELIEF)
     judged = judge({"mesh": perfect}, RELIEF, RELIEF, {})
@@ -78,7 +78,7 @@ def test_a_perfect_mesh_transfer_has_only_the_floor_against_it():
         assert judged[name]["mesh"] == pytest.approx(0, abs=1e-3)
 
 
-def test_a_perfect_transfer_of_normals_has_nothing_against_it():
+def test_a_perfect_transfer_of_normals_has_no_error():
     judged = judge({"normals": RELIEF}, RELIEF, RELIEF, IN_NORMALS)
     for name in (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES):
         assert judged[name]["normals"] == pytest.approx(0, abs=1e-3), name
@@ -86,18 +86,18 @@ def test_a_perfect_transfer_of_normals_has_nothing_against_it():
         assert judged[name]["normals"] == pytest.approx(1, abs=1e-5)
 
 
-def test_no_transfer_at_all_is_seen_by_every_measure():
-    """The target as it was has none of the detail: each measure finds about what is missing."""
+def test_a_missing_transfer_is_measured_by_every_measure():
+    """The unchanged target has no detail: each measure returns about the missing detail."""
     missing = float(angle_deg(RELIEF.normals, (0, 0, 1)).mean())
     for in_normals in ({}, {"nothing": lambda _, target: target}):
         judged = judge({"nothing": DOME}, RELIEF, DOME, in_normals)
         for name in ("detail error, deg", SAME_SURFACES[1], AS_SURFACES[1]):
-            # Read off a surface, slopes of this relief are a fifth to a quarter lower.
+            # Computed from a surface, slopes of this relief are a fifth to a quarter lower.
             assert 0.7 * missing < judged[name]["nothing"] < 1.05 * missing, name
 
 
-def test_a_result_that_is_no_surface_is_judged_as_the_surface_it_integrates_to():
-    """Slopes that run round in circles belong to no surface: the nearest one to them is flat."""
+def test_a_result_that_is_not_integrable_is_measured_as_its_integrated_surface():
+    """Rotational slopes are not integrable: the nearest surface is flat."""
     disc = np.hypot(ROWS - 23.5, COLUMNS - 23.5) < 20
     curl, flat = (
         NormalMap(np.where(disc[..., None], one.normals, 0), disc)
@@ -106,11 +106,11 @@ def test_a_result_that_is_no_surface_is_judged_as_the_surface_it_integrates_to()
     judged = judge({"normals": curl}, flat, flat, {"normals": lambda _, target: target})
     assert judged["shape error, deg"]["normals"] > 10
     assert judged[AS_SURFACES[0]]["normals"] < 2
-    # From the same surfaces this method would have returned the target.
+    # From the same surfaces, this method returns the target.
     assert judged[SAME_SURFACES[0]]["normals"] < 1e-3
 
 
-def test_a_region_is_all_that_counts():
+def test_only_the_region_counts():
     region = (np.hypot(ROWS - 24, COLUMNS - 24) < 9).astype(np.bool_)
     wrong = NormalMap(np.where(region[..., None], RELIEF.normals, DOME.normals), RELIEF.mask)
     everywhere = judge({"half": wrong}, RELIEF, RELIEF, {})
@@ -118,7 +118,7 @@ def test_a_region_is_all_that_counts():
     assert inside["detail error, deg"]["half"] < 0.3 * everywhere["detail error, deg"]["half"]
 
 
-def test_where_the_source_is_not_known_the_target_stands_in():
+def test_pixels_without_a_source_use_the_target():
     cut = RELIEF.mask & (COLUMNS < 30)
     source = NormalMap(np.where(cut[..., None], RELIEF.normals, 0), cut)
     region = cut & (COLUMNS > 12) & (COLUMNS < 20)

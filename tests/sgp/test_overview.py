@@ -1,4 +1,4 @@
-"""The sheet on which results are shown."""
+"""The sheet with the overview pictures."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The mesh-based peers: what they must do on surfaces where the answer is known."""
+"""The mesh-based peers, on surfaces with a known result."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ def square(side: int = SIDE) -> GridMesh:
 
 
 MESH = square()
-# Of unit steps, y up.
+# In unit steps, y up.
 Y, X = (values.ravel() for values in np.mgrid[SIDE - 1 : -1 : -1, 0:SIDE].astype(np.float32))
 FLAT = np.stack([X, Y, np.zeros_like(X)], axis=1)
-# Where no border is felt through two smoothings.
+# Vertices that the border does not affect through two smoothings.
 INNER = (np.minimum(X, Y) >= 20) & (np.maximum(X, Y) < SIDE - 20)
 
 
@@ -81,7 +81,7 @@ def test_normals_of_a_tilted_plane_are_exact():
 
 
 def test_normals_are_weighted_by_area_and_a_vertex_without_a_face_has_z():
-    # One face in the plane z=0, one of twice its area in x=0, around vertex 0.
+    # At vertex 0, one face in the plane z=0 and one of twice its area in the plane x=0.
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 2], [9, 9, 9]], np.float32)
     faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
     normals = GridMesh(np.ones((1, 5), np.bool_), faces).normals(vertices)
@@ -106,24 +106,24 @@ def test_laplacian_is_the_five_point_one_along_the_edges_of_faces():
 
 
 def test_displacement_onto_a_plane_is_exact():
-    """A plane is its own base, so that the heights above the source's base come out unchanged."""
+    """A plane is its own base, so that the heights above the source's base are unchanged."""
     height = WAVES - MESH.base(surface(WAVES), 5)[:, 2]
     for slope in (0.0, 0.7):
         plane = surface(slope * X)
         normal = np.array([-slope, 0, 1]) / np.hypot(slope, 1)
-        # The source's base is nearly flat, and by that much its normals are off z.
+        # The source's base is only nearly flat, so its normals deviate slightly from z.
         moved = transferred(Displacement, surface(WAVES), plane)
         expected = plane + height[:, None] * normal
         np.testing.assert_allclose(moved[INNER], expected[INNER], atol=2e-3)
 
 
-def test_a_constant_displacement_of_a_plane_is_no_detail():
+def test_a_constant_displacement_of_a_plane_is_not_detail():
     moved = transferred(Displacement, surface(np.full_like(X, 5)), surface(WAVES))
     np.testing.assert_allclose(moved, transferred(Displacement, FLAT, surface(WAVES)), atol=1e-5)
 
 
 @pytest.mark.parametrize("transfer", PEERS)
-def test_translations_of_the_source_do_nothing_and_of_the_target_go_along(transfer):
+def test_translations_of_the_source_do_nothing_and_of_the_target_move_the_result(transfer):
     by = np.array([3, -2, 5], np.float32)
     plain = transferred(transfer, surface(WAVES), BENT)
     np.testing.assert_allclose(transferred(transfer, surface(WAVES) + by, BENT), plain, atol=2e-3)
@@ -132,7 +132,7 @@ def test_translations_of_the_source_do_nothing_and_of_the_target_go_along(transf
 
 
 @pytest.mark.parametrize("transfer", PEERS)
-def test_a_turn_of_both_surfaces_turns_the_result(transfer):
+def test_a_rotation_of_both_surfaces_rotates_the_result(transfer):
     turn = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix().astype(np.float32).T
     plain = transferred(transfer, surface(WAVES), BENT)
     both = transferred(transfer, surface(WAVES) @ turn, BENT @ turn)
@@ -143,12 +143,12 @@ def test_a_turn_of_both_surfaces_turns_the_result(transfer):
 def test_no_detail_leaves_the_base_of_the_target(transfer):
     moved = transferred(transfer, FLAT, surface(WAVES) + BENT - FLAT)
     base = MESH.base(surface(WAVES) + BENT - FLAT, 5)
-    # The source's border is pulled inwards, which Laplacian editing carries a little way along.
+    # The source's border is pulled inwards, and Laplacian editing spreads this a little.
     np.testing.assert_allclose(moved[INNER], base[INNER], atol=0.02)
 
 
 @pytest.mark.parametrize("transfer", PEERS)
-def test_a_detail_put_onto_a_plane_is_found_there(transfer):
+def test_a_detail_transferred_to_a_plane_is_unchanged(transfer):
     moved = transferred(transfer, surface(WAVES), FLAT)
     error = (moved[:, 2] - WAVES)[INNER]
     assert np.sqrt(np.mean(error**2)) < 0.15 * WAVES.std()
@@ -156,7 +156,7 @@ def test_a_detail_put_onto_a_plane_is_found_there(transfer):
 
 
 @pytest.mark.parametrize("transfer", PEERS)
-def test_a_detail_turns_with_the_surface_it_is_put_onto(transfer):
+def test_a_detail_rotates_with_its_target_surface(transfer):
     plane = surface(np.tan(np.radians(40)) * X)
     moved = transferred(transfer, surface(WAVES), plane)
     along = np.array([-np.sin(np.radians(40)), 0, np.cos(np.radians(40))])
@@ -174,16 +174,16 @@ def test_a_region_receives_and_the_rest_stays(transfer):
     moved = transferred(transfer, surface(WAVES), target, region=region)
     np.testing.assert_array_equal(moved[~region], target[~region])
     deep = away < 8
-    # The cut waves at the rim bend the surface inside a little; its detail stays.
+    # The waves cut off at the rim bend the surface inside slightly; its detail stays.
     detail = moved - MESH.base(moved, 5)
     assert np.corrcoef(detail[deep, 2], WAVES[deep])[0, 1] > 0.98
 
 
 def test_laplacian_editing_solves_its_normal_equations():
-    """The gradient of the least-squares problem, written anew, is 0 at the result."""
+    """The independently computed gradient of the least-squares problem is 0 at the result."""
     moved = transferred(DIRECT, surface(WAVES), FLAT).astype(np.float64)
     base, detail = MESH.base(FLAT, 5), surface(WAVES) - MESH.base(surface(WAVES), 5)
-    # Bases of two flat surfaces: nothing turns.
+    # The bases of both surfaces are flat, so nothing is rotated.
     turned = MESH.laplacian(detail)
     step = moved - base
     gradient = MESH.laplacian(MESH.laplacian(step) - turned) + 0.02**2 * step
@@ -204,7 +204,7 @@ def test_multigrid_and_the_direct_solver_agree_on_a_real_mesh():
 
 
 def dense(inside: np.ndarray, anchor: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """right, down and the matrix of `Bilaplacian`, by a loop over pixels."""
+    """Return right, down and the matrix of `Bilaplacian`, computed by a loop over pixels."""
     right, down = np.zeros((2, *inside.shape), np.float32)
     number = np.cumsum(inside).reshape(inside.shape) - 1
     laplacian = np.zeros((inside.sum(), inside.sum()))

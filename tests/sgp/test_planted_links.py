@@ -1,4 +1,4 @@
-"""Whoever plants links in an output folder reaches no other file: every command, every name."""
+"""Links planted in an output folder never redirect a write: every command, every name."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ width = 64
 height = 52
 """
 PLAN = "leds = [0, 1, 2, 3]\nexposures_us = [5000.0]\n"
-# A complete session loses its COMPLETE and its last line: its last frame lies there without a line.
+# A complete session loses COMPLETE and its last line, so that its last frame has no line.
 CUT_OFF = """
 import shutil
 shutil.copytree(ROOT / "s", ROOT / "cut")
@@ -30,7 +30,7 @@ lines = (ROOT / "cut/journal.jsonl").read_bytes().splitlines(True)
 last = max(n for n, line in enumerate(lines) if b'"kind":"frame"' in line)
 (ROOT / "cut/journal.jsonl").write_bytes(b"".join(lines[:last]))
 """
-# Call every writer; what one line makes the next ones read.
+# Call every writer; each line reads the results of the lines before it.
 CORE = """
     capture run {root}/s --rig {root}/rig.toml --plan {root}/plan.toml
     CUT OFF
@@ -82,9 +82,7 @@ def commands(text: str, root: Path) -> list[list[str]]:
     ],
 )
 @pytest.mark.timeout(900)
-def test_no_writer_follows_what_is_planted(
-    tmp_path: Path, kind: str, text: str, names: int
-) -> None:
+def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, names: int) -> None:
     root, victims = tmp_path / "root", tmp_path / "victims"
     root.mkdir()
     victims.mkdir()

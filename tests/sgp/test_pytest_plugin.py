@@ -1,4 +1,4 @@
-"""The plugin for other people's tests, run as they would run it."""
+"""The pytest plugin, run as in another project."""
 
 import re
 import subprocess
@@ -13,13 +13,13 @@ from simulator import render, rig_for, scene_named
 pytest_plugins = ["pytester"]
 
 GUIDE = Path(__file__).parents[2] / "docs" / "testing-without-hardware.md"
-# The plugin itself comes in as for anybody else, by its entry point.
+# The plugin is loaded by its entry point, as in another project.
 STRICT = ("-W", "error", "--strict-markers", "--strict-config")
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _loaded():
-    """Import and compile all out here: inner runs share this process, but unload their imports."""
+    """Import and compile everything first: inner runs share this process but unload imports."""
     with rig_for(
         render(scene_named("spheres", width=32, height=32, leds=2)), realtime=False
     ) as rig:
@@ -28,7 +28,7 @@ def _loaded():
 
 @pytest.fixture
 def run(pytester):
-    """Run one test file in this process, return the result."""
+    """Run one test file in this process and return the result."""
 
     def run(source, ini=""):
         pytester.makeini(f"[pytest]\n{ini}")
@@ -39,7 +39,7 @@ def run(pytester):
 
 
 def test_the_guides_example_works(pytester):
-    """Every block of the guide, as files; by a new interpreter, as in another project."""
+    """Write every code block of the guide to a file, and run them in a new interpreter."""
     blocks = re.findall(r"```(ini|python)\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     assert [kind for kind, _ in blocks] == ["ini", "python", "python"]
     pytester.makefile(".ini", pytest=blocks[0][1])
@@ -108,7 +108,7 @@ def test_session_is_complete_and_each_test_has_its_own(run):
     result.assert_outcomes(passed=2)
 
 
-def test_session_is_recorded_once_for_each_bench(run, monkeypatch):
+def test_session_is_recorded_once_for_each_scene(run, monkeypatch):
     recorded = []
     record = sgp._simulation.record_simulated
     monkeypatch.setattr(
@@ -159,7 +159,7 @@ def test_ini_and_the_closest_marker_decide(run):
     result.assert_outcomes(passed=2)
 
 
-def test_a_scene_file_beside_the_ini_file_has_its_own_size_and_lights(run, pytester):
+def test_a_scene_file_next_to_the_ini_file_has_its_own_size_and_lights(run, pytester):
     pytester.makefile(
         ".toml",
         hill="""
@@ -222,15 +222,15 @@ def test_the_same_seed_gives_the_same_frames_and_no_noise_none(run):
 
 
 BAD_MARKERS = {
-    "colour=1": "takes scene, size, leds, seed, noise by name, not 'colour'",
-    "'coin'": "by name, not 'coin'",
+    "colour=1": "accepts scene, size, leds, seed, noise as keywords, not 'colour'",
+    "'coin'": "as keywords, not 'coin'",
     "scene='moon'": "'moon'",
     "scene='moon.toml'": "moon.toml: no such file",
     "scene=3": "scene 3 is not a name",
-    "size='64'": "size '64' must read like 160x128",
-    "size=(64, 48)": "size (64, 48) must read like 160x128",
-    "leds=0": "leds 0 is not a whole number from 1 on",
-    "seed=-1": "seed -1 is not a whole number from 0 on",
+    "size='64'": "size '64' must have the form 160x128",
+    "size=(64, 48)": "size (64, 48) must have the form 160x128",
+    "leds=0": "leds 0 is not a whole number of at least 1",
+    "seed=-1": "seed -1 is not a whole number of at least 0",
 }
 
 
@@ -239,31 +239,31 @@ def _complaints(result):
     return [line for line in result.outlines if line.startswith(("sgp: ", "the marker sgp "))]
 
 
-def test_a_bench_that_cannot_be_is_one_line(run):
+def test_an_impossible_scene_gets_one_line(run):
     tests = "".join(
         f"@pytest.mark.sgp({marker})\ndef test_{i}(simulated_truth):\n    pass\n"
         for i, marker in enumerate(BAD_MARKERS)
     )
     result = run(f"import pytest\n{tests}")
     result.assert_outcomes(errors=len(BAD_MARKERS))
-    for told, expected in zip(_complaints(result), BAD_MARKERS.values(), strict=True):
-        assert expected in told
+    for complaint, expected in zip(_complaints(result), BAD_MARKERS.values(), strict=True):
+        assert expected in complaint
 
 
 @pytest.mark.parametrize(
     ("ini", "complaint"),
     [
-        ("sgp_leds = many", "leds 'many' is not a whole number from 1 on"),
+        ("sgp_leds = many", "leds 'many' is not a whole number of at least 1"),
         ("sgp_noise = perhaps", "noise 'perhaps' is neither true nor false"),
     ],
 )
-def test_an_ini_option_that_cannot_be_is_one_line(run, ini, complaint):
+def test_an_impossible_ini_option_gets_one_line(run, ini, complaint):
     result = run("def test_it(simulated_rig):\n    pass\n", ini)
     result.assert_outcomes(errors=1)
     assert _complaints(result) == [f"sgp: {complaint}"]
 
 
-def test_runs_that_do_not_use_it_are_left_alone(run):
+def test_runs_that_do_not_use_it_are_not_affected(run):
     plain = "def test_it():\n    pass\n"
     run(plain).assert_outcomes(passed=1)
 

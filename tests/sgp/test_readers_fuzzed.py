@@ -54,8 +54,8 @@ sys.exit(fuzz_readers.run(list(READERS), 6, 0))
 """
 
 
-def test_the_harness_sees_what_is_wrong(tmp_path: Path) -> None:
-    """Readers that fail in every way it looks for, and one that does not."""
+def test_the_harness_detects_bad_readers(tmp_path: Path) -> None:
+    """Readers that fail in all ways that the harness detects, and one that does not fail."""
     (tmp_path / "planted.py").write_text(PLANTED)
     ended = run(str(tmp_path / "planted.py"))
     assert ended.returncode == 1, ended.stdout + ended.stderr

@@ -1,4 +1,4 @@
-"""A command that is told to end while it starts or compiles says so in one line."""
+"""A command that receives a signal while it starts or compiles ends with one line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "signals_at_start.py"
-# Strikes as a module is looked for, in the middle of the imports of those that need it.
+# Sends a signal while a module is being found, in the middle of other imports.
 STRUCK = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -39,18 +39,18 @@ def struck(name: str, module: str, *words: str, hangup: str = "DFL"):
 )
 def test_a_signal_while_modules_load_ends_with_one_line(name, module):
     done = struck(name, module)
-    said = "Ctrl-C" if name == "SIGINT" else name
-    assert done.stderr == f"error: stopped by {said}\n"
+    cause = "Ctrl-C" if name == "SIGINT" else name
+    assert done.stderr == f"error: stopped by {cause}\n"
     assert done.returncode == 128 + getattr(signal, name)
     assert done.stdout == ""
 
 
-def test_the_line_is_json_where_json_was_asked_for():
+def test_the_line_is_json_with_the_option_json():
     done = struck("SIGTERM", "rig", "--json")
     assert '"error": "stopped by SIGTERM", "exit_code": 143' in done.stdout
 
 
-def test_a_hangup_that_is_ignored_stays_so():
+def test_an_ignored_hangup_stays_ignored():
     done = struck("SIGHUP", "rig", hangup="IGN")
     assert done.returncode == 2
     assert "absent-a.png" in done.stderr

@@ -1,4 +1,4 @@
-"""What files and folders are called, and hold, does not steer the terminal that shows it."""
+"""Names and contents of files and folders cannot control the terminal that shows them."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def test_a_session_is_shown_without_its_commands(sgp, session):
 def test_json_of_a_session(sgp, session):
     answer = sgp("capture", "info", session, "--json")
     assert not STEERING.search(answer.out + answer.err)
-    told = json.loads(answer.out)
-    assert told["ok"]
+    report = json.loads(answer.out)
+    assert report["ok"]
 
 
 @pytest.mark.parametrize("name", ["\x1b[2Jnowhere", "\u202egnp", "\x9b31m.toml", "caf\udce9"])
@@ -101,7 +101,7 @@ def test_a_file_that_names_itself_in_an_error(sgp, tmp_path):
     assert not STEERING.search(answer.err)
 
 
-def test_no_picture_is_made_of_a_name(sgp, tmp_path, monkeypatch):
-    """The console would put an emoji in the place of its name."""
+def test_names_of_emoji_stay_text(sgp, tmp_path, monkeypatch):
+    """The console would replace the name of an emoji by the emoji."""
     monkeypatch.chdir(tmp_path)
     assert ":smile:" in sgp("compare", "a:smile:", "b").err
