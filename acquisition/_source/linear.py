@@ -43,7 +43,7 @@ class Linearizer:
         self._offsets: list[tuple[float, FloatImage | None]] = []
 
     def reference(self, exposure_us: float | None) -> Reference | None:
-        """Return the role of the reference frames for an exposure time; None if there are none."""
+        """Return the role of the reference frames for an exposure time, None without any."""
         roles: tuple[Reference, ...] = ("ambient", "dark")
         return next((role for role in roles if self._references(role, exposure_us)), None)
 

@@ -99,8 +99,8 @@ class FlashReport:
     led
         The LED, None for a flash in the dark.
     since_us
-        Time from the previous trigger pulse to this one, by the board's clock; None if there was
-        none since the board started, or none for a quarter of an hour.
+        Time from the previous trigger pulse to this one, by the board's clock; None for the first
+        pulse since the board started, or the first one for a quarter of an hour.
     lit_us
         How long the LED was on, by the board's clock.
     active_us
