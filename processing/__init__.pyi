@@ -1,3 +1,4 @@
+from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
 from ._detail.properties import ChainStep as ChainStep
@@ -12,7 +13,6 @@ from ._detail.seam import SeamSteps as SeamSteps
 from ._detail.separation import Separation as Separation
 from ._detail.separation import combine as combine
 from ._detail.separation import separate as separate
-from ._detail.shape_filter import FilterKind as FilterKind
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
 from ._detail.similarity import Similarity as Similarity
 from ._detail.transfer import TransferFidelity as TransferFidelity

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from acquisition import make_folder, remove_rests, write_durably
-from rig import UnreadableError, parse_json, read_bounded
+import acquisition
+import rig
 from sgp._exit import UsageError
 from sgp._output import check_folder, sha256
 from sgp._result import dumps
@@ -70,7 +70,7 @@ class DemoFolder:
 
     def _write(self) -> None:
         mark = {"files": self._known, "unfinished": list(self._at_work)}
-        write_durably(self._out / MARK, dumps(mark).encode())
+        acquisition.write_durably(self._out / MARK, dumps(mark).encode())
 
 
 @contextmanager
@@ -87,7 +87,7 @@ def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
     existed = out.is_dir()
     if not existed:
         check_folder(out, force=force)
-        make_folder(out)
+        acquisition.make_folder(out)
     with _locked(out):
         _make_room(out, force=force)
         folder = DemoFolder(out)
@@ -122,7 +122,7 @@ def _locked(out: Path) -> Iterator[None]:
 def _make_room(out: Path, *, force: bool) -> None:
     """Remove the files of an earlier demo; refuse other files with the same names."""
     mark = out / MARK
-    remove_rests(out)
+    acquisition.remove_rests(out)
     if not mark.is_file() or mark.is_symlink():
         check_folder(out, force=force)
     hashes, at_work = _read(mark)
@@ -157,8 +157,8 @@ def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
 def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
     """Return the hashes in a mark file, and the files of the stage that did not finish."""
     try:
-        content = parse_json(read_bounded(mark))
+        content = rig.parse_json(rig.read_bounded(mark))
         files, at_work = content.get("files", content), content.get("unfinished", [])
         return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
-    except (FileNotFoundError, UnreadableError, AttributeError, TypeError):
+    except (FileNotFoundError, rig.UnreadableError, AttributeError, TypeError):
         return {}, ()

@@ -7,28 +7,20 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import (
-    DataError,
-    Lights,
-    Session,
-    SessionFrame,
-    write_durably,
-    write_normals_mat,
-    write_png,
-)
-from rig import Progress, no_progress
+import acquisition
+import rig
 
 _FULL = 65535
 
 
 def write_diligent(
     folder: Path,
-    session: Session,
-    lights: Lights,
+    session: acquisition.Session,
+    lights: acquisition.Lights,
     *,
     normals: npt.NDArray[np.float32] | None = None,
     mask: npt.NDArray[np.bool_] | None = None,
-    on_progress: Progress = no_progress,
+    on_progress: rig.Progress = rig.no_progress,
 ) -> list[Path]:
     """Write 16-bit linear PNGs with file names, lights, mask and true normals.
 
@@ -64,38 +56,42 @@ def write_diligent(
     """
     camera = session.manifest.camera
     if camera.channels != 1 or camera.cfa is not None:
-        raise DataError(
+        raise acquisition.DataError(
             f"{session.folder}: colour frames cannot be written in the DiLiGenT layout: use the "
             "session itself"
         )
-    shots: dict[str, SessionFrame] = {}
+    shots: dict[str, acquisition.SessionFrame] = {}
     for shot in session.frames:
         if shot.role == "light":
             shots.setdefault(shot.light_id, shot)
     darks = {shot.exposure_us: shot.read() for shot in session.frames if shot.role == "dark"}
     indices, by_name = lights.match(tuple(shots))
     if not by_name:
-        raise DataError(
+        raise acquisition.DataError(
             f"{session.folder}: its LEDs do not match the lights: the ids must be the same"
         )
     matched = lights.take(indices)
     names = []
     for done, shot in enumerate(shots.values(), 1):
         if shot.exposure_us not in darks:
-            raise DataError(f"{shot.path}: no dark frame of the same exposure time: record one")
+            raise acquisition.DataError(
+                f"{shot.path}: no dark frame of the same exposure time: record one"
+            )
         raw = shot.read().astype(np.float64)
         signal = (raw - darks[shot.exposure_us]) / (camera.white_dn - camera.black_level_dn)
         signal[raw >= camera.white_dn] = 1.0
         names.append(f"{done:03d}.png")
-        write_png(folder / names[-1], np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16))
+        acquisition.write_png(
+            folder / names[-1], np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16)
+        )
         on_progress("images", done, len(shots))
     files = [folder / name for name in names]
     if mask is not None:
         files.append(folder / "mask.png")
-        write_png(files[-1], mask.astype(np.uint8) * np.uint8(255))
+        acquisition.write_png(files[-1], mask.astype(np.uint8) * np.uint8(255))
     if normals is not None:
         files.append(folder / "Normal_gt.mat")
-        write_normals_mat(files[-1], normals)
+        acquisition.write_normals_mat(files[-1], normals)
     tables = {
         "light_directions.txt": _rows(matched.unit_directions),
         "light_intensities.txt": _rows(np.asarray(matched.intensities)),
@@ -103,7 +99,7 @@ def write_diligent(
     }
     for name, text in tables.items():
         files.append(folder / name)
-        write_durably(files[-1], text.encode())
+        acquisition.write_durably(files[-1], text.encode())
     return files
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 
-from acquisition import DataError, MissingPathError, StorageError, refusal
-from calibration import EstimateError
-from rig import RigError, RigNotFoundError
+import acquisition
+import calibration
+import rig
 
 
 class UsageError(Exception):
@@ -18,12 +18,12 @@ FAULT = 1
 
 _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),
-    (MissingPathError, 2),
-    (RigNotFoundError, 2),
-    (RigError, 3),
-    (StorageError, 3),
-    (DataError, 4),
-    (EstimateError, 5),
+    (acquisition.MissingPathError, 2),
+    (rig.RigNotFoundError, 2),
+    (rig.RigError, 3),
+    (acquisition.StorageError, 3),
+    (acquisition.DataError, 4),
+    (calibration.EstimateError, 5),
 )
 
 
@@ -51,7 +51,7 @@ def exit_code(error: BaseException) -> int:
 def error_text(error: BaseException) -> str:
     """Return one line that says what went wrong, where, and what to do about it."""
     if isinstance(error, OSError) and not isinstance(error, tuple(kind for kind, _ in _CODES)):
-        return str(refusal(Path(error.filename or "."), "use it", error))
+        return str(acquisition.refusal(Path(error.filename or "."), "use it", error))
     if exit_code(error) == FAULT:
         return f"{type(error).__name__}: {error} (an error in this program: see --debug)"
     return str(error)

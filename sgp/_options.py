@@ -12,8 +12,8 @@ from typing import Annotated
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
-from processing import MAX_PROJECTED_PIXELS, Method
-from rig import MAX_PIXELS
+import processing
+import rig
 from sgp._exit import UsageError
 
 
@@ -94,10 +94,10 @@ class SourceOptions:
     lights: Path | None = None
     camera: Path | None = None
     mask: Path | None = None
-    method: Method = "cauchy"
+    method: processing.Method = "cauchy"
     distant: bool = False
     gamma: Gamma | None = None
-    max_pixels: Pixels = MAX_PIXELS
+    max_pixels: Pixels = rig.MAX_PIXELS
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:
@@ -131,8 +131,9 @@ def image_size(option: str, text: str) -> tuple[int, int]:
             f"{option} {_short(text)}: give width and height in pixels, for example 640x512"
         )
     width, height = int(match[1]), int(match[2])
-    if width * height > MAX_PROJECTED_PIXELS:
+    if width * height > processing.MAX_PROJECTED_PIXELS:
         raise UsageError(
-            f"{option} {text}: the maximum is {MAX_PROJECTED_PIXELS // 10**6} million pixels"
+            f"{option} {text}: the maximum is {processing.MAX_PROJECTED_PIXELS // 10**6} million "
+            "pixels"
         )
     return width, height

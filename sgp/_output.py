@@ -11,18 +11,9 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
-from acquisition import (
-    SOFTWARE,
-    is_rest,
-    make_folder,
-    refusal,
-    remove_rests,
-    software_version,
-    write_durably,
-)
-from rig import UnreadableError, parse_json, read_bounded
+import acquisition
+import rig
 from sgp._exit import UsageError
-from sgp._record import ResultRecord, Software
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
@@ -70,13 +61,13 @@ def claim_folder(out: Path, record: str) -> Path:
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
-    make_folder(out)
-    remove_rests(out)
+    acquisition.make_folder(out)
+    acquisition.remove_rests(out)
     for path in earlier_files(out, record):
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            raise refusal(path, "replace", error) from error
+            raise acquisition.refusal(path, "replace", error) from error
     return out
 
 
@@ -89,8 +80,8 @@ def earlier_files(out: Path, record: str) -> list[Path]:
 def _earlier_outputs(record: Path) -> list[str]:
     """Return the files that a record names in its own folder; none if it cannot be read."""
     try:
-        content = parse_json(read_bounded(record))
-    except (FileNotFoundError, UnreadableError):
+        content = rig.parse_json(rig.read_bounded(record))
+    except (FileNotFoundError, rig.UnreadableError):
         return []
     outputs = content.get("outputs") if isinstance(content, dict) else None
     names = outputs.values() if isinstance(outputs, dict) else ()
@@ -163,7 +154,7 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     if os.path.lexists(place) and not place.is_dir():
         below = "" if place == out else f", so {out} cannot be below it"
         raise UsageError(f"{place} is a file{below}: give --out a folder")
-    if out.is_dir() and not force and any(not is_rest(path) for path in out.iterdir()):
+    if out.is_dir() and not force and any(not acquisition.is_rest(path) for path in out.iterdir()):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already contains files: choose another folder{instead}")
 
@@ -197,6 +188,9 @@ def _check_name(out: Path) -> None:
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
     """Write the JSON record of a result atomically: a reader never sees a part of it."""
+    # Imported here: the help texts must not wait for pydantic.
+    from sgp._record import ResultRecord
+
     record = ResultRecord(
         **provenance(command, parameters, result.inputs),
         outputs={
@@ -207,14 +201,17 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
         metrics=plain(result.metrics),
         warnings=tuple(result.warnings),
     )
-    write_durably(path, f"{dumps(record.model_dump())}\n".encode())
+    acquisition.write_durably(path, f"{dumps(record.model_dump())}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
     """Return the provenance of a result: command, version, parameters, input hashes."""
     return {
         "command": command,
-        "software": Software(name=SOFTWARE, version=software_version()).model_dump(),
+        "software": {
+            "name": acquisition.SOFTWARE,
+            "version": acquisition.software_version(),
+        },
         "parameters": plain(parameters),
         "inputs": {str(file): sha256(file) for file in inputs},
     }

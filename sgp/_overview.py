@@ -6,18 +6,19 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse as EllipsePatch
-from matplotlib.ticker import EngFormatter, MaxNLocator
 
-from acquisition import Lights, write_durably
+import acquisition
+import processing
 from calibration import SphereCalibration
-from processing import HeightProfile, NormalMap
+
+# matplotlib is imported where it draws: the commands' help texts must not wait for it.
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Image = npt.NDArray[np.float32]
 
@@ -37,6 +38,9 @@ def write_overview(
 
     ``columns`` defaults to 4, or to 3 or 5 if that leaves fewer places empty.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     columns = columns or min((4, 3, 5), key=lambda width: -len(panels) % width)
     rows = -(-len(panels) // columns)
     figure = Figure(
@@ -56,7 +60,7 @@ def write_figure(path: Path, figure: Figure) -> None:
     """Write a figure as a PNG; the same figure gives the same bytes."""
     file = io.BytesIO()
     figure.savefig(file, format="png", metadata={"Software": None})
-    write_durably(path, file.getbuffer())
+    acquisition.write_durably(path, file.getbuffer())
 
 
 def _drawable(text: str) -> str:
@@ -78,7 +82,7 @@ def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
     return Panel(title, draw)
 
 
-def normals_panel(title: str, normal_map: NormalMap) -> Panel:
+def normals_panel(title: str, normal_map: processing.NormalMap) -> Panel:
     """Show normals as colours: red is right, green is up, blue is toward the camera."""
 
     def draw(axes: Axes) -> None:
@@ -123,8 +127,9 @@ def shaded_panel(title: str, height: Image) -> Panel:
     return Panel(title, draw)
 
 
-def spheres_panel(title: str, values: Image, calibration: SphereCalibration) -> Panel:
+def spheres_panel(title: str, values: Image, estimate: SphereCalibration) -> Panel:
     """Show the detected outlines and highlights over the brightest value of each pixel."""
+    from matplotlib.patches import Ellipse
 
     def draw(axes: Axes) -> None:
         # Saturated values are NaN, short exposures may exceed 1: both are white here.
@@ -132,22 +137,24 @@ def spheres_panel(title: str, values: Image, calibration: SphereCalibration) -> 
         for image in values:
             np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
         axes.imshow(np.clip(brightest, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
-        for sphere in calibration.spheres:
+        for sphere in estimate.spheres:
             outline = sphere.outline
             a, b = outline.semi_axes_px
             axes.add_patch(
-                EllipsePatch(
+                Ellipse(
                     outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
                 )
             )
-        spots = calibration.highlights_px.reshape(-1, 2)
+        spots = estimate.highlights_px.reshape(-1, 2)
         axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
         axes.axis("off")
 
     return Panel(title, draw)
 
 
-def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Panel:
+def lights_panel(
+    title: str, lights: acquisition.Lights, truth: acquisition.Lights | None = None
+) -> Panel:
     """Show light directions as seen by the camera: overhead in the centre, horizon at the rim."""
 
     def draw(axes: Axes) -> None:
@@ -179,8 +186,9 @@ def lights_panel(title: str, lights: Lights, truth: Lights | None = None) -> Pan
     return Panel(title, draw)
 
 
-def profile_panel(title: str, profile: HeightProfile) -> Panel:
+def profile_panel(title: str, profile: processing.HeightProfile) -> Panel:
     """Plot a result's heights, raw and smoothed, in ascending order of the target's heights."""
+    from matplotlib.ticker import EngFormatter, MaxNLocator
 
     def draw(axes: Axes) -> None:
         pick = profile.ranks()

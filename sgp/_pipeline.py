@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import Lights, Source
-from processing import HeightMap, Reconstruction, Separation, integrate, separate
+import acquisition
+import processing
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import (
@@ -29,14 +29,18 @@ from sgp._write import write_normals_stage, write_separation, write_surface
 class Outcome:
     """All results of the pipeline for one source."""
 
-    normals: Reconstruction
-    parts: Separation
-    surface: HeightMap
+    normals: processing.Reconstruction
+    parts: processing.Separation
+    surface: processing.HeightMap
     result: Result
 
 
 def process(
-    source: Source, files: list[Path], out: Path, watch: Stopwatch, options: SourceOptions
+    source: acquisition.Source,
+    files: list[Path],
+    out: Path,
+    watch: Stopwatch,
+    options: SourceOptions,
 ) -> Outcome:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
@@ -61,17 +65,17 @@ def process(
         write("normals", lambda folder: write_normals_stage(folder, stage))
     normal_map = stage.stereo.normal_map
     with watch.stage("detail"):
-        parts = separate(normal_map)
+        parts = processing.separate(normal_map)
         write("detail", lambda folder: write_separation(folder, parts))
     with watch.stage("surface"):
-        surface = integrate(normal_map, camera=source.camera)
+        surface = processing.integrate(normal_map, camera=source.camera)
         write("surface", lambda folder: write_surface(folder, surface, normal_map))
     if stage.error is not None:
         merged.metrics["normals_mae_deg"] = stage.error.mae_deg
     return Outcome(stage, parts, surface, merged)
 
 
-def overview_panels(outcome: Outcome, true_lights: Lights | None = None) -> list[Panel]:
+def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = None) -> list[Panel]:
     """Return the overview pictures that can be drawn for any recording."""
     stage, surface = outcome.normals, outcome.surface
     normal_map, names = stage.stereo.normal_map, stage.lights.ids

@@ -7,8 +7,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from acquisition import DataError, MissingPathError
-from rig import UnreadableError, complaints, parse_json, read_bounded
+import acquisition
+import rig
 
 FORMAT: Final = "sgp-result"
 VERSION: Final = 1
@@ -78,15 +78,17 @@ def read_record(path: str | Path) -> ResultRecord:
     """
     path = Path(path)
     try:
-        values = parse_json(read_bounded(path))
+        values = rig.parse_json(rig.read_bounded(path))
     except FileNotFoundError as error:
-        raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: {error}") from error
+        raise acquisition.MissingPathError(f"{path}: no such file") from error
+    except rig.UnreadableError as error:
+        raise acquisition.DataError(f"{path}: {error}") from error
     if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise DataError(f"{path}: is not the record of a result: its format is not {FORMAT!r}")
+        raise acquisition.DataError(
+            f"{path}: is not the record of a result: its format is not {FORMAT!r}"
+        )
     if values.get("version") != VERSION:
-        raise DataError(
+        raise acquisition.DataError(
             f"{path}: has version {str(values.get('version'))[:20]} of {FORMAT}, and this program "
             f"reads version {VERSION}: run the command again, or update the program"
         )
@@ -94,4 +96,4 @@ def read_record(path: str | Path) -> ResultRecord:
         # Lists become tuples in JSON mode only.
         return ResultRecord.model_validate(values, strict=False)
     except ValidationError as error:
-        raise DataError(f"{path}: {complaints(error)}") from error
+        raise acquisition.DataError(f"{path}: {rig.complaints(error)}") from error

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CapturePlan, Session, record
+import acquisition
+import simulator
 from rig import RigConfig
 from sgp._console import Stages
-from simulator import Rendering, rig_for
 
 # Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
 _FILL = 0.8
@@ -19,7 +19,7 @@ _METERED_PIXELS = 100_000
 _EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
 
 
-def metered_exposures(rendering: Rendering) -> tuple[float, ...]:
+def metered_exposures(rendering: simulator.Rendering) -> tuple[float, ...]:
     """Choose exposure times: one for matte surfaces, a short one for highlights on spheres.
 
     Parameters
@@ -52,7 +52,7 @@ def _brightest(
     return max(float(np.quantile(plane.ravel()[places], quantile)) for plane in planes)
 
 
-def _exposure_us(rendering: Rendering, photons_per_us: float) -> float:
+def _exposure_us(rendering: simulator.Rendering, photons_per_us: float) -> float:
     noise = rendering.truth.noise
     electrons_per_us = photons_per_us * noise.quantum_efficiency
     full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
@@ -63,14 +63,14 @@ def _exposure_us(rendering: Rendering, photons_per_us: float) -> float:
 
 
 def record_simulated(
-    rendering: Rendering,
+    rendering: simulator.Rendering,
     out: Path,
     *,
     exposures_us: tuple[float, ...],
     object_name: str,
     seed: int,
     noisy: bool,
-) -> Session:
+) -> acquisition.Session:
     """Record a rendering with the simulated rig, without waiting for the exposure times.
 
     The plan skips the scene's dead LEDs, as an operator would list them in the rig file.
@@ -84,12 +84,14 @@ def record_simulated(
     leds, lamps = len(rendering.planes), rendering.scene.lamps
     dead = tuple(led for led in lamps.dead if led < leds)  # the rig refuses others
     config = RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
-    plan = CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
+    plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
-        rig_for(rendering, config, seed=seed, noisy=noisy, realtime=False, lamps=lamps) as rig,
+        simulator.rig_for(
+            rendering, config, seed=seed, noisy=noisy, realtime=False, lamps=lamps
+        ) as rig,
         Stages() as progress,
     ):
-        return record(
+        return acquisition.record(
             rig,
             plan,
             out,

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from acquisition import Source, read_camera, read_lights, read_source
-from processing import Reconstruction, reconstruct
-from rig import MAX_PIXELS
+import acquisition
+import processing
+import rig
 from sgp._console import Stages
 from sgp._options import SourceOptions
 
@@ -22,8 +22,8 @@ def open_source(
     camera: Path | None = None,
     mask: Path | None = None,
     others: Sequence[Path] = (),
-    max_pixels: int = MAX_PIXELS,
-) -> tuple[Source, list[Path]]:
+    max_pixels: int = rig.MAX_PIXELS,
+) -> tuple[acquisition.Source, list[Path]]:
     """Read a source with the files given as options; return it and all its files, for hashing.
 
     ``others`` are files that the command reads itself; they may be in the folder of the source.
@@ -33,14 +33,14 @@ def open_source(
     MissingPathError, DataError
         If a file is missing, cannot be read, or does not match the images.
     """
-    source = read_source(
+    source = acquisition.read_source(
         path,
-        lights=None if lights is None else read_lights(lights),
+        lights=None if lights is None else acquisition.read_lights(lights),
         mask_path=mask,
         max_pixels=max_pixels,
     )
     if camera is not None:
-        source = replace(source, camera=read_camera(camera, source.size))
+        source = replace(source, camera=acquisition.read_camera(camera, source.size))
     options = [option for option in (lights, camera, mask, *others) if option is not None]
     used = {option.resolve() for option in options}
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
@@ -50,10 +50,12 @@ def open_source(
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 
-def compute_normals(source: Source, options: SourceOptions) -> Reconstruction:
+def compute_normals(
+    source: acquisition.Source, options: SourceOptions
+) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress."""
     with Stages() as progress:
-        return reconstruct(
+        return processing.reconstruct(
             source,
             method=options.method,
             distant=options.distant,

@@ -6,26 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import write_exr, write_png
-from processing import (
-    HeightMap,
-    NormalMap,
-    Reconstruction,
-    Separation,
-    write_mesh,
-    write_normals,
-)
+import acquisition
+import processing
 from sgp._result import Result
 
 
-def write_normals_stage(folder: Path, stage: Reconstruction) -> Result:
+def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Result:
     """Write normals.exr and .png, albedo, residual, used and mask; return files and figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
-    result.outputs = write_normals(folder, solved.normal_map)
+    result.outputs = processing.write_normals(folder, solved.normal_map)
     for name in ("albedo", "residual", "used"):
         path = folder / f"{name}.exr"
-        write_exr(path, getattr(solved, name).astype(np.float32))
+        acquisition.write_exr(path, getattr(solved, name).astype(np.float32))
         result.outputs[name] = path
     inside = solved.normal_map.mask
     result.metrics = {
@@ -52,10 +45,10 @@ def write_normals_stage(folder: Path, stage: Reconstruction) -> Result:
     return result
 
 
-def write_separation(folder: Path, parts: Separation) -> Result:
+def write_separation(folder: Path, parts: processing.Separation) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = write_normals(folder, parts.shape, name="shape")
-    outputs |= write_normals(folder, parts.detail, name="detail")
+    outputs = processing.write_normals(folder, parts.shape, name="shape")
+    outputs |= processing.write_normals(folder, parts.detail, name="detail")
     separability = parts.separability_deg
     return Result(
         outputs=outputs,
@@ -66,22 +59,22 @@ def write_separation(folder: Path, parts: Separation) -> Result:
 
 def write_surface(
     folder: Path,
-    height_map: HeightMap,
-    normal_map: NormalMap,
+    height_map: processing.HeightMap,
+    normal_map: processing.NormalMap,
     *,
     formats: tuple[str, ...] = ("ply",),
 ) -> Result:
     """Write height.exr, depth.exr if there is a depth, mask.png and meshes."""
     result = Result(warnings=list(height_map.warnings))
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
-    write_exr(result.outputs["height"], height_map.height)
-    write_png(result.outputs["mask"], height_map.mask.astype(np.uint8) * 255)
+    acquisition.write_exr(result.outputs["height"], height_map.height)
+    acquisition.write_png(result.outputs["mask"], height_map.mask.astype(np.uint8) * 255)
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
-        write_exr(result.outputs["depth"], height_map.depth)
+        acquisition.write_exr(result.outputs["depth"], height_map.depth)
     for suffix in formats:
         result.outputs[suffix] = folder / f"surface.{suffix}"
-        write_mesh(result.outputs[suffix], height_map, normals=normal_map)
+        processing.write_mesh(result.outputs[suffix], height_map, normals=normal_map)
     inside = height_map.height[height_map.mask]
     result.metrics = {
         "unit": height_map.unit,

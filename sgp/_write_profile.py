@@ -7,17 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import write_durably
-from processing import HeightProfile, NormalMap, height_profile, integrate
+import acquisition
+import processing
 from sgp._overview import profile_panel, write_overview
 from sgp._result import Result
 
 
 def write_height_profile(
-    out: Path, target: NormalMap, transferred: NormalMap, result: Result
+    out: Path, target: processing.NormalMap, transferred: processing.NormalMap, result: Result
 ) -> None:
     """Integrate two maps, write their height profile as picture and table, and add its figures."""
-    profile = height_profile(integrate(target), integrate(transferred))
+    profile = processing.height_profile(
+        processing.integrate(target), processing.integrate(transferred)
+    )
     picture, data = out / "height_profile.png", out / "height_profile.csv"
     panel = profile_panel(f"rms {profile.rms:.3g} {profile.unit}", profile)
     write_overview(picture, "Height profile", [panel], columns=1)
@@ -34,7 +36,7 @@ def write_height_profile(
     )
 
 
-def write_profile_data(path: Path, profile: HeightProfile) -> None:
+def write_profile_data(path: Path, profile: processing.HeightProfile) -> None:
     """Write the points that `profile_panel` draws as a table of pixel ranks and heights."""
     pick = profile.ranks()
     heights = ("target", "result", "smoothed")
@@ -42,4 +44,4 @@ def write_profile_data(path: Path, profile: HeightProfile) -> None:
     header = ",".join(["pixel", *(f"{name}_{profile.unit}" for name in heights)])
     table = io.BytesIO()
     np.savetxt(table, rows, ["%d", *["%.7g"] * 3], delimiter=",", header=header, comments="")
-    write_durably(path, table.getbuffer())
+    acquisition.write_durably(path, table.getbuffer())

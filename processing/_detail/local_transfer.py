@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from processing._detail.filter_kind import FilterKind
 from processing._detail.rotation import rotate_from_z
 from processing._detail.seam import SeamSteps, blend_detail, seam_steps
 from processing._detail.separation import separate_by
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing._normal_map import NormalMap

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import DataError
+from processing._detail.filter_kind import FilterKind
 from processing._detail.placement import largest_rectangle
 from processing._detail.separation import Separation, combine, separate_by
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, transfer
 from processing._metrics import angular_error, ssim
 from processing._normal_map import NormalMap

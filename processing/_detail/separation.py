@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from processing._detail.filter_kind import FilterKind
 from processing._detail.rotation import rotate_from_z
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
 from processing._detail.edge_aware import leave_within_edges
+from processing._detail.filter_kind import FILTER_KINDS, FilterKind
 from processing._detail.separation_kernels import finish, gains, leave, separate_once
 from processing._normal_map import NormalMap
 
 Float = npt.NDArray[np.float32]
-FilterKind = Literal["gaussian", "box", "guided", "bilateral"]
 
 
 @dataclass(frozen=True)
@@ -48,10 +47,8 @@ class ShapeFilter:
     w: int = 5
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(FilterKind):
-            raise DataError(
-                f"unknown shape filter {self.kind!r}: use {', '.join(get_args(FilterKind))}"
-            )
+        if self.kind not in FILTER_KINDS:
+            raise DataError(f"unknown shape filter {self.kind!r}: use {', '.join(FILTER_KINDS)}")
         for name, value in (("order", self.order), ("w", self.w)):
             if value != int(value) or value < 1:
                 raise DataError(f"a shape filter's {name} must be a whole number above 0: {value}")

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from processing._detail.filter_kind import FilterKind
 from processing._detail.placement import Placement, fill, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.separation import Separation, separate_by
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 

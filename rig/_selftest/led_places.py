@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from rig._selftest.finding import Finding
 from rig._selftest.near_light import Array, Fit, mixtures
@@ -83,6 +82,9 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
     """Match images to positions one to one, and report those that do not belong together."""
     if len(rows) == 0:
         return []
+    # Imported here: it takes half a second, and only the self-test needs it.
+    from scipy.optimize import linear_sum_assignment
+
     index = np.arange(len(rows))
     own = misfit[index, rows]
     others = misfit.copy()

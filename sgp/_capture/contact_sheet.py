@@ -7,12 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
+import simulator
 from sgp._overview import write_figure
-from simulator import Rendering
 
 Picture = npt.NDArray[np.float32]
 
@@ -25,7 +22,7 @@ _GAP, _RIM = 0.03, 0.04  # between pictures, and from the mark to the rim, in he
 _BOARD_LIT, _BOARD_DARK = 0.88, 0.5
 
 
-def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None:
+def write_contact_sheet(path: Path, renderings: Mapping[str, simulator.Rendering]) -> None:
     """Draw three pictures of the complete frame of each rendering: lit, normals, shadows.
 
     They use the light nearest to the upper left. A yellow mark at the rim of the first picture
@@ -38,6 +35,10 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None
     renderings
         Renderings by name; all of the same size.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
     height, width = next(iter(renderings.values())).truth.size
     aspect = width / height
     whole = 3 * aspect + 5 * _GAP  # three pictures, and space before the next scene
@@ -67,12 +68,12 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, Rendering]) -> None
     write_figure(path, figure)
 
 
-def upper_left_light(rendering: Rendering) -> int:
+def upper_left_light(rendering: simulator.Rendering) -> int:
     """Return the index of the light nearest to the upper left."""
     return int(np.argmax(rendering.truth.lights.unit_directions @ _FROM))
 
 
-def _lit(rendering: Rendering, light: int) -> Picture:
+def _lit(rendering: simulator.Rendering, light: int) -> Picture:
     plane, truth = rendering.planes[light], rendering.truth
     matte = truth.mask if truth.mask.any() else ~np.any(truth.sphere_masks, axis=0)
     white = float(np.quantile(plane[matte], 0.995)) or 1.0
@@ -80,13 +81,13 @@ def _lit(rendering: Rendering, light: int) -> Picture:
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def _normals(rendering: Rendering) -> Picture:
+def _normals(rendering: simulator.Rendering) -> Picture:
     truth = rendering.truth
     colours = np.where(truth.mask[..., None], truth.normals / 2 + 0.5, _BOARD_LIT)
     return colours.astype(np.float32)
 
 
-def _shadows(rendering: Rendering, light: int) -> Picture:
+def _shadows(rendering: simulator.Rendering, light: int) -> Picture:
     truth = rendering.truth
     shadows = np.zeros_like(truth.mask) if truth.shadows is None else truth.shadows[light]
     board = np.where(shadows, _BOARD_DARK, _BOARD_LIT)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Session, SessionFrame, write_png
+import acquisition
 
 _WIDTH_PX: Final = 200
 _TEXT_PX: Final = 22
@@ -22,7 +22,7 @@ _CLIPPED_RGB: Final = (255, 60, 60)
 _Picture = npt.NDArray[np.uint8]
 
 
-def write_session_sheet(path: Path, session: Session) -> None:
+def write_session_sheet(path: Path, session: acquisition.Session) -> None:
     """Draw the frames of a session; pixels at the white level are red.
 
     All lights of one bracket share one brightness scale, so that a weak light looks weak. Frames
@@ -56,10 +56,10 @@ def write_session_sheet(path: Path, session: Session) -> None:
         row, column = divmod(place, _COLUMNS)
         top, left = row * (height + _GAP_PX), column * (width + _GAP_PX)
         sheet[top : top + height, left : left + width] = tile
-    write_png(path, sheet)
+    acquisition.write_png(path, sheet)
 
 
-def _bright_dn(frame: SessionFrame, frames: Sequence[SessionFrame]) -> int:
+def _bright_dn(frame: acquisition.SessionFrame, frames: Sequence[acquisition.SessionFrame]) -> int:
     """Return the raw value that is drawn white."""
     lit = [other for other in frames if other.role in ("light", "flat")]
     if frame in lit:
@@ -67,7 +67,9 @@ def _bright_dn(frame: SessionFrame, frames: Sequence[SessionFrame]) -> int:
     return max(other.line.percentiles_dn["99.9"] for other in lit or [frame])
 
 
-def _tile(session: Session, frame: SessionFrame, black_dn: float, bright_dn: float) -> _Picture:
+def _tile(
+    session: acquisition.Session, frame: acquisition.SessionFrame, black_dn: float, bright_dn: float
+) -> _Picture:
     camera = session.manifest.camera
     raw = frame.read()
     clipped = np.atleast_3d(raw).max(axis=2) >= camera.white_dn

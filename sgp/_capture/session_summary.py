@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from acquisition import FrameLine, Session
+import acquisition
 from sgp._result import Result
 
 
-def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
+def describe(session: acquisition.Session, warnings: Iterable[str] = ()) -> Result:
     """Describe the contents of a session.
 
     Parameters
@@ -67,7 +67,7 @@ def describe(session: Session, warnings: Iterable[str] = ()) -> Result:
     )
 
 
-def _dark_dn(session: Session) -> dict[float | None, int]:
+def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
     """Return the 99th percentile of the frames with all LEDs off, by exposure time."""
     unlit = sorted(
         (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),
@@ -76,7 +76,7 @@ def _dark_dn(session: Session) -> dict[float | None, int]:
     return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
 
 
-def _row(line: FrameLine, dark_dn: Mapping[float | None, int]) -> str:
+def _row(line: acquisition.FrameLine, dark_dn: Mapping[float | None, int]) -> str:
     exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
     bright_dn = line.percentiles_dn["99"]
     lit = ""

@@ -9,8 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from acquisition import CapturePlan, MeteringGoal, PlannedShot, Preflight, rehearse
-from acquisition import meter as meter_plan
+import acquisition
 from rig import Rig, RigError
 from sgp._console import Stages
 from sgp._exit import UsageError
@@ -47,7 +46,7 @@ class MeterOptions:
     meter_fraction: _Level | None = None
     max_clipped: _Share | None = None
 
-    def goal(self) -> MeteringGoal | None:
+    def goal(self) -> acquisition.MeteringGoal | None:
         """Return the goal of metering, or None without ``--meter``.
 
         Raises
@@ -68,7 +67,7 @@ class MeterOptions:
                     "or --meter one"
                 )
             return None
-        return MeteringGoal(each=self.meter == "each", **stated)
+        return acquisition.MeteringGoal(each=self.meter == "each", **stated)
 
 
 @dataclass
@@ -79,10 +78,12 @@ class Preparation:
     warnings: list[str] = field(default_factory=list)
 
 
-def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, prepared: Preparation) -> CapturePlan:
+def metered(
+    rig: Rig, plan: acquisition.CapturePlan, goal: acquisition.MeteringGoal, prepared: Preparation
+) -> acquisition.CapturePlan:
     """Return the plan with metered exposure times."""
     with Stages() as progress:
-        metering = meter_plan(rig, plan, goal, on_progress=progress)
+        metering = acquisition.meter(rig, plan, goal, on_progress=progress)
     prepared.events.append(("metered", metering.details()))
     if metering.dead_leds:
         reason = "gave no light when metered"
@@ -91,7 +92,7 @@ def metered(rig: Rig, plan: CapturePlan, goal: MeteringGoal, prepared: Preparati
     return metering.plan
 
 
-def accept(preflight: Preflight, prepared: Preparation) -> None:
+def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
     """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
 
     Raises
@@ -108,10 +109,12 @@ def accept(preflight: Preflight, prepared: Preparation) -> None:
     ]
 
 
-def dry_run(rig: Rig, plan: CapturePlan, shots: Sequence[PlannedShot]) -> Result:
+def dry_run(
+    rig: Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.PlannedShot]
+) -> Result:
     """Take shots with all LEDs off without recording them."""
     with Stages() as progress:
-        seconds = rehearse(rig, plan, on_progress=progress, shots=shots)
+        seconds = acquisition.rehearse(rig, plan, on_progress=progress, shots=shots)
     count, info = len(shots), rig.camera.info
     size = count * info.width * info.height * 2
     return Result(

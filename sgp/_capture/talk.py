@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from acquisition import DataError, MissingPathError, Session, SessionInUseError
+import acquisition
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
@@ -53,7 +53,7 @@ class CaptureTalk:
         trace: TracebackType | None,
     ) -> None:
         self.on_progress.close()
-        if error is not None and not isinstance(error, SessionInUseError):
+        if error is not None and not isinstance(error, acquisition.SessionInUseError):
             self._report_state(error)
 
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
@@ -110,8 +110,8 @@ class CaptureTalk:
     def _report_state(self, error: BaseException) -> None:
         """Report the state of a session that stopped; the error itself gives the reason."""
         try:
-            session = Session.open(self._out)
-        except (DataError, MissingPathError):
+            session = acquisition.Session.open(self._out)
+        except (acquisition.DataError, acquisition.MissingPathError):
             return  # nothing was recorded
         if session.complete:
             return

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from processing import LocalTransferResult, NormalMap, transfer_local
+import processing
 
 # The paper's granularity for faces.
 FACE_W = 10
@@ -38,13 +38,18 @@ class Face(NamedTuple):
     mirror: bool
 
     def set_in(
-        self, source: NormalMap, target: NormalMap, *, order: int = 8, reach_px: float | None = None
-    ) -> LocalTransferResult:
+        self,
+        source: processing.NormalMap,
+        target: processing.NormalMap,
+        *,
+        order: int = 8,
+        reach_px: float | None = None,
+    ) -> processing.LocalTransferResult:
         """Transfer the face to the target at the paper's granularity."""
         x, y, across, down = self.ellipse
         rows, columns = np.ogrid[: source.size[0], : source.size[1]]
         part: npt.NDArray[np.bool_] = ((columns - x) / across) ** 2 + ((rows - y) / down) ** 2 <= 1
-        return transfer_local(
+        return processing.transfer_local(
             source,
             target,
             source_mask=part,

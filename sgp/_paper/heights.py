@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from processing import HeightProfile, NormalMap, height_profile, integrate, transfer
+import processing
 from sgp._overview import Panel, profile_panel
 from sgp._paper import figures as paper
 from sgp._paper.sources import Sources, bowl
@@ -18,22 +18,22 @@ _BOWL_POINTS = 50_000
 
 
 def height_profiles(
-    sources: Sources, textures: dict[str, NormalMap], advance: Advance
-) -> tuple[Table, dict[str, HeightProfile], list[Panel]]:
+    sources: Sources, textures: dict[str, processing.NormalMap], advance: Advance
+) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Transfer two details to one target and compare the heights; also returns curves by name."""
     where, target = (
         ("bowl (simulated)", bowl(_BOWL_POINTS))
         if sources.data is None
         else ("cat", sources.given("diligent/cat"))
     )
-    ground = integrate(target)
-    profiles: dict[str, HeightProfile] = {}
+    ground = processing.integrate(target)
+    profiles: dict[str, processing.HeightProfile] = {}
     panels: list[Panel] = []
     rows: dict[str, list[Number]] = {}
     for texture, name in _STAND_INS.items():
         advance(f"heights of {texture} on {where}")
-        done = transfer(textures[texture], target)
-        profile = height_profile(ground, integrate(done.normal_map))
+        done = processing.transfer(textures[texture], target)
+        profile = processing.height_profile(ground, processing.integrate(done.normal_map))
         profiles[f"height_profile_{name}"] = profile
         panels.append(profile_panel(f"{texture} on {where}", profile))
         for row, value in {

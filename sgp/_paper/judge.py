@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from processing import NormalMap, angular_error, separate, ssim
+import processing
 from sgp._paper.mesh import Mask
 from sgp._paper.surfaces import Surfaces
 
@@ -36,13 +36,13 @@ AS_SURFACES = ("shape error as surfaces, deg", "detail error as surfaces, deg")
 # Figures by quantity and method.
 Judged = dict[str, dict[str, float]]
 # A transfer in the normal domain, from source and target to the result.
-InNormals = Callable[[NormalMap, NormalMap], NormalMap]
+InNormals = Callable[[processing.NormalMap, processing.NormalMap], processing.NormalMap]
 
 
 def judge(
-    results: Mapping[str, NormalMap],
-    source: NormalMap,
-    target: NormalMap,
+    results: Mapping[str, processing.NormalMap],
+    source: processing.NormalMap,
+    target: processing.NormalMap,
     in_normals: Mapping[str, InNormals],
     *,
     region: Mask | None = None,
@@ -72,7 +72,7 @@ def judge(
     """
     # The mesh methods need a source surface at all pixels of the target.
     around = np.where(source.mask[..., None], source.normals, target.normals)
-    filled = NormalMap(np.where(target.mask[..., None], around, 0), target.mask)
+    filled = processing.NormalMap(np.where(target.mask[..., None], around, 0), target.mask)
     surfaces = Surfaces.of(filled, target)
     read_source, read_target = surfaces.round_trip(filled), surfaces.round_trip(target)
     maps, read = _Meant(source, target, region, w), _Meant(read_source, read_target, region, w)
@@ -97,23 +97,31 @@ def judge(
 class _Meant:
     """The shape and the detail of a perfect transfer from one map to another."""
 
-    def __init__(self, source: NormalMap, target: NormalMap, region: Mask | None, w: int) -> None:
+    def __init__(
+        self,
+        source: processing.NormalMap,
+        target: processing.NormalMap,
+        region: Mask | None,
+        w: int,
+    ) -> None:
         self._region, self._w = region, w
-        self._shape = separate(target, order=1, w=w).shape
-        self._detail = separate(source, order=1, w=w).detail
+        self._shape = processing.separate(target, order=1, w=w).shape
+        self._detail = processing.separate(source, order=1, w=w).detail
 
-    def likeness(self, shape_of: NormalMap, detail_of: NormalMap) -> tuple[float, ...]:
+    def likeness(
+        self, shape_of: processing.NormalMap, detail_of: processing.NormalMap
+    ) -> tuple[float, ...]:
         """Return the `PLAIN` figures of one map's shape and another's detail."""
         figures: list[float] = []
         for part, reference in (
-            (separate(shape_of, order=1, w=self._w).shape, self._shape),
-            (separate(detail_of, order=1, w=self._w).detail, self._detail),
+            (processing.separate(shape_of, order=1, w=self._w).shape, self._shape),
+            (processing.separate(detail_of, order=1, w=self._w).detail, self._detail),
         ):
             protocol: Literal["masked", "paper"] = "paper" if self._region is None else "masked"
-            figures.append(angular_error(part, reference, self._region).mae_deg)
-            figures.append(ssim(part, reference, self._region, protocol=protocol))
+            figures.append(processing.angular_error(part, reference, self._region).mae_deg)
+            figures.append(processing.ssim(part, reference, self._region, protocol=protocol))
         return tuple(figures)
 
-    def errors_deg(self, result: NormalMap) -> tuple[float, ...]:
+    def errors_deg(self, result: processing.NormalMap) -> tuple[float, ...]:
         """Return the mean errors of a map's shape and detail."""
         return self.likeness(result, result)[::2]

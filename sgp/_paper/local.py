@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from processing import NormalMap, transfer_local
+import processing
 from sgp._overview import Panel, normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.faces import FACE_W, FACES
@@ -29,17 +29,21 @@ def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Pan
         target = targets[face.target]
         done = face.set_in(targets[face.source], target, order=1)
         region = done.region
-        results: dict[str, NormalMap] = {"normals": done.normal_map}
+        results: dict[str, processing.NormalMap] = {"normals": done.normal_map}
         # The meshes also need a surface at pixels that the source does not cover.
         around = np.where(done.placed.mask[..., None], done.placed.normals, target.normals)
-        placed = NormalMap(around, done.placed.mask | target.mask)
+        placed = processing.NormalMap(around, done.placed.mask | target.mask)
         peers = measure(("DSPL", "LAPL"), placed, target, region=region, w=FACE_W)
         results |= {method: one.normal_map for method, one in peers.items()}
 
         def in_normals(
-            one: NormalMap, other: NormalMap, region: npt.NDArray[np.bool_] = region
-        ) -> NormalMap:
-            return transfer_local(one, other, source_mask=region, w=FACE_W, order=1).normal_map
+            one: processing.NormalMap,
+            other: processing.NormalMap,
+            region: npt.NDArray[np.bool_] = region,
+        ) -> processing.NormalMap:
+            return processing.transfer_local(
+                one, other, source_mask=region, w=FACE_W, order=1
+            ).normal_map
 
         judged = judge(
             results, done.placed, target, {"normals": in_normals}, region=region, w=FACE_W

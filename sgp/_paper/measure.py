@@ -21,8 +21,8 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from processing import NormalMap, ShapeFilter, combine, separate
-from rig import module_command
+import processing
+import rig
 from sgp._paper.displacement import Displacement
 from sgp._paper.laplacian import LaplacianEditing, superlu
 from sgp._paper.mesh import Float, GridMesh
@@ -53,14 +53,19 @@ PEERS: Mapping[str, MakePeer] = {
 }
 
 
-def in_normals(source: NormalMap, target: NormalMap, order: int = 1) -> NormalMap:
+def in_normals(
+    source: processing.NormalMap, target: processing.NormalMap, order: int = 1
+) -> processing.NormalMap:
     """Transfer detail in the normal domain, as the method "normals"."""
-    return combine(separate(target, order=order).shape, separate(source, order=order).detail)
+    return processing.combine(
+        processing.separate(target, order=order).shape,
+        processing.separate(source, order=order).detail,
+    )
 
 
-IN_NORMALS: Mapping[str, Callable[[NormalMap, NormalMap], NormalMap]] = {
-    name: partial(in_normals, order=order) for name, order in _ORDERS.items()
-}
+IN_NORMALS: Mapping[
+    str, Callable[[processing.NormalMap, processing.NormalMap], processing.NormalMap]
+] = {name: partial(in_normals, order=order) for name, order in _ORDERS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +87,7 @@ class Measured:
         `cpu_s`; empty if the system does not report it.
     """
 
-    normal_map: NormalMap
+    normal_map: processing.NormalMap
     cpu_s: tuple[float, ...]
     again_cpu_s: tuple[float, ...]
     peak_bytes: tuple[int, ...]
@@ -90,8 +95,8 @@ class Measured:
 
 def measure(
     methods: Sequence[str],
-    source: NormalMap,
-    target: NormalMap,
+    source: processing.NormalMap,
+    target: processing.NormalMap,
     *,
     region: Mask | None = None,
     w: int = 5,
@@ -134,7 +139,7 @@ def measure(
         )
         arguments = (inputs, outputs, w, runs, *methods)
         if script is None:
-            call = module_command(__name__, *arguments)
+            call = rig.module_command(__name__, *arguments)
         else:
             call = [sys.executable, "-P", str(script), *map(str, arguments)]
         # Idle threads sleep, as in `sgp`, and BLAS uses one thread; otherwise spinning threads
@@ -145,7 +150,7 @@ def measure(
         results = np.load(outputs)
     return {
         method: Measured(
-            NormalMap(normals, mask),
+            processing.NormalMap(normals, mask),
             **{name: tuple(values) for name, values in figures[method].items()},
         )
         for method, normals in zip(methods, results, strict=True)
@@ -157,8 +162,8 @@ class _Bench:
 
     def __init__(
         self,
-        source: NormalMap,
-        target: NormalMap,
+        source: processing.NormalMap,
+        target: processing.NormalMap,
         region: Mask | None,
         w: int,
         peers: Mapping[str, MakePeer],
@@ -167,7 +172,7 @@ class _Bench:
         self._surfaces = Surfaces.of(source, target)
         self._region = None if region is None else region[self._surfaces.mesh.mask]
 
-    def prepare(self, method: str) -> Callable[[], NormalMap | Float]:
+    def prepare(self, method: str) -> Callable[[], processing.NormalMap | Float]:
         """Do the computations that depend on the target only; return a function for the rest."""
         if method in self._peers:
             surfaces = self._surfaces
@@ -175,11 +180,13 @@ class _Bench:
             peer = self._peers[method](surfaces.target, mesh, self._region, self._w)
             return partial(peer.put, surfaces.source)
         order = _ORDERS[method]
-        shape = ShapeFilter("gaussian", order, self._w).shape(self._target)
-        return lambda: combine(shape, separate(self._source, order=order, w=self._w).detail)
+        shape = processing.ShapeFilter("gaussian", order, self._w).shape(self._target)
+        return lambda: processing.combine(
+            shape, processing.separate(self._source, order=order, w=self._w).detail
+        )
 
-    def normals(self, result: NormalMap | Float) -> Float:
-        if isinstance(result, NormalMap):
+    def normals(self, result: processing.NormalMap | Float) -> Float:
+        if isinstance(result, processing.NormalMap):
             return result.normals
         return self._surfaces.read(result, self._target).normals
 
@@ -241,12 +248,12 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
     with np.load(inputs) as arrays:
         mask = arrays["mask"]
         source, target = (
-            NormalMap(np.where(mask[..., None], arrays[name], 0), mask)
+            processing.NormalMap(np.where(mask[..., None], arrays[name], 0), mask)
             for name in ("source", "target")
         )
         region = None if arrays["whole"] else arrays["region"]
     # Large enough that every parallel kernel runs on several threads.
-    flat = NormalMap(
+    flat = processing.NormalMap(
         np.tile(np.array([0, 0, 1], np.float32), (140, 140, 1)), np.ones((140, 140), bool)
     )
     warm = _Bench(flat, flat, None, w, peers)
@@ -255,7 +262,7 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
     for method in arguments[4:]:
         warm.prepare(method)()
 
-        def first(method: str = method) -> NormalMap | Float:
+        def first(method: str = method) -> processing.NormalMap | Float:
             return bench.prepare(method)()
 
         prepared = bench.prepare(method)

@@ -7,15 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from processing import (
-    NormalMap,
-    cross_exchange,
-    idempotence,
-    rotation_similarity,
-    separate,
-    ssim,
-    transfer_chain,
-)
+import processing
 from sgp._overview import Panel, map_panel, normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.sources import DILIGENT, Sources
@@ -31,7 +23,7 @@ _ORDERS = "Order 1 is the paper's filter, order 8 the default of this program; w
 
 
 def of_textures(
-    textures: dict[str, NormalMap], advance: Advance
+    textures: dict[str, processing.NormalMap], advance: Advance
 ) -> tuple[Table, Table, Table, list[Panel]]:
     """Return shape similarity, separability and idempotence, and pictures of the errors."""
     alike: dict[str, list[Number]] = {}
@@ -41,8 +33,8 @@ def of_textures(
     for order in (1, 8):
         for name, normal_map in textures.items():
             advance(f"properties of {name}, order {order}")
-            parts = separate(normal_map, order=order)
-            turn = rotation_similarity(parts.shape)
+            parts = processing.separate(normal_map, order=order)
+            turn = processing.rotation_similarity(parts.shape)
             for label, value in zip(
                 paper.SHAPE_SIMILARITY,
                 (turn.angle_deg, turn.norm_1, turn.norm_2, turn.norm_inf),
@@ -53,13 +45,13 @@ def of_textures(
                 (*paper.SEPARABILITY, "SSIM of detail and map, mask only"),
                 (
                     parts.separability_deg,
-                    ssim(parts.detail, normal_map, protocol="paper"),
-                    ssim(parts.detail, normal_map),
+                    processing.ssim(parts.detail, normal_map, protocol="paper"),
+                    processing.ssim(parts.detail, normal_map),
                 ),
                 strict=True,
             ):
                 apart.setdefault(f"{label}, order {order}", []).append(value)
-            for higher, likeness in idempotence(parts).items():
+            for higher, likeness in processing.idempotence(parts).items():
                 again.setdefault(f"order {higher}, filter of order {order}", []).append(
                     likeness.ssim_paper
                 )
@@ -115,7 +107,7 @@ def chain(sources: Sources, advance: Advance) -> Table:
     rows: dict[str, list[Number]] = {}
     for order in (1, 8):
         advance(f"owl over a chain of targets, order {order}")
-        steps = transfer_chain(sources.given("owl"), list(targets.values()), order=order)
+        steps = processing.transfer_chain(sources.given("owl"), list(targets.values()), order=order)
         rows |= {
             f"shape error, deg, order {order}": [step.shape_mae_deg for step in steps],
             f"detail to previous, deg, order {order}": [step.to_previous.mae_deg for step in steps],
@@ -142,14 +134,16 @@ def chain(sources: Sources, advance: Advance) -> Table:
     )
 
 
-def exchange(textures: dict[str, NormalMap], advance: Advance) -> tuple[Table, list[Panel]]:
+def exchange(
+    textures: dict[str, processing.NormalMap], advance: Advance
+) -> tuple[Table, list[Panel]]:
     """Exchange the details of two surfaces."""
     (name_a, a), (name_b, b) = list(textures.items())[:2]
     rows: dict[str, list[Number]] = {}
     panels: list[Panel] = []
     for order in (1, 8):
         advance(f"details of {name_a} and {name_b} exchanged, order {order}")
-        done = cross_exchange(a, b, order=order)
+        done = processing.cross_exchange(a, b, order=order)
         rows[f"detail error, deg, order {order}"] = [one.fidelity.detail_mae_deg for one in done]
         rows[f"shape error, deg, order {order}"] = [one.fidelity.shape_mae_deg for one in done]
         if order == 8:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from processing import HeightProfile
+import processing
 from sgp._overview import Panel
 from sgp._paper import figures as paper
 from sgp._paper.heights import height_profiles
@@ -56,7 +56,7 @@ class Comparison:
     preface: str = _PREFACE
     tables: list[Table] = field(default_factory=list)
     pictures: dict[str, Picture] = field(default_factory=dict)
-    profiles: dict[str, HeightProfile] = field(default_factory=dict)
+    profiles: dict[str, processing.HeightProfile] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from processing import NormalMap, project, read_geometry, read_normals
-from simulator import LizardScales, SphericalCap, Surface, Textile, WoodCarving
+import processing
+import simulator
 
 DILIGENT = ("bear", "buddha", "cat", "cow", "goblet")
 
@@ -40,24 +40,26 @@ class Sources:
         named = os.environ.get("SGP_DATA")
         return cls(Path(named) if named else None)
 
-    def textures(self) -> dict[str, NormalMap]:
+    def textures(self) -> dict[str, processing.NormalMap]:
         """Return the surfaces whose detail is measured, by name."""
         measured = (
             {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
         )
         return measured | {
-            "scales (simulated)": _relief(LizardScales(_SKIN_MM, outline="square")),
-            "cloth (simulated)": _relief(Textile(_CLOTH_MM, outline="square")),
-            "carving (simulated)": _relief(WoodCarving(_WOOD_MM, outline="square")),
+            "scales (simulated)": _relief(simulator.LizardScales(_SKIN_MM, outline="square")),
+            "cloth (simulated)": _relief(simulator.Textile(_CLOTH_MM, outline="square")),
+            "carving (simulated)": _relief(simulator.WoodCarving(_WOOD_MM, outline="square")),
         }
 
-    def targets(self) -> dict[str, NormalMap]:
+    def targets(self) -> dict[str, processing.NormalMap]:
         """Return the DiLiGenT targets by name; none without data."""
         return (
             {} if self.data is None else {name: self.given(f"diligent/{name}") for name in DILIGENT}
         )
 
-    def resolution_pair(self, points: int) -> tuple[str, NormalMap, NormalMap]:
+    def resolution_pair(
+        self, points: int
+    ) -> tuple[str, processing.NormalMap, processing.NormalMap]:
         """Return names, a dense relief, and a target with about this number of points.
 
         These are cracks and the bunny if there are data, else a simulated cloth and bowl.
@@ -70,7 +72,7 @@ class Sources:
             )
         return "cracks onto bunny", self.cracks(), self._bunny(points)
 
-    def given(self, name: str) -> NormalMap:
+    def given(self, name: str) -> processing.NormalMap:
         """Read a normal map of the data.
 
         Raises
@@ -80,34 +82,38 @@ class Sources:
         """
         return self._read(f"normals/{name}")
 
-    def cracks(self) -> NormalMap:
+    def cracks(self) -> processing.NormalMap:
         """Read a dense relief that is larger than all targets, so that it is not repeated."""
         return self._read("reliefs/160.jpg")
 
-    def _read(self, name: str) -> NormalMap:
-        read = read_normals((self.data or Path()) / name)
+    def _read(self, name: str) -> processing.NormalMap:
+        read = processing.read_normals((self.data or Path()) / name)
         self.files.update(read.files)
         return read.normal_map
 
-    def _bunny(self, points: int) -> NormalMap:
+    def _bunny(self, points: int) -> processing.NormalMap:
         file = (self.data or Path()) / "meshes" / "stanford-bunny.obj"
-        mesh = read_geometry(file)
+        mesh = processing.read_geometry(file)
         self.files.add(file)
         span = float(np.ptp(mesh.vertices, axis=0)[:2].max())
         step = span / 128
         for _ in range(2):
-            drawn = project(mesh, mm_per_px=step).normal_map
+            drawn = processing.project(mesh, mm_per_px=step).normal_map
             step *= math.sqrt(np.count_nonzero(drawn.mask) / points)
-        return project(mesh, mm_per_px=step).normal_map
+        return processing.project(mesh, mm_per_px=step).normal_map
 
 
-def bowl(points: int) -> NormalMap:
+def bowl(points: int) -> processing.NormalMap:
     """Return a spherical cap, cut at 60 degrees, with about this number of points."""
     radius = math.sqrt(points / math.pi)
-    return _relief(SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1)
+    return _relief(
+        simulator.SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1
+    )
 
 
-def _relief(surface: Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None) -> NormalMap:
+def _relief(
+    surface: simulator.Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None
+) -> processing.NormalMap:
     """Return the normals of a height field seen from above, computed from its exact gradients."""
     reach = surface.radius_mm / math.sqrt(2) if reach_mm is None else reach_mm
     along = (np.arange(side_px) + 0.5 - side_px / 2) * (2 * reach / side_px)
@@ -115,4 +121,4 @@ def _relief(surface: Surface, side_px: int = _SIDE_PX, reach_mm: float | None = 
     inside = surface.inside(x, y)
     _, slope_x, slope_y = surface.evaluate(np.where(inside, x, 0), np.where(inside, y, 0))
     vectors = np.stack([-slope_x, -slope_y, np.ones_like(x)], axis=2)
-    return NormalMap.from_vectors(vectors, inside)
+    return processing.NormalMap.from_vectors(vectors, inside)

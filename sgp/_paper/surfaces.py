@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing import NormalMap, height_mesh, integrate
+import processing
 from sgp._paper.mesh import Float, GridMesh, Mask
 
 
@@ -28,43 +28,45 @@ class Surfaces:
     mesh: GridMesh
 
     @classmethod
-    def of(cls, source: NormalMap, target: NormalMap) -> Surfaces:
+    def of(cls, source: processing.NormalMap, target: processing.NormalMap) -> Surfaces:
         """Integrate two maps of the same size and mask."""
-        to_surface = integrate(target)
-        triangles = height_mesh(to_surface)
+        to_surface = processing.integrate(target)
+        triangles = processing.height_mesh(to_surface)
         pixels = GridMesh(to_surface.mask, triangles.faces)
         ends = triangles.vertices
         starts, whole = _surface_on(source, pixels, ends)
         return cls(starts, ends, GridMesh(pixels.mask, triangles.faces[whole]))
 
-    def read(self, vertices: Float, elsewhere: NormalMap) -> NormalMap:
+    def read(self, vertices: Float, elsewhere: processing.NormalMap) -> processing.NormalMap:
         """Return a map of the area-weighted normals of the vertices.
 
         Pixels without a face keep the normals of the map `elsewhere`.
         """
         return _read(vertices, self.mesh, elsewhere)
 
-    def round_trip(self, normal_map: NormalMap) -> NormalMap:
+    def round_trip(self, normal_map: processing.NormalMap) -> processing.NormalMap:
         """Integrate a map and return the normals of its surface."""
         vertices, whole = _surface_on(normal_map, self.mesh, self.target)
         return _read(vertices, GridMesh(self.mesh.mask, self.mesh.faces[whole]), normal_map)
 
 
-def _surface_on(normal_map: NormalMap, mesh: GridMesh, instead: Float) -> tuple[Float, Mask]:
+def _surface_on(
+    normal_map: processing.NormalMap, mesh: GridMesh, instead: Float
+) -> tuple[Float, Mask]:
     """Return a map's surface at a mesh's vertices, and which faces are within one part of it.
 
     Vertices that the surface does not cover are taken from `instead`.
     """
-    surface = integrate(normal_map)
+    surface = processing.integrate(normal_map)
     covered = surface.mask[mesh.mask]
     vertices = np.where(covered[:, None], surface.points()[mesh.mask], instead)
     parts = surface.parts[mesh.mask][mesh.faces]
     return vertices, (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(axis=1)
 
 
-def _read(vertices: Float, mesh: GridMesh, elsewhere: NormalMap) -> NormalMap:
+def _read(vertices: Float, mesh: GridMesh, elsewhere: processing.NormalMap) -> processing.NormalMap:
     touched = np.zeros(len(vertices), np.bool_)
     touched[mesh.faces] = True
     normals = elsewhere.normals.copy()
     normals.reshape(-1, 3)[np.flatnonzero(mesh.mask)[touched]] = mesh.normals(vertices)[touched]
-    return NormalMap(normals, elsewhere.mask)
+    return processing.NormalMap(normals, elsewhere.mask)

@@ -7,7 +7,7 @@ from statistics import fmean, median
 
 import numpy as np
 
-from processing import NormalMap, transfer
+import processing
 from sgp._overview import Panel, normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.judge import judge
@@ -69,9 +69,9 @@ def by_resolution(
     return [table, figures.spread_of(table), _headline(figures, points)], panels
 
 
-def placed_over(source: NormalMap, target: NormalMap) -> NormalMap:
+def placed_over(source: processing.NormalMap, target: processing.NormalMap) -> processing.NormalMap:
     """Return a source as `transfer` places it over a target: cropped, or repeated."""
-    return transfer(source, target, order=1).placement.place(source, target)
+    return processing.transfer(source, target, order=1).placement.place(source, target)
 
 
 def _headline(figures: _Figures, points: Sequence[int]) -> Table:
@@ -141,7 +141,9 @@ def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[T
     return [*tables, _variants(sources, targets, advance)], panels
 
 
-def _variants(sources: Sources, targets: dict[str, NormalMap], advance: Advance) -> Table:
+def _variants(
+    sources: Sources, targets: dict[str, processing.NormalMap], advance: Advance
+) -> Table:
     """Return the errors of this program's variants of transfer, each with its own filter."""
     # Order, refinement steps, raw target.
     ways = {
@@ -156,7 +158,7 @@ def _variants(sources: Sources, targets: dict[str, NormalMap], advance: Advance)
         for way, (order, refine, raw) in ways.items():
             advance(f"{texture} onto the targets, {way}")
             done = [
-                transfer(
+                processing.transfer(
                     source, target, order=order, refine=refine, keep_target_detail=raw
                 ).fidelity
                 for target in targets.values()
@@ -194,7 +196,9 @@ class _Figures:
         self.main: Rows = {}
         self.spread: Rows = {}
 
-    def add(self, source: NormalMap, target: NormalMap, runs: int) -> dict[str, NormalMap]:
+    def add(
+        self, source: processing.NormalMap, target: processing.NormalMap, runs: int
+    ) -> dict[str, processing.NormalMap]:
         """Measure every method on one pair of maps; return the results."""
         measured = measure(METHODS, source, target, runs=runs)
         results = {method: done.normal_map for method, done in measured.items()}

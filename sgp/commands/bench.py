@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquisition import write_durably
+import acquisition
 from sgp._console import note
 from sgp._options import Count
 from sgp._output import claim_folder, writes_folder
@@ -61,9 +61,9 @@ def paper(
         write_profile_data(result.outputs[f"{name}_data"], profile)
     left_out = [f"Note: {line}." for line in comparison.left_out]
     text = "\n\n".join([comparison.preface, *left_out, *map(markdown, comparison.tables)])
-    write_durably(result.outputs["tables"], f"{text}\n".encode())
+    acquisition.write_durably(result.outputs["tables"], f"{text}\n".encode())
     tables = {table.key: asdict(table) for table in comparison.tables}
-    write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
+    acquisition.write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
     result.metrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
     result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result

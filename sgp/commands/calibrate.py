@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from acquisition import DataError, Lights, Source, read_lights, read_mask_shares, write_lights
+import acquisition
+import rig
 from calibration import (
     EstimateError,
     SphereCalibration,
@@ -17,7 +18,6 @@ from calibration import (
     calibrate_spheres,
     linear_stack,
 )
-from rig import MAX_PIXELS
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Pixels, Positive, numbers
@@ -34,7 +34,7 @@ def spheres(
     camera: Path | None = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
@@ -94,9 +94,9 @@ def spheres(
         marked = [opened.mask_path]
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     try:
-        calibration = calibrate_spheres(
+        estimate = calibrate_spheres(
             stack,
-            masks=[read_mask_shares(path, stack.values.shape[1:]) for path in marked],
+            masks=[acquisition.read_mask_shares(path, stack.values.shape[1:]) for path in marked],
             circles=outlines,
             camera=opened.camera,
             radius_mm=radii,
@@ -104,9 +104,9 @@ def spheres(
     except EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
-    result = _describe(calibration)
+    result = _describe(estimate)
     result.outputs = outputs
-    result.warnings = [*opened.warnings, *stack.warnings, *calibration.warnings]
+    result.warnings = [*opened.warnings, *stack.warnings, *estimate.warnings]
     result.inputs = files
     parameters = {
         "source": source,
@@ -115,14 +115,14 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
     }
-    _write_lights(out, calibration.lights, "sgp calibrate spheres", parameters, result)
-    write_lights(outputs["lp"], calibration.lights)
+    _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
+    acquisition.write_lights(outputs["lp"], estimate.lights)
 
     from sgp._overview import lights_panel, spheres_panel, write_overview
 
     panels = [
-        spheres_panel("spheres and highlights", stack.values, calibration),
-        lights_panel("lights as the camera sees them", calibration.lights),
+        spheres_panel("spheres and highlights", stack.values, estimate),
+        lights_panel("lights as the camera sees them", estimate.lights),
     ]
     write_overview(outputs["picture"], str(source), panels, columns=2)
     return result
@@ -135,7 +135,7 @@ def intensities(
     out: Path,
     camera: Path | None = None,
     mask: Path | None = None,
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate the intensities of the lights, and their angular falloff, from a matte card.
@@ -168,39 +168,41 @@ def intensities(
     check_file(out, ".json", force=force)
     opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
     if opened.camera is None:
-        raise DataError(f"{source}: the camera of these images is not known: give --camera")
+        raise acquisition.DataError(
+            f"{source}: the camera of these images is not known: give --camera"
+        )
     stack = _undivided(opened)
-    positions = read_lights(lights)
+    positions = acquisition.read_lights(lights)
     order, by_name = positions.match(stack.ids)
     by_order = () if by_name else (f"{lights}: matched to the images by order, not by name",)
     card = np.ones(stack.values.shape[1:], np.bool_)
     if mask is not None and opened.mask is not None:
         card = opened.mask
-    calibration = calibrate_intensities(
+    estimate = calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
-    strength = np.asarray(calibration.lights.intensities)[:, 0]
+    strength = np.asarray(estimate.lights.intensities)[:, 0]
     result = Result(
         outputs={"lights": out},
         metrics={
             "intensities": strength,
-            "mu": calibration.mu,
-            "residual": calibration.residual,
-            "pixels": calibration.pixels,
+            "mu": estimate.mu,
+            "residual": estimate.residual,
+            "pixels": estimate.pixels,
         },
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *calibration.warnings],
+        warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
         summary=[
             f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
-            f"their mean, mu {calibration.mu:.2f}; residual on the card {calibration.residual:.1%}"
+            f"their mean, mu {estimate.mu:.2f}; residual on the card {estimate.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
     parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
-    _write_lights(out, calibration.lights, "sgp calibrate intensities", parameters, result)
+    _write_lights(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 
-def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> None:
+def _explain_masks(error: EstimateError, source: acquisition.Source, marked: list[Path]) -> None:
     """Add a note to an error about a mask that was found and used, or found and not used."""
     if marked and source.mask_origin == "folder":
         error.add_note(
@@ -214,27 +216,27 @@ def _explain_masks(error: EstimateError, source: Source, marked: list[Path]) -> 
         )
 
 
-def _undivided(source: Source) -> Stack:
+def _undivided(source: acquisition.Source) -> Stack:
     """Read a stack as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
         return linear_stack(replace(source, lights=None), on_progress=progress)
 
 
 def _write_lights(
-    out: Path, lights: Lights, command: str, parameters: dict[str, Any], result: Result
+    out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
     """Write lights.json including its record, because the file is passed on without its folder."""
     made_by = provenance(command, parameters, result.inputs)
     made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
-    write_lights(out, lights, provenance=made_by)
+    acquisition.write_lights(out, lights, provenance=made_by)
 
 
-def _describe(calibration: SphereCalibration) -> Result:
-    residual = calibration.residuals_deg[np.isfinite(calibration.residuals_deg)]
+def _describe(estimate: SphereCalibration) -> Result:
+    residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
     result = Result(
         metrics={
-            "lights": len(calibration.lights),
-            "near": calibration.lights.near,
+            "lights": len(estimate.lights),
+            "near": estimate.lights.near,
             "spheres": [
                 {
                     "centre_px": sphere.outline.centre_px,
@@ -244,15 +246,15 @@ def _describe(calibration: SphereCalibration) -> Result:
                     "coverage": sphere.coverage,
                     "rms_px": sphere.rms_px,
                 }
-                for sphere in calibration.spheres
+                for sphere in estimate.spheres
             ],
             "residual_deg": float(np.mean(residual)) if len(residual) else None,
         }
     )
-    kind = "positions" if calibration.lights.near else "directions"
-    balls = "1 sphere" if len(calibration.spheres) == 1 else f"{len(calibration.spheres)} spheres"
-    result.summary = [f"{len(calibration.lights)} light {kind} from {balls}"]
-    for sphere in calibration.spheres:
+    kind = "positions" if estimate.lights.near else "directions"
+    balls = "1 sphere" if len(estimate.spheres) == 1 else f"{len(estimate.spheres)} spheres"
+    result.summary = [f"{len(estimate.lights)} light {kind} from {balls}"]
+    for sphere in estimate.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
     if len(residual):

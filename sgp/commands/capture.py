@@ -8,21 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from acquisition import (
-    Damage,
-    DataError,
-    Session,
-    check_resume,
-    damaged_frames,
-    preflight,
-    preflight_resume,
-    read_camera,
-    read_lights,
-    read_plan,
-    record,
-    verify_session,
-)
-from acquisition import resume as resume_recording
+import acquisition
 from rig import Rig, open_rig
 from sgp._capture.session_sheet import write_session_sheet
 from sgp._capture.session_summary import describe
@@ -94,9 +80,9 @@ def run(
     """
     check_folder(out)
     goal = metering.goal()
-    stored_lights = None if lights is None else read_lights(lights)
+    stored_lights = None if lights is None else acquisition.read_lights(lights)
     with open_rig(rig) as opened:
-        model = None if camera is None else read_camera(camera, _upright_size(opened))
+        model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
             return rehearsed(opened, chosen, chosen.shots())
@@ -110,11 +96,11 @@ def run(
             chosen = metered(opened, chosen, goal, prepared)
         if not skip_check:
             note("checking disk, rig and picture (--skip-check skips this)")
-            accept(preflight(opened, chosen, out), prepared)
+            accept(acquisition.preflight(opened, chosen, out), prepared)
         for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(out) as talk:
-            session = record(
+            session = acquisition.record(
                 opened,
                 chosen,
                 out,
@@ -172,7 +158,7 @@ def resume(
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
     """
-    asked = None if plan is None else read_plan(plan)
+    asked = None if plan is None else acquisition.read_plan(plan)
     # A folder that is not a session is refused before the rig is opened.
     begun = _opened(session, retake_damaged=retake_damaged)
     damaged = _damaged(session) if retake_damaged else None
@@ -180,7 +166,7 @@ def resume(
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         return describe(begun, [*begun.warnings, f"already complete: {nothing}"])
     with open_rig(rig) as opened:
-        _, recorded, missing = check_resume(opened, session, asked, damaged=damaged)
+        _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
@@ -188,12 +174,12 @@ def resume(
         prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
-            accept(preflight_resume(opened, alive, session, len(missing)), prepared)
+            accept(acquisition.preflight_resume(opened, alive, session, len(missing)), prepared)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
         with CaptureTalk(session, card_is_there=only_flats) as talk:
-            finished = resume_recording(
+            finished = acquisition.resume(
                 opened,
                 session,
                 plan=asked,
@@ -221,7 +207,7 @@ def verify(session: Path) -> Result:
     session
         Folder of the session.
     """
-    checked = verify_session(session)
+    checked = acquisition.verify_session(session)
     result = Result(
         metrics={
             "whole": checked.ok,
@@ -282,24 +268,26 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
     force
         Overwrite an existing contact sheet.
     """
-    opened = Session.open(session)
+    opened = acquisition.Session.open(session)
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
     lost = f"{len(gone)} frame files are missing, first {gone[0]}: see verify" if gone else ""
     result = describe(opened, [*([lost] if lost else []), *_left_out(opened)])
     if sheet is not None:
         check_file(sheet, ".png", force=force)
         if not opened.frames:
-            raise DataError(f"{session}: no frames to draw: all are rejected or missing")
+            raise acquisition.DataError(
+                f"{session}: no frames to draw: all are rejected or missing"
+            )
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
 
 
-def _opened(session: Path, *, retake_damaged: bool) -> Session:
+def _opened(session: Path, *, retake_damaged: bool) -> acquisition.Session:
     """Open a session to resume it; if frames are damaged, the error names the option to use."""
     try:
-        return Session.open(session, damaged_frames=retake_damaged)
-    except DataError as error:
+        return acquisition.Session.open(session, damaged_frames=retake_damaged)
+    except acquisition.DataError as error:
         if not retake_damaged and _can_be_retaken(session):
             error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
         raise
@@ -307,15 +295,15 @@ def _opened(session: Path, *, retake_damaged: bool) -> Session:
 
 def _can_be_retaken(session: Path) -> bool:
     """Return whether damaged frames are the only fault and were recorded with a rig."""
-    with suppress(DataError):
-        return Session.open(session, damaged_frames=True).manifest.rig is not None
+    with suppress(acquisition.DataError):
+        return acquisition.Session.open(session, damaged_frames=True).manifest.rig is not None
     return False
 
 
-def _damaged(session: Path) -> tuple[Damage, ...]:
+def _damaged(session: Path) -> tuple[acquisition.Damage, ...]:
     """Verify every frame, and report those that are damaged."""
     with Stages() as progress:
-        damages = damaged_frames(session, on_progress=progress)
+        damages = acquisition.damaged_frames(session, on_progress=progress)
     for damage in damages:
         note(f"damaged: {damage.text}")
     return damages
@@ -327,7 +315,7 @@ def _upright_size(rig: Rig) -> tuple[int, int]:
     return height, width
 
 
-def _left_out(session: Session) -> list[str]:
+def _left_out(session: acquisition.Session) -> list[str]:
     """Return a warning about planned shots that were skipped because their LED died."""
     leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
     if not leds:

@@ -9,22 +9,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from acquisition import (
-    DataError,
-    MissingPathError,
-    PlannedShot,
-    Session,
-    Watch,
-    compact_session,
-    import_frames,
-    lights_in_order,
-    prepare_export,
-    read_import,
-    read_lights,
-    read_plan,
-    watch_folder,
-)
-from rig import MAX_PIXELS
+import acquisition
+import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._options import Leds, Pixels, Positive, Whole
@@ -53,7 +39,7 @@ def compact(session: Path) -> Result:
         Folder of the session.
     """
     with Stages() as progress:
-        done = compact_session(session, on_progress=progress)
+        done = acquisition.compact_session(session, on_progress=progress)
     ratio = done.bytes_before / max(done.bytes_after, 1)
     kept = "" if done.complete else ", the session is still incomplete"
     return Result(
@@ -119,8 +105,8 @@ def export(
     force
         Write into a folder that contains an earlier export.
     """
-    chosen = None if lights is None else read_lights(lights)
-    prepared = prepare_export(
+    chosen = None if lights is None else acquisition.read_lights(lights)
+    prepared = acquisition.prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
     with Stages() as progress:
@@ -160,7 +146,7 @@ def import_(
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
     timeout_s: Positive = 600.0,
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
 ) -> Result:
     """Import photographs into a session.
 
@@ -227,11 +213,11 @@ def import_(
         if value is not None:
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
-    chosen = None if lights is None else read_lights(lights)
-    opened = read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
+    chosen = None if lights is None else acquisition.read_lights(lights)
+    opened = acquisition.read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
     del texts["object"]
     with Stages() as progress:
-        import_frames(
+        acquisition.import_frames(
             opened,
             out,
             object_name=object_name,
@@ -252,21 +238,23 @@ def _watch(
     *,
     gaps: bool,
     timeout_s: float,
-) -> Watch:
+) -> acquisition.Watch:
     if (leds is None) == (plan is None):
         raise UsageError("--watch requires either --leds or --plan, which give the shots")
     if interval_s is not None and not gaps:
         raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
-    chosen = None if plan is None else read_plan(plan)
-    shots: tuple[PlannedShot, ...]
-    shots = lights_in_order(leds or 0) if chosen is None else chosen.shots()
-    return Watch(source, shots, chosen, interval_s, gaps, timeout_s)
+    chosen = None if plan is None else acquisition.read_plan(plan)
+    shots: tuple[acquisition.PlannedShot, ...]
+    shots = acquisition.lights_in_order(leds or 0) if chosen is None else chosen.shots()
+    return acquisition.Watch(source, shots, chosen, interval_s, gaps, timeout_s)
 
 
-def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[str, str]) -> Result:
+def _import_watched(
+    watch: acquisition.Watch, out: Path, lights: Path | None, texts: dict[str, str]
+) -> Result:
     if not (out / "session.toml").is_file():
         check_folder(out)
-    chosen = None if lights is None else read_lights(lights)
+    chosen = None if lights is None else acquisition.read_lights(lights)
     printed: list[str] = []
 
     def report(line: str) -> None:
@@ -275,7 +263,7 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
 
     try:
         with Stages() as progress:
-            watched = watch_folder(
+            watched = acquisition.watch_folder(
                 watch, out, lights=chosen, on_message=report, on_progress=progress, texts=texts
             )
     except BaseException:
@@ -296,7 +284,7 @@ def _import_watched(watch: Watch, out: Path, lights: Path | None, texts: dict[st
 
 def _note_how_to_continue(out: Path) -> None:
     try:
-        session = Session.open(out)
-    except (DataError, MissingPathError):
+        session = acquisition.Session.open(out)
+    except (acquisition.DataError, acquisition.MissingPathError):
         return  # nothing was recorded
     note(f"{out}: {len(session.frames)} frames are intact; run the same command again to continue")

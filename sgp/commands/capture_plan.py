@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from acquisition import CapturePlan, DataError, estimate_plan, preflight, read_plan
+import acquisition
 from rig import RigConfig, open_rig, read_rig_config
 from sgp._console import Stages
 from sgp._options import Count, Leds, Real
@@ -58,7 +58,7 @@ def plan(
     config = RigConfig(name="-", driver="-", leds=leds) if rig is None else read_rig_config(rig)
     chosen, left_out = chosen_plan(plan, config)
     frame_s = (frame_ms + config.settle_ms) / 1000
-    cost = estimate_plan(chosen, width=width, height=height, frame_s=frame_s)
+    cost = acquisition.estimate_plan(chosen, width=width, height=height, frame_s=frame_s)
     shots = chosen.shots()
     counts = {role: sum(shot.role == role for shot in shots) for role in _ROLES}
     frames = ", ".join(f"{count} {role}" for role, count in counts.items() if count)
@@ -114,7 +114,7 @@ def check(
     """
     with open_rig(rig) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
-        flight = preflight(
+        flight = acquisition.preflight(
             opened,
             chosen,
             out,
@@ -133,18 +133,20 @@ def check(
     )
 
 
-def chosen_plan(path: Path | None, config: RigConfig) -> tuple[CapturePlan, tuple[int, ...]]:
+def chosen_plan(
+    path: Path | None, config: RigConfig
+) -> tuple[acquisition.CapturePlan, tuple[int, ...]]:
     """Return the plan of a file, or the default plan, for a rig, and the dead LEDs it skips."""
     if path is None:
         every = tuple(range(config.leds))
-        planned = CapturePlan(leds=every, exposures_us=(_DEFAULT_EXPOSURE_US,))
+        planned = acquisition.CapturePlan(leds=every, exposures_us=(_DEFAULT_EXPOSURE_US,))
     else:
-        planned = read_plan(path)
+        planned = acquisition.read_plan(path)
     chosen, left_out = planned.without(config.dead_leds)
     try:
         chosen.check(config.leds)
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
+    except acquisition.DataError as error:
+        raise acquisition.DataError(f"{path}: {error}") from error
     return chosen, left_out
 
 
@@ -157,7 +159,7 @@ def _left_out(leds: tuple[int, ...]) -> list[str]:
     return [f"LEDs {_ranges(leds)} skipped: listed in dead_leds"]
 
 
-def _table(plan: CapturePlan) -> list[tuple[str, str]]:
+def _table(plan: acquisition.CapturePlan) -> list[tuple[str, str]]:
     """Return exposure times with their LEDs; if there are many, similar ones share a row."""
     brackets = range(len(plan.exposures_us))
     groups: dict[tuple[float, ...], list[int]] = {}

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import DataError, read_mask, write_exr
-from processing import angular_error, read_normals, ssim
-from rig import MAX_PIXELS
+import acquisition
+import processing
+import rig
 from sgp._options import Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -23,7 +23,7 @@ def compare(
     mask: Path | None = None,
     green: Literal["up", "down"] = "up",
     out: Path | None = None,
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Compare two normal maps: angular error, SSIM, error map.
@@ -52,14 +52,16 @@ def compare(
         Write into an output folder that already contains files.
     """
     first, second = (
-        read_normals(a, green=green, max_pixels=max_pixels),
-        read_normals(b, green=green, max_pixels=max_pixels),
+        processing.read_normals(a, green=green, max_pixels=max_pixels),
+        processing.read_normals(b, green=green, max_pixels=max_pixels),
     )
-    counted = None if mask is None else read_mask(mask, second.normal_map.size)
-    error = angular_error(first.normal_map, second.normal_map, counted)
+    counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
+    error = processing.angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:
         masks = "masks" if mask is None else f"masks and {mask}"
-        raise DataError(f"{a} and {b}: their {masks} do not overlap: there is nothing to compare")
+        raise acquisition.DataError(
+            f"{a} and {b}: their {masks} do not overlap: there is nothing to compare"
+        )
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
     result = Result(
@@ -67,8 +69,8 @@ def compare(
             "mae_deg": error.mae_deg,
             "median_deg": error.median_deg,
             "coverage": error.coverage,
-            "ssim": ssim(*maps, where),
-            "ssim_paper": ssim(*maps, where, protocol="paper"),
+            "ssim": processing.ssim(*maps, where),
+            "ssim_paper": processing.ssim(*maps, where, protocol="paper"),
         },
         warnings=[*first.warnings, *second.warnings],
         inputs=[*first.files, *second.files, *([] if mask is None else [mask])],
@@ -84,7 +86,7 @@ def compare(
 
         claim_folder(out, "compare.json")
         result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}
-        write_exr(result.outputs["error"], error.map_deg)
+        acquisition.write_exr(result.outputs["error"], error.map_deg)
         panel = map_panel(f"mean {error.mae_deg:.2f} deg", error.map_deg, "deg", error=True)
         write_overview(result.outputs["picture"], f"{a.name} against {b.name}", [panel], columns=1)
     return result

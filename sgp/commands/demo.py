@@ -7,22 +7,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import (
-    CapturePlan,
-    Lights,
-    Session,
-    read_source,
-    record,
-    write_camera,
-    write_lights,
-)
+import acquisition
+import processing
+import simulator
 from calibration import (
     SphereCalibration,
     calibrate_intensities,
     calibrate_spheres,
     linear_stack,
 )
-from processing import angle_deg, angular_error
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
 from sgp._options import Seed, SourceOptions
@@ -31,7 +24,6 @@ from sgp._overview import map_panel, spheres_panel, write_overview
 from sgp._pipeline import Outcome, overview_panels, process
 from sgp._result import Result
 from sgp._stages import Stopwatch
-from simulator import Rendering, Scene, bench_camera, render, rig_for, scene_named
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 
@@ -63,8 +55,8 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     watch = Stopwatch()
     with watch.stage("render"):
         note("rendering the scenes")
-        scenes = {name: scene_named(name, seed=seed) for name in ("spheres", "coin")}
-        truth = {name: render(scene) for name, scene in scenes.items()}
+        scenes = {name: simulator.scene_named(name, seed=seed) for name in ("spheres", "coin")}
+        truth = {name: simulator.render(scene) for name, scene in scenes.items()}
     with watch.stage("capture"):
         folder.begin("calibration")
         spheres = _capture(
@@ -73,15 +65,15 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         folder.begin("recording")
         coin = _capture(out / "recording", scenes["coin"], truth["coin"], seed + 1, (_LONG_US,))
     folder.begin("camera.json", "lights.json")
-    write_camera(out / "camera.json", bench_camera())
+    acquisition.write_camera(out / "camera.json", simulator.bench_camera())
     with watch.stage("calibrate"):
-        calibration, lights, stack = _calibrate(spheres, scenes["spheres"])
-        write_lights(out / "lights.json", lights)
-    source = read_source(coin.folder, lights=lights)
+        estimate, lights, stack = _calibrate(spheres, scenes["spheres"])
+        acquisition.write_lights(out / "lights.json", lights)
+    source = acquisition.read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
     outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
     result = outcome.result
-    result.warnings[:0] = calibration.warnings
+    result.warnings[:0] = estimate.warnings
     errors = _Errors(lights, outcome, truth["coin"])
     folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
@@ -94,7 +86,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
                 error=True,
             ),
             map_panel("height error", errors.height_map_mm, "mm"),
-            spheres_panel("chrome spheres and highlights", stack, calibration),
+            spheres_panel("chrome spheres and highlights", stack, estimate),
         ]
         write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
     result.metrics |= errors.metrics() | {"seconds": watch.seconds}
@@ -112,56 +104,64 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
 
 
 def _capture(
-    folder: Path, scene: Scene, rendering: Rendering, seed: int, exposures_us: tuple[float, ...]
-) -> Session:
-    plan = CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
-    with rig_for(rendering, seed=seed) as rig, Stages() as progress:
-        return record(
+    folder: Path,
+    scene: simulator.Scene,
+    rendering: simulator.Rendering,
+    seed: int,
+    exposures_us: tuple[float, ...],
+) -> acquisition.Session:
+    plan = acquisition.CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
+    with simulator.rig_for(rendering, seed=seed) as rig, Stages() as progress:
+        return acquisition.record(
             rig,
             plan,
             folder,
             operator="sgp demo",
             object_name=folder.name,
-            camera_model=bench_camera(),
+            camera_model=simulator.bench_camera(),
             sensor=scene.noise,
             on_progress=progress,
         )
 
 
-def _marks(*sessions: Session) -> list[Path]:
+def _marks(*sessions: acquisition.Session) -> list[Path]:
     """Return the files whose hashes identify complete sessions."""
     return [session.folder / "COMPLETE" for session in sessions]
 
 
 def _calibrate(
-    session: Session, scene: Scene
-) -> tuple[SphereCalibration, Lights, npt.NDArray[np.float32]]:
+    session: acquisition.Session, scene: simulator.Scene
+) -> tuple[SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
     """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
-        stack = linear_stack(read_source(session.folder), on_progress=progress)
-    camera = bench_camera()
+        stack = linear_stack(acquisition.read_source(session.folder), on_progress=progress)
+    camera = simulator.bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
-    calibration = calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    estimate = calibrate_spheres(stack, camera=camera, radius_mm=radii)
     card = np.ones(camera.size, np.bool_)
-    strong = calibrate_intensities(stack.values, calibration.lights, camera.points_on_plane(), card)
-    return calibration, strong.lights, stack.values
+    strong = calibrate_intensities(stack.values, estimate.lights, camera.points_on_plane(), card)
+    return estimate, strong.lights, stack.values
 
 
 class _Errors:
     """Errors of the demo's results."""
 
-    def __init__(self, lights: Lights, outcome: Outcome, rendering: Rendering) -> None:
+    def __init__(
+        self, lights: acquisition.Lights, outcome: Outcome, rendering: simulator.Rendering
+    ) -> None:
         truth = rendering.truth
         calibrated = np.asarray(lights.positions_mm)
         true = np.asarray(truth.lights.positions_mm)
-        self.light_deg = angle_deg(calibrated, true)
+        self.light_deg = processing.angle_deg(calibrated, true)
         self.light_mm = np.linalg.norm(calibrated - true, axis=1)
         strength, true_strength = (
             intensities.mean(axis=1) / intensities.mean()
             for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
-        error = angular_error(outcome.normals.stereo.normal_map, truth.normals, truth.mask)
+        error = processing.angular_error(
+            outcome.normals.stereo.normal_map, truth.normals, truth.mask
+        )
         self.normals_mae_deg = error.mae_deg
         self.coverage = error.coverage
         self.normal_map_deg = error.map_deg

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from processing import FilterKind, read_normals, write_normals
-from processing import combine as combine_maps
-from processing import separate as separate_map
-from rig import MAX_PIXELS
+import processing
+import rig
 from sgp._options import Count, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -22,11 +20,11 @@ def separate(
     normals: Path,
     *,
     out: Path,
-    filter: FilterKind = "gaussian",  # noqa: A002
+    filter: processing.FilterKind = "gaussian",  # noqa: A002
     order: Order = 8,
     w: Count = 5,
     green: Green = "up",
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Split a normal map into its shape component and its detail component.
@@ -57,8 +55,8 @@ def separate(
     force
         Write into an output folder that already contains files.
     """
-    read = read_normals(normals, green=green, max_pixels=max_pixels)
-    parts = separate_map(read.normal_map, filter=filter, order=order, w=w)
+    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    parts = processing.separate(read.normal_map, filter=filter, order=order, w=w)
     result = write_separation(claim_folder(out, "detail.json"), parts)
     result.warnings += read.warnings
     result.inputs = list(read.files)
@@ -71,7 +69,7 @@ def combine(
     detail: Path,
     *,
     out: Path,
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Combine a shape component and a detail component of the same size into a normal map.
@@ -93,15 +91,17 @@ def combine(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (read_normals(path, max_pixels=max_pixels) for path in (shape, detail))
-    combined = combine_maps(first.normal_map, second.normal_map)
+    first, second = (
+        processing.read_normals(path, max_pixels=max_pixels) for path in (shape, detail)
+    )
+    combined = processing.combine(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     count = int(combined.mask.sum())
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
         warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are masked out")
     return Result(
-        outputs=write_normals(claim_folder(out, "normals.json"), combined),
+        outputs=processing.write_normals(claim_folder(out, "normals.json"), combined),
         metrics={"pixels": count},
         warnings=warnings,
         summary=[f"{count} normals in {out}"],

@@ -8,21 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import write_exr
-from processing import (
-    FilterKind,
-    NormalMap,
-    Separation,
-    cross_exchange,
-    idempotence,
-    integrate,
-    read_normals,
-    rotation_similarity,
-    separate,
-    ssim,
-    transfer_chain,
-)
-from rig import MAX_PIXELS
+import acquisition
+import processing
+import rig
 from sgp._options import Count, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
@@ -34,11 +22,11 @@ def properties(
     normals: Path,
     *targets: Path,
     out: Path,
-    filter: FilterKind = "gaussian",  # noqa: A002
+    filter: processing.FilterKind = "gaussian",  # noqa: A002
     order: Order = 8,
     w: Count = 5,
     green: Literal["up", "down"] = "up",
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Measure the properties that the paper claims for the detail of a map.
@@ -74,17 +62,20 @@ def properties(
     force
         Write into an output folder that already contains files.
     """
-    read = [read_normals(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
+    read = [
+        processing.read_normals(path, green=green, max_pixels=max_pixels)
+        for path in (normals, *targets)
+    ]
     normal_map, *others = (one.normal_map for one in read)
-    parts = separate(normal_map, filter=filter, order=order, w=w)
+    parts = processing.separate(normal_map, filter=filter, order=order, w=w)
     result = Result(
         warnings=[line for one in read for line in one.warnings],
         inputs=[file for one in read for file in one.files],
     )
     panels = _of_one(normal_map, parts, result)
     surfaces = {
-        "height": integrate(normal_map).height,
-        "detail_height": integrate(parts.detail).height,
+        "height": processing.integrate(normal_map).height,
+        "detail_height": processing.integrate(parts.detail).height,
     }
     panels += [
         shaded_panel("Surface, lit from the upper left", surfaces["height"]),
@@ -94,7 +85,7 @@ def properties(
     claim_folder(out, "properties.json")
     for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
         result.outputs[name] = out / f"{name}.exr"
-        write_exr(result.outputs[name], values)
+        acquisition.write_exr(result.outputs[name], values)
     result.outputs["picture"] = out / "properties.png"
     write_overview(result.outputs["picture"], "Detail of one map", panels, columns=3)
     if exchange:
@@ -103,14 +94,16 @@ def properties(
     return result
 
 
-def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Panel]:
+def _of_one(
+    normal_map: processing.NormalMap, parts: processing.Separation, result: Result
+) -> list[Panel]:
     """Measure a single map; add its figures to `result` and return pictures."""
-    alike = rotation_similarity(parts.shape, parts.shape_filter.w)
-    orders = idempotence(parts)
+    alike = processing.rotation_similarity(parts.shape, parts.shape_filter.w)
+    orders = processing.idempotence(parts)
     result.metrics |= {
         "separability_deg": parts.separability_deg,
-        "detail_to_map_ssim": ssim(parts.detail, normal_map),
-        "detail_to_map_ssim_paper": ssim(parts.detail, normal_map, protocol="paper"),
+        "detail_to_map_ssim": processing.ssim(parts.detail, normal_map),
+        "detail_to_map_ssim_paper": processing.ssim(parts.detail, normal_map, protocol="paper"),
         "rotation_similarity": asdict(alike),
         "idempotence": {str(order): asdict(likeness) for order, likeness in orders.items()},
     }
@@ -130,16 +123,16 @@ def _of_one(normal_map: NormalMap, parts: Separation, result: Result) -> list[Pa
 
 
 def _of_several(
-    normal_map: NormalMap,
-    others: list[NormalMap],
+    normal_map: processing.NormalMap,
+    others: list[processing.NormalMap],
     paths: tuple[Path, ...],
-    parts: Separation,
+    parts: processing.Separation,
     result: Result,
 ) -> list[Panel]:
     """Measure transfers of a map's detail to other maps; add the figures and return pictures."""
     source, *targets = (path.name for path in paths)
     by = parts.shape_filter
-    chain = transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
+    chain = processing.transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
     result.summary.append(
         f"chain          {chain[0].pixels} pixels; detail error against the previous, the first map"
     )
@@ -150,7 +143,7 @@ def _of_several(
             f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "
             f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
         )
-    both = cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
+    both = processing.cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
     errors = [done.fidelity.detail_mae_deg for done in both]
     result.summary.append(
         f"exchange       {errors[0]:.2f} deg on the target, {errors[1]:.2f} deg on the source"

@@ -10,19 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from cyclopts import Parameter
 
-from acquisition import read_mask, write_exr
-from processing import (
-    FilterKind,
-    LocalTransferResult,
-    NormalMap,
-    TransferResult,
-    read_normals,
-    ssim,
-    write_normals,
-)
-from processing import transfer as transfer_detail
-from processing import transfer_local as transfer_part
-from rig import MAX_PIXELS
+import acquisition
+import processing
+import rig
 from sgp._exit import UsageError
 from sgp._options import Count, Degrees, Factor, Order, Pixels, Positive, Steps, numbers
 from sgp._output import claim_folder, writes_folder
@@ -72,7 +62,7 @@ def transfer(
     keep_target_detail: bool = False,
     amplitude: Factor = 1.0,
     refine: Steps = 0,
-    filter: FilterKind = "gaussian",  # noqa: A002
+    filter: processing.FilterKind = "gaussian",  # noqa: A002
     order: Order = 8,
     w: Count | None = None,
     at: Place | None = None,
@@ -80,7 +70,7 @@ def transfer(
     profile: bool = False,
     source_green: Green = "up",
     target_green: Green = "up",
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     r"""Transfer the detail of one normal map to the shape of another, globally or locally.
@@ -136,12 +126,12 @@ def transfer(
     is_local = local != LocalOptions()
     if is_local and (keep_target_detail or refine):
         raise UsageError("--keep-target-detail and --refine cannot be used in a local transfer")
-    first = read_normals(source, green=source_green, max_pixels=max_pixels)
-    second = read_normals(target, green=target_green, max_pixels=max_pixels)
+    first = processing.read_normals(source, green=source_green, max_pixels=max_pixels)
+    second = processing.read_normals(target, green=target_green, max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
-    done: TransferResult | LocalTransferResult
+    done: processing.TransferResult | processing.LocalTransferResult
     if is_local:
-        done = transfer_part(
+        done = processing.transfer_local(
             *maps,
             source_mask=_mask(local.source_mask, maps[0]),
             target_mask=_mask(local.target_mask, maps[1]),
@@ -155,7 +145,7 @@ def transfer(
             w=10 if w is None else w,
         )
     else:
-        done = transfer_detail(
+        done = processing.transfer(
             *maps,
             keep_target_detail=keep_target_detail,
             amplitude=amplitude,
@@ -171,15 +161,15 @@ def transfer(
         inputs=[*first.files, *second.files, *masks],
     )
     claim_folder(out, "normals.json")
-    result.outputs = write_normals(out, done.normal_map)
+    result.outputs = processing.write_normals(out, done.normal_map)
     _write_errors(out, done, result)
     if profile:
         write_height_profile(out, maps[1], done.normal_map, result)
     return result
 
 
-def _mask(path: Path | None, normal_map: NormalMap) -> Mask | None:
-    return None if path is None else read_mask(path, normal_map.size)
+def _mask(path: Path | None, normal_map: processing.NormalMap) -> Mask | None:
+    return None if path is None else acquisition.read_mask(path, normal_map.size)
 
 
 def _whole(place: list[float]) -> tuple[int, int]:
@@ -188,7 +178,9 @@ def _whole(place: list[float]) -> tuple[int, int]:
     return int(place[0]), int(place[1])
 
 
-def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result: Result) -> None:
+def _write_errors(
+    out: Path, done: processing.TransferResult | processing.LocalTransferResult, result: Result
+) -> None:
     """Write error maps and their picture, and add the figures to `result`."""
     own, paper = done.fidelity, done.fidelity_paper
     maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
@@ -196,7 +188,7 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
     panels = [normals_panel("Result", done.normal_map)]
     for name, values in maps.items():
         result.outputs[f"{name}_error"] = out / f"{name}_error.exr"
-        write_exr(result.outputs[f"{name}_error"], values)
+        acquisition.write_exr(result.outputs[f"{name}_error"], values)
         title = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
         panels.append(map_panel(title, values, "deg", error=True))
     result.outputs["errors_picture"] = out / "errors.png"
@@ -208,15 +200,15 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
         }
     pairs = {"shape": (own.result.shape, own.shape), "detail": (own.result.detail, own.detail)}
     for name, (part, reference) in pairs.items():
-        result.metrics[f"{name}_ssim"] = ssim(part, reference, own.detail.mask)
-        result.metrics[f"{name}_ssim_paper"] = ssim(part, reference, protocol="paper")
+        result.metrics[f"{name}_ssim"] = processing.ssim(part, reference, own.detail.mask)
+        result.metrics[f"{name}_ssim_paper"] = processing.ssim(part, reference, protocol="paper")
     result.summary = [
         _where(done),
         f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
         f"detail error  {own.detail_mae_deg:.2f} deg (paper's filter {paper.detail_mae_deg:.2f})",
     ]
     result.metrics["pixels"] = int(own.detail.mask.sum())
-    if isinstance(done, LocalTransferResult):
+    if isinstance(done, processing.LocalTransferResult):
         result.metrics |= {
             "seam_step_deg": done.seam.seam_deg,
             "interior_step_deg": done.seam.interior_deg,
@@ -231,8 +223,8 @@ def _write_errors(out: Path, done: TransferResult | LocalTransferResult, result:
         result.metrics["tiles"] = done.placement.tiles
 
 
-def _where(done: TransferResult | LocalTransferResult) -> str:
-    if isinstance(done, LocalTransferResult):
+def _where(done: processing.TransferResult | processing.LocalTransferResult) -> str:
+    if isinstance(done, processing.LocalTransferResult):
         return f"detail transferred to {int(done.region.sum())} pixels"
     x, y, width, height = done.placement.source_window
     across, down = done.placement.tiles

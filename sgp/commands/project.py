@@ -10,9 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from acquisition import DataError, read_camera, write_exr
-from processing import View, read_geometry, view_rotation, write_normals
-from processing import project as project_geometry
+import acquisition
+import processing
 from sgp._exit import UsageError
 from sgp._options import Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
@@ -31,7 +30,7 @@ def project(
     geometry: Path,
     *,
     out: Path,
-    view: View | None = None,
+    view: processing.View | None = None,
     look: Triple | None = None,
     up: Literal["y", "z"] = "y",
     rotate_deg: Triple = "0,0,0",
@@ -99,22 +98,22 @@ def project(
         raise UsageError("--camera and its distance give the scale: leave --pixel-mm out")
     pixels = None if size is None else image_size("--size", size)[::-1]
     try:
-        rotation = view_rotation(
+        rotation = processing.view_rotation(
             view or "front",
             look=None if look is None else numbers("--look", look, 3),
             up=up,
             rotate_deg=numbers("--rotate-deg", rotate_deg, 3),
         )
-    except DataError as error:
+    except acquisition.DataError as error:
         raise UsageError(str(error)) from error
-    model = None if camera is None else read_camera(camera, pixels)
+    model = None if camera is None else acquisition.read_camera(camera, pixels)
     if model is not None and distance_mm is not None:
         model = replace(model, working_distance_mm=distance_mm)
     if model is not None and model.working_distance_mm is None:
         raise UsageError(f"{camera}: the camera has no working distance: give --distance-mm")
-    read = read_geometry(geometry)
+    read = processing.read_geometry(geometry)
     used: Unit = unit or ("m" if geometry.suffix.lower() == ".glb" else "mm")
-    seen = project_geometry(
+    seen = processing.project(
         read,
         rotation,
         unit_mm=_UNIT_MM[used],
@@ -127,14 +126,14 @@ def project(
     )
     claim_folder(out, "project.json")
     result = Result(
-        outputs=write_normals(out, seen.normal_map),
+        outputs=processing.write_normals(out, seen.normal_map),
         warnings=list(seen.warnings),
         inputs=[geometry, *([] if camera is None else [camera])],
     )
     for name, values in (("height", seen.height), ("depth", seen.depth)):
         if values is not None:
             result.outputs[name] = out / f"{name}.exr"
-            write_exr(result.outputs[name], values)
+            acquisition.write_exr(result.outputs[name], values)
     mask = seen.normal_map.mask
     height, width = mask.shape
     result.metrics = {

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import write_tiff
+import acquisition
 from rig import (
     BoardError,
     BoardStatus,
@@ -181,7 +181,7 @@ def snap(
         shot = opened.shoot(led, exposure_us)
         white = 2**opened.camera.info.bit_depth - 1
     pixels = shot.frame.pixels
-    write_tiff(out, pixels)
+    acquisition.write_tiff(out, pixels)
     clipped = float(np.mean(pixels >= white))
     low, high = (float(value) for value in np.percentile(pixels, [1, 99]))
     return Result(

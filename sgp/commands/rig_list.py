@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from rig import FoundCamera, FoundPort, find_boards, find_cameras, rig_names
+import rig
 from sgp._exit import UsageError
 from sgp._result import Result
 
@@ -33,9 +33,9 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
             "with the camera's driver"
         )
     # Cameras first: a wrong producer fails at once, while silent ports take seconds.
-    cameras = find_cameras(cti) if cti else ()
-    ports = find_boards(port or None)
-    names = list(rig_names())
+    cameras = rig.find_cameras(cti) if cti else ()
+    ports = rig.find_boards(port or None)
+    names = list(rig.rig_names())
     boards = [found for found in ports if found.identity is not None]
     summary = [
         f"rigs     {', '.join(names)}",
@@ -58,17 +58,17 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     )
 
 
-def _answer(found: FoundPort) -> str:
+def _answer(found: rig.FoundPort) -> str:
     board = found.identity
     if board is None:
         return f"port     {found.complaint.removeprefix('LED board on ')}"
     return f"board    {board.name} on {found.port}, {board.leds} LEDs, firmware {board.firmware}"
 
 
-def _port(found: FoundPort) -> dict[str, Any]:
+def _port(found: rig.FoundPort) -> dict[str, Any]:
     board = None if found.identity is None else asdict(found.identity)
     return {"port": found.port, "board": board, "complaint": found.complaint}
 
 
-def _camera(found: FoundCamera) -> dict[str, Any]:
+def _camera(found: rig.FoundCamera) -> dict[str, Any]:
     return {"vendor": found.vendor, "model": found.model, "serial": found.serial, "cti": found.cti}

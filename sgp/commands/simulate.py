@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from acquisition import Session, staged
+import acquisition
+import simulator
 from sgp._console import Stages
 from sgp._diligent import write_diligent
 from sgp._exit import UsageError
@@ -17,15 +18,6 @@ from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
 from sgp._simulation import metered_exposures, record_simulated
 from sgp._stages import Stopwatch
-from simulator import (
-    SCENES,
-    Rendering,
-    Scene,
-    read_scene,
-    render,
-    save_truth,
-    scene_named,
-)
 
 _SHEET_SIZE = (320, 256)
 
@@ -90,7 +82,7 @@ def simulate(
             "--format diligent does not support cameras with a colour mosaic: record a session"
         )
     with watch.stage("render"), Stages() as progress:
-        rendering = render(chosen, progress)
+        rendering = simulator.render(chosen, progress)
     exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
     if layout == "diligent":
         exposures = exposures[:1]  # the layout has one image per light
@@ -115,7 +107,7 @@ def simulate(
     if dead := chosen.lamps.dead:
         result.warnings.append(f"LED {', '.join(map(str, dead))} skipped: dead in the scene")
 
-    def recorded(folder: Path) -> Session:
+    def recorded(folder: Path) -> acquisition.Session:
         return record_simulated(
             rendering,
             folder,
@@ -128,7 +120,7 @@ def simulate(
     with watch.stage("record"):
         if layout == "diligent":
             place = out / "truth"
-            with staged(out) as building:
+            with acquisition.staged(out) as building:
                 recording = building / "recording"
                 made_files = _write_diligent(building, recorded(recording), rendering, result)
                 shutil.rmtree(recording)
@@ -144,7 +136,7 @@ def simulate(
         "noise": noise, "noise_seed": seed or 0, "format": layout,
     }  # fmt: skip
     with watch.stage("truth"):
-        saved = save_truth(
+        saved = simulator.save_truth(
             place,
             rendering,
             exposures_us=exposures,
@@ -156,11 +148,11 @@ def simulate(
 
 def _scene(
     name: str, lights: int | None, size: str | None, seed: int | None
-) -> tuple[Scene, list[Path]]:
+) -> tuple[simulator.Scene, list[Path]]:
     pixels = None if size is None else image_size("--size", size)
     if name.endswith(".toml"):
-        return read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
-    if name not in SCENES:
+        return simulator.read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
+    if name not in simulator.SCENES:
         raise UsageError(
             f"there is no scene {name}: `sgp simulate list` lists the names; the name of a scene "
             "file must end in .toml"
@@ -168,11 +160,11 @@ def _scene(
     options = {} if lights is None else {"leds": lights}
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
-    return scene_named(name, seed=seed or 0, **options), []
+    return simulator.scene_named(name, seed=seed or 0, **options), []
 
 
 def _write_diligent(
-    folder: Path, session: Session, rendering: Rendering, result: Result
+    folder: Path, session: acquisition.Session, rendering: simulator.Rendering, result: Result
 ) -> list[Path]:
     truth = rendering.truth
     seen = bool(truth.mask.any())
@@ -196,10 +188,10 @@ def _write_diligent(
 def _list(sheet: Path | None, out: Path | None) -> Result:
     if out is not None:
         raise UsageError("`sgp simulate list` records nothing: leave out --out")
-    widest = max(map(len, SCENES))
+    widest = max(map(len, simulator.SCENES))
     result = Result(
-        metrics={"scenes": dict(SCENES)},
-        summary=[f"{name:<{widest}}  {text}" for name, text in SCENES.items()],
+        metrics={"scenes": dict(simulator.SCENES)},
+        summary=[f"{name:<{widest}}  {text}" for name, text in simulator.SCENES.items()],
     )
     if sheet is not None:
         from sgp._capture.contact_sheet import write_contact_sheet
@@ -208,9 +200,11 @@ def _list(sheet: Path | None, out: Path | None) -> Result:
         width, height = _SHEET_SIZE
         renderings = {}
         with Stages() as progress:
-            for done, name in enumerate(SCENES, 1):
-                renderings[name] = render(scene_named(name, width=width, height=height))
-                progress("scenes", done, len(SCENES))
+            for done, name in enumerate(simulator.SCENES, 1):
+                renderings[name] = simulator.render(
+                    simulator.scene_named(name, width=width, height=height)
+                )
+                progress("scenes", done, len(simulator.SCENES))
         write_contact_sheet(sheet, renderings)
         result.outputs["sheet"] = sheet
     return result

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from acquisition import read_camera, read_mask
-from processing import NormalMap, integrate, read_normals
-from rig import MAX_PIXELS
+import acquisition
+import processing
+import rig
 from sgp._options import Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -26,7 +26,7 @@ def surface(
     glb: bool = False,
     stl: bool = False,
     obj: bool = False,
-    max_pixels: Pixels = MAX_PIXELS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Integrate a normal map to height, depth and a mesh.
@@ -61,13 +61,13 @@ def surface(
     force
         Write into an output folder that already contains files.
     """
-    read = read_normals(normals, green=green, max_pixels=max_pixels)
+    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map
     if mask is not None:
-        inside = read_mask(mask, normal_map.size) & normal_map.mask
-        normal_map = NormalMap.from_vectors(normal_map.normals, inside)
-    model = None if camera is None else read_camera(camera, normal_map.size)
-    height_map = integrate(normal_map, camera=model, pixel_mm=pixel_mm)
+        inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
+        normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
+    model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
+    height_map = processing.integrate(normal_map, camera=model, pixel_mm=pixel_mm)
     wanted = {"glb": glb, "stl": stl, "obj": obj}
     formats = ("ply", *(name for name, asked in wanted.items() if asked))
     claimed = claim_folder(out, "surface.json")

@@ -12,7 +12,16 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 GLOSSARY = "docs/glossary.md"
-FOLDERS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp", "benchmarks", "tests")
+FOLDERS = (
+    "rig",
+    "acquisition",
+    "calibration",
+    "processing",
+    "simulator",
+    "sgp",
+    "benchmarks",
+    "tests",
+)
 # They quote avoided words, and source code of the firmware.
 QUOTING = {"tests/sgp/test_words.py", "tests/rig/test_firmware_planted_faults.py"}
 # Code within texts: fences, inline code, targets of links.
