@@ -23,6 +23,8 @@ STALL_S = 1.5
 
 def main(fault, command, folder):
     """Run a command with an injected fault."""
+    import acquisition
+    import rig
     import sgp.commands.capture as capture
     from sgp.app import _group
     from sgp.app import run as front_door
@@ -31,16 +33,16 @@ def main(fault, command, folder):
     plan = PLAN.changed(retakes=3) if fault.endswith("retakes") else PLAN
 
     def opened(_):
-        rig = open_planes()
-        print(f"{BENCH}{bench_of(rig)}", file=sys.stderr, flush=True)
-        return rig
+        bench = open_planes()
+        print(f"{BENCH}{bench_of(bench)}", file=sys.stderr, flush=True)
+        return bench
 
     def on_frame(line):
         print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
 
-    capture.open_rig = opened
-    capture.record = partial(capture.record, on_frame=on_frame)
-    capture.resume_recording = partial(capture.resume_recording, on_frame=on_frame)
+    rig.open_rig = opened
+    acquisition.record = partial(acquisition.record, on_frame=on_frame)
+    acquisition.resume = partial(acquisition.resume, on_frame=on_frame)
     capture.chosen_plan = lambda *_: (plan, ())
     sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
 
@@ -58,10 +60,7 @@ def stall():
         real(descriptor)
 
     os.fsync = fsync
-    sgp_record = acquisition.record
-    import sgp.commands.capture as capture
-
-    capture.record = lambda *words, **more: sgp_record(*words, **more, stall_s=STALL_S)
+    acquisition.record = partial(acquisition.record, stall_s=STALL_S)
 
 
 def unplug():

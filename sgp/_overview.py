@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from calibration import SphereCalibration
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from calibration import SphereCalibration
 
 Image = npt.NDArray[np.float32]
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
+import rig as rigs
 import simulator
-from rig import RigConfig
 from sgp._console import Stages
 
 # Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
@@ -83,7 +83,7 @@ def record_simulated(
     truth = rendering.truth
     leds, lamps = len(rendering.planes), rendering.scene.lamps
     dead = tuple(led for led in lamps.dead if led < leds)  # the rig refuses others
-    config = RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
+    config = rigs.RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
         simulator.rig_for(

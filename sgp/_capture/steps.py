@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import acquisition
-from rig import Rig, RigError
+import rig as rigs
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Real
@@ -79,7 +79,10 @@ class Preparation:
 
 
 def metered(
-    rig: Rig, plan: acquisition.CapturePlan, goal: acquisition.MeteringGoal, prepared: Preparation
+    rig: rigs.Rig,
+    plan: acquisition.CapturePlan,
+    goal: acquisition.MeteringGoal,
+    prepared: Preparation,
 ) -> acquisition.CapturePlan:
     """Return the plan with metered exposure times."""
     with Stages() as progress:
@@ -102,7 +105,7 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
     """
     if not preflight.ok:
         complaints = "; ".join(f"{check.name}: {check.text}" for check in preflight.failed)
-        raise RigError(f"the check before recording failed: {complaints}")
+        raise rigs.RigError(f"the check before recording failed: {complaints}")
     prepared.events.append(("checked", preflight.details()))
     prepared.warnings += [
         f"{check.name}: {check.text}" for check in preflight.checks if check.state == "warning"
@@ -110,7 +113,7 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
 
 
 def dry_run(
-    rig: Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.PlannedShot]
+    rig: rigs.Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.PlannedShot]
 ) -> Result:
     """Take shots with all LEDs off without recording them."""
     with Stages() as progress:

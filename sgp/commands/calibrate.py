@@ -9,15 +9,8 @@ from typing import Any
 import numpy as np
 
 import acquisition
+import calibration
 import rig
-from calibration import (
-    EstimateError,
-    SphereCalibration,
-    Stack,
-    calibrate_intensities,
-    calibrate_spheres,
-    linear_stack,
-)
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Pixels, Positive, numbers
@@ -94,14 +87,14 @@ def spheres(
         marked = [opened.mask_path]
     radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     try:
-        estimate = calibrate_spheres(
+        estimate = calibration.calibrate_spheres(
             stack,
             masks=[acquisition.read_mask_shares(path, stack.values.shape[1:]) for path in marked],
             circles=outlines,
             camera=opened.camera,
             radius_mm=radii,
         )
-    except EstimateError as error:
+    except calibration.EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
     result = _describe(estimate)
@@ -178,7 +171,7 @@ def intensities(
     card = np.ones(stack.values.shape[1:], np.bool_)
     if mask is not None and opened.mask is not None:
         card = opened.mask
-    estimate = calibrate_intensities(
+    estimate = calibration.calibrate_intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
     strength = np.asarray(estimate.lights.intensities)[:, 0]
@@ -202,7 +195,9 @@ def intensities(
     return result
 
 
-def _explain_masks(error: EstimateError, source: acquisition.Source, marked: list[Path]) -> None:
+def _explain_masks(
+    error: calibration.EstimateError, source: acquisition.Source, marked: list[Path]
+) -> None:
     """Add a note to an error about a mask that was found and used, or found and not used."""
     if marked and source.mask_origin == "folder":
         error.add_note(
@@ -216,10 +211,10 @@ def _explain_masks(error: EstimateError, source: acquisition.Source, marked: lis
         )
 
 
-def _undivided(source: acquisition.Source) -> Stack:
+def _undivided(source: acquisition.Source) -> calibration.Stack:
     """Read a stack as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
-        return linear_stack(replace(source, lights=None), on_progress=progress)
+        return calibration.linear_stack(replace(source, lights=None), on_progress=progress)
 
 
 def _write_lights(
@@ -231,7 +226,7 @@ def _write_lights(
     acquisition.write_lights(out, lights, provenance=made_by)
 
 
-def _describe(estimate: SphereCalibration) -> Result:
+def _describe(estimate: calibration.SphereCalibration) -> Result:
     residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
     result = Result(
         metrics={

@@ -9,8 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import acquisition
-from rig import Rig, open_rig
-from sgp._capture.session_sheet import write_session_sheet
+import rig as rigs
 from sgp._capture.session_summary import describe
 from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
@@ -81,7 +80,7 @@ def run(
     check_folder(out)
     goal = metering.goal()
     stored_lights = None if lights is None else acquisition.read_lights(lights)
-    with open_rig(rig) as opened:
+    with rigs.open_rig(rig) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
@@ -165,7 +164,7 @@ def resume(
     if begun.complete and asked is None and not damaged:
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         return describe(begun, [*begun.warnings, f"already complete: {nothing}"])
-    with open_rig(rig) as opened:
+    with rigs.open_rig(rig) as opened:
         _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
@@ -278,6 +277,8 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
             raise acquisition.DataError(
                 f"{session}: no frames to draw: all are rejected or missing"
             )
+        from sgp._capture.session_sheet import write_session_sheet
+
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
@@ -309,7 +310,7 @@ def _damaged(session: Path) -> tuple[acquisition.Damage, ...]:
     return damages
 
 
-def _upright_size(rig: Rig) -> tuple[int, int]:
+def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
     info = rig.camera.info
     height, width = rig.config.mounting.upright_shape((info.height, info.width))
     return height, width

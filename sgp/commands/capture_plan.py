@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import acquisition
-from rig import RigConfig, open_rig, read_rig_config
+import rig as rigs
 from sgp._console import Stages
 from sgp._options import Count, Leds, Real
 from sgp._result import Result
@@ -55,7 +55,11 @@ def plan(
         Time in ms that a frame takes in addition to exposure and settling of the light: readout,
         transfer, commands.
     """
-    config = RigConfig(name="-", driver="-", leds=leds) if rig is None else read_rig_config(rig)
+    config = (
+        rigs.RigConfig(name="-", driver="-", leds=leds)
+        if rig is None
+        else rigs.read_rig_config(rig)
+    )
     chosen, left_out = chosen_plan(plan, config)
     frame_s = (frame_ms + config.settle_ms) / 1000
     cost = acquisition.estimate_plan(chosen, width=width, height=height, frame_s=frame_s)
@@ -112,7 +116,7 @@ def check(
     quick
         Skip the test of every LED.
     """
-    with open_rig(rig) as opened, Stages() as progress:
+    with rigs.open_rig(rig) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = acquisition.preflight(
             opened,
@@ -134,7 +138,7 @@ def check(
 
 
 def chosen_plan(
-    path: Path | None, config: RigConfig
+    path: Path | None, config: rigs.RigConfig
 ) -> tuple[acquisition.CapturePlan, tuple[int, ...]]:
     """Return the plan of a file, or the default plan, for a rig, and the dead LEDs it skips."""
     if path is None:

@@ -8,14 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
+import calibration
 import processing
 import simulator
-from calibration import (
-    SphereCalibration,
-    calibrate_intensities,
-    calibrate_spheres,
-    linear_stack,
-)
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
 from sgp._options import Seed, SourceOptions
@@ -131,15 +126,19 @@ def _marks(*sessions: acquisition.Session) -> list[Path]:
 
 def _calibrate(
     session: acquisition.Session, scene: simulator.Scene
-) -> tuple[SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
+) -> tuple[calibration.SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
     """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
-        stack = linear_stack(acquisition.read_source(session.folder), on_progress=progress)
+        stack = calibration.linear_stack(
+            acquisition.read_source(session.folder), on_progress=progress
+        )
     camera = simulator.bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
-    estimate = calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    estimate = calibration.calibrate_spheres(stack, camera=camera, radius_mm=radii)
     card = np.ones(camera.size, np.bool_)
-    strong = calibrate_intensities(stack.values, estimate.lights, camera.points_on_plane(), card)
+    strong = calibration.calibrate_intensities(
+        stack.values, estimate.lights, camera.points_on_plane(), card
+    )
     return estimate, strong.lights, stack.values
 
 

@@ -9,15 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import acquisition
-from rig import (
-    BoardError,
-    BoardStatus,
-    RigConfig,
-    open_lights,
-    open_rig,
-    rig_names,
-)
-from rig import selftest as examine
+import rig as rigs
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Microseconds, Positive, Whole
@@ -45,7 +37,7 @@ def check(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or path of a rig file (.toml).
     """
-    with open_rig(rig) as opened:
+    with rigs.open_rig(rig) as opened:
         board, camera, config = opened.board.identity, opened.camera.info, opened.config
         dead = ", ".join(map(str, config.dead_leds)) or "none"
         status = opened.board.status()
@@ -102,7 +94,7 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
         Time in seconds. As a safeguard the board itself turns the LED off 3 s later, or one second
         after this program died.
     """
-    with open_lights(rig) as opened:
+    with rigs.open_lights(rig) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
@@ -122,7 +114,7 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
         held = (time.monotonic() - began_s) * 1000 < hold_ms * _CLOCK
         if was_on != led and held:
             state = "no LED was on" if was_on is None else f"LED {was_on} was on"
-            raise BoardError(
+            raise rigs.BoardError(
                 f"LED board on {board.port}: LED {led} was turned on, but {state} at the end: "
                 "check the board's supply, and that no other program uses the port"
             )
@@ -141,7 +133,7 @@ def off(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or path of a rig file (.toml).
     """
-    with open_lights(rig):
+    with rigs.open_lights(rig):
         pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 
@@ -175,7 +167,7 @@ def snap(
         Overwrite an existing file.
     """
     check_file(out, ".tif", force=force)
-    with open_rig(rig) as opened:
+    with rigs.open_rig(rig) as opened:
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
@@ -208,11 +200,11 @@ def selftest(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or path of a rig file (.toml).
     """
-    with open_rig(rig) as opened, Stages() as progress:
-        result = examine(opened, on_progress=progress)
+    with rigs.open_rig(rig) as opened, Stages() as progress:
+        result = rigs.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if rig in rig_names():  # opened by name: there is no file in which to set an option
+    if rig in rigs.rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else f"{len(faults)} faults"
     if len(faults) == 1:
@@ -234,14 +226,14 @@ def selftest(*, rig: str = "simulated") -> Result:
     )
 
 
-def _mounted(config: RigConfig) -> str:
+def _mounted(config: rigs.RigConfig) -> str:
     mounting = config.mounting
     words = ["mirrored"] * mounting.mirror
     words += [f"rotated by {mounting.rotation_deg} degrees"] * (mounting.rotation_deg != 0)
     return "frames are " + (" and ".join(words) + " to be upright" if words else "upright")
 
 
-def _doubts(status: BoardStatus, config: RigConfig) -> list[str]:
+def _doubts(status: rigs.BoardStatus, config: rigs.RigConfig) -> list[str]:
     """Return warnings about states that are not errors yet."""
     doubts = []
     if status.faults:
@@ -266,7 +258,7 @@ def _doubts(status: BoardStatus, config: RigConfig) -> list[str]:
     return doubts
 
 
-def _check_led(config: RigConfig, led: int) -> None:
+def _check_led(config: rigs.RigConfig, led: int) -> None:
     if not 0 <= led < config.leds:
         raise UsageError(f"LED {led} does not exist: {config.name} has 0 to {config.leds - 1}")
     if led in config.dead_leds:

@@ -164,7 +164,7 @@ def test_list_names_every_scene(sgp):
 
 
 def test_contact_sheet(sgp, tmp_path, monkeypatch):
-    monkeypatch.setattr("sgp.commands.simulate.SCENES", {"coin": "", "spheres": ""})
+    monkeypatch.setattr("simulator.SCENES", {"coin": "", "spheres": ""})
     sheet = tmp_path / "sheet.png"
     assert sgp("simulate", "list", "--sheet", sheet).code == 0
     picture = read_image(sheet)[..., :3].astype(float)
