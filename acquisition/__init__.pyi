@@ -27,6 +27,7 @@ from ._pixels.images import write_png as write_png
 from ._pixels.images import write_tiff as write_tiff
 from ._pixels.mask_files import read_mask as read_mask
 from ._pixels.mask_files import read_mask_shares as read_mask_shares
+from ._pixels.mask_files import write_mask as write_mask
 from ._pixels.normals_mat import write_normals_mat as write_normals_mat
 from ._pixels.raw import RawFrame as RawFrame
 from ._pixels.raw import read_raw as read_raw

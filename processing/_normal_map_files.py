@@ -14,6 +14,7 @@ from acquisition import (
     read_image_with_alpha,
     read_mask,
     write_exr,
+    write_mask,
     write_png,
 )
 from processing._normal_map import NormalMap
@@ -156,7 +157,7 @@ def write_normals(
     encoded = np.rint((normal_map.normals.astype(np.float64) * 0.5 + 0.5) * 65535)
     write_exr(outputs[name], normal_map.normals)
     write_png(outputs[f"{name}_png"], encoded.astype(np.uint16))
-    write_png(outputs["mask"], normal_map.mask.astype(np.uint8) * 255)
+    write_mask(outputs["mask"], normal_map.mask)
     return outputs
 
 

@@ -68,7 +68,7 @@ def write_surface(
     result = Result(warnings=list(height_map.warnings))
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
     acquisition.write_exr(result.outputs["height"], height_map.height)
-    acquisition.write_png(result.outputs["mask"], height_map.mask.astype(np.uint8) * 255)
+    acquisition.write_mask(result.outputs["mask"], height_map.mask)
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         acquisition.write_exr(result.outputs["depth"], height_map.depth)

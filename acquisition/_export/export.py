@@ -24,9 +24,9 @@ from acquisition._export.tables import (
     write_alicevision_lights,
     write_diligent_tables,
     write_lp_table,
-    write_mask,
 )
 from acquisition._export.values import Samples
+from acquisition._pixels.mask_files import write_mask
 from acquisition._session.session import Session
 from acquisition._source.reader import read_source
 from acquisition._source.recording_json import (
@@ -102,14 +102,22 @@ class Export:
             If a file cannot be written.
         """
         with staged(out, replaced) as place:
-            files = []
-            for index, frame in enumerate(self._frames):
-                files.append(place / self.notes.frames[index].file)
-                self._write_image(files[-1], frame, index)
-                on_progress("exporting", index + 1, len(self._frames))
-            files += self._write_tables(place)
-            files.append(write_recording_notes(place, self.notes))
+            files = self.write_into(place, on_progress=on_progress)
         return tuple(out / file.name for file in files)
+
+    def write_into(self, place: Path, *, on_progress: Progress = no_progress) -> tuple[Path, ...]:
+        """Write all files one by one into an existing folder that no reader uses yet.
+
+        For folders that the caller has `staged`; parameters and errors are those of `write`.
+        """
+        files = []
+        for index, frame in enumerate(self._frames):
+            files.append(place / self.notes.frames[index].file)
+            self._write_image(files[-1], frame, index)
+            on_progress("exporting", index + 1, len(self._frames))
+        files += self._write_tables(place)
+        files.append(write_recording_notes(place, self.notes))
+        return tuple(files)
 
     def _write_image(self, path: Path, frame: Frame, index: int) -> None:
         noted = self.notes.frames[index]
@@ -123,7 +131,10 @@ class Export:
     def _write_tables(self, out: Path) -> list[Path]:
         names = [frame.file for frame in self.notes.frames]
         mask, lights = self._source.mask, self._lights
-        files = [] if mask is None else [write_mask(out, mask)]
+        files = []
+        if mask is not None:
+            files.append(out / "mask.png")
+            write_mask(files[-1], mask)
         if self._source.camera is not None:
             files.append(out / CAMERA_FILE)
             write_camera(files[-1], self._source.camera)

@@ -9,18 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._pixels.images import write_png
 from acquisition._pixels.normals_mat import write_normals_mat
 from acquisition._storage import write_durably
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition._values.lights import Array, Lights
-
-
-def write_mask(folder: Path, mask: npt.NDArray[np.bool_]) -> Path:
-    """Write mask.png, white on the object."""
-    path = folder / "mask.png"
-    write_png(path, mask.astype(np.uint8) * np.uint8(255))
-    return path
 
 
 def write_diligent_tables(

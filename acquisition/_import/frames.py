@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from acquisition._errors import DataError
 from acquisition._import.image import (
     ImportedImage,
@@ -17,7 +15,8 @@ from acquisition._import.image import (
     read_for_import,
     read_shot_data,
 )
-from acquisition._pixels.images import write_exr, write_png
+from acquisition._pixels.images import write_exr
+from acquisition._pixels.mask_files import write_mask
 from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import FrameLine
@@ -250,7 +249,7 @@ def _read(frame: Frame, source: Source) -> ImportedImage:
 def _write_maps(source: Source, folder: Path) -> None:
     if source.mask is not None:
         make_folder((folder / MASK).parent)
-        write_png(folder / MASK, source.mask.astype(np.uint8) * np.uint8(255))
+        write_mask(folder / MASK, source.mask)
     if source.normals_truth is not None:
         make_folder((folder / TRUE_NORMALS).parent)
         write_exr(folder / TRUE_NORMALS, source.normals_truth)

@@ -1,4 +1,4 @@
-"""Masks from image files."""
+"""Masks as image files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import image_form, read_image_with_alpha
+from acquisition._pixels.images import image_form, read_image_with_alpha, write_png
 from rig import MAX_PIXELS
 
 
@@ -27,6 +27,24 @@ def read_mask(
     """
     mask: npt.NDArray[np.bool_] = read_mask_shares(path, size, max_pixels=max_pixels) > 0.5
     return mask
+
+
+def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
+    """Write a mask as an 8-bit PNG, white inside.
+
+    Parameters
+    ----------
+    path
+        File to write (.png); an existing one is replaced.
+    mask
+        ``(H, W)`` bool.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses the write.
+    """
+    write_png(path, mask.astype(np.uint8) * np.uint8(255))
 
 
 def read_mask_shares(

@@ -11,7 +11,6 @@ from cyclopts import Parameter
 import acquisition
 import simulator
 from sgp._console import Stages
-from sgp._diligent import write_diligent
 from sgp._exit import UsageError
 from sgp._options import Leds, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
@@ -20,6 +19,8 @@ from sgp._simulation import metered_exposures, record_simulated
 from sgp._stages import Stopwatch
 
 _SHEET_SIZE = (320, 256)
+# Where readers of a session find what is true of it.
+_TRUTH = Path("derived") / "truth"
 
 
 def simulate(
@@ -117,30 +118,39 @@ def simulate(
             noisy=noise,
         )
 
-    with watch.stage("record"):
-        if layout == "diligent":
-            place = out / "truth"
-            with acquisition.staged(out) as building:
-                recording = building / "recording"
-                made_files = _write_diligent(building, recorded(recording), rendering, result)
-                shutil.rmtree(recording)
-            result.outputs |= {"folder": out} | {path.stem: out / path.name for path in made_files}
-            result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
-        else:
-            place = out / "derived" / "truth"
-            session = recorded(out)
-            result.outputs["session"] = out
-            result.summary.append(f"{out}: {len(session.frames)} frames, ground truth in {place}")
     parameters = {
         "scene": scene, "lights": lights, "size": size, "seed": seed, "exposures_us": exposures,
         "noise": noise, "noise_seed": seed or 0, "format": layout,
     }  # fmt: skip
-    with watch.stage("truth"):
-        saved = simulator.save_truth(
-            place,
-            rendering,
-            exposures_us=exposures,
-            facts=provenance("sgp simulate", parameters, files),
+
+    def save_truth(place: Path) -> dict[str, Path]:
+        with watch.stage("truth"):
+            return simulator.save_truth(
+                place,
+                rendering,
+                exposures_us=exposures,
+                facts=provenance("sgp simulate", parameters, files),
+            )
+
+    if layout == "diligent":
+        with acquisition.staged(out) as building:
+            with watch.stage("record"):
+                session = recorded(building / "recording")
+            place = session.folder / _TRUTH
+            saved = {name: path.relative_to(place) for name, path in save_truth(place).items()}
+            written = _export_diligent(session, building, truth.lights, result)
+            place.rename(building / "truth")
+            shutil.rmtree(session.folder)
+        saved = {name: out / "truth" / path for name, path in saved.items()}
+        result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
+        result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
+    else:
+        with watch.stage("record"):
+            session = recorded(out)
+        saved = save_truth(out / _TRUTH)
+        result.outputs["session"] = out
+        result.summary.append(
+            f"{out}: {len(session.frames)} frames, ground truth in {out / _TRUTH}"
         )
     result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
     return result
@@ -163,26 +173,14 @@ def _scene(
     return simulator.scene_named(name, seed=seed or 0, **options), []
 
 
-def _write_diligent(
-    folder: Path, session: acquisition.Session, rendering: simulator.Rendering, result: Result
-) -> list[Path]:
-    truth = rendering.truth
-    seen = bool(truth.mask.any())
+def _export_diligent(
+    session: acquisition.Session, folder: Path, lights: acquisition.Lights, result: Result
+) -> tuple[Path, ...]:
+    """Export a recording with its true mask and normals, and report what the layout loses."""
+    export = acquisition.prepare_export(session.folder, "diligent", values="linear", lights=lights)
+    result.warnings += export.warnings
     with Stages() as progress:
-        files = write_diligent(
-            folder,
-            session,
-            truth.lights,
-            normals=truth.normals if seen else None,
-            mask=truth.mask if seen else None,
-            on_progress=progress,
-        )
-    if truth.lights.near:
-        result.warnings.append(
-            "the lights are near: light_directions.txt has their directions from the centre of the "
-            "field, because the layout has no light positions"
-        )
-    return files
+        return export.write_into(folder, on_progress=progress)
 
 
 def _list(sheet: Path | None, out: Path | None) -> Result:

@@ -19,7 +19,7 @@ from acquisition import (
     write_durably,
     write_exr,
     write_lights,
-    write_png,
+    write_mask,
 )
 from simulator._render.cramer_rao import cramer_rao_deg
 from simulator._render.render import Rendering
@@ -75,7 +75,7 @@ def save_truth(
         write_exr(paths["cramer_rao"], _bound_deg(rendering, exposures_us))
     for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
         paths[f"sphere_{index}"] = folder / f"sphere_{index}.png"
-        write_png(paths[f"sphere_{index}"], _picture(truth.sphere_masks[index]))
+        write_mask(paths[f"sphere_{index}"], truth.sphere_masks[index])
     paths["lights"] = folder / "lights.json"
     write_lights(paths["lights"], truth.lights, {"method": "simulated"})
     if truth.camera is not None:
@@ -103,12 +103,12 @@ def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
             paths[name] = folder / f"{name}.exr"
             write_exr(paths[name], values.astype(np.float32))
     paths["mask"] = folder / "mask.png"
-    write_png(paths["mask"], _picture(truth.mask))
+    write_mask(paths["mask"], truth.mask)
     if truth.shadows is not None:
         paths["shadows"] = folder / "shadows"
         make_folder(paths["shadows"])
         for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
-            write_png(paths["shadows"] / f"{light}.png", _picture(shadow))
+            write_mask(paths["shadows"] / f"{light}.png", shadow)
     return paths
 
 
@@ -158,7 +158,3 @@ def _values(rendering: Rendering) -> dict[str, Any]:
         "sensor": asdict(truth.noise),
         "electrons_per_us": truth.electrons_per_us,
     }
-
-
-def _picture(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
-    return mask.astype(np.uint8) * np.uint8(255)
