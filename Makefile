@@ -8,13 +8,17 @@ PYTEST_ARGS ?=
 # Many tests wait for a board or a camera: three workers keep two cores busy.
 WORKERS ?= 3
 
-.PHONY: demo test lint install clean clean-kernels genicam-1.5
+.PHONY: demo test slow lint install clean clean-kernels genicam-1.5
 
 demo: $(STAMP)
 	$(BIN)/sgp demo --out demo
 
 test: lint
 	$(BIN)/pytest -m "not slow" -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
+
+# The long tests: mutants, random command series, whole tables, faults of rig and disk.
+slow: $(STAMP)
+	$(BIN)/pytest -m slow -n $(WORKERS) --dist load $(PYTEST_ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

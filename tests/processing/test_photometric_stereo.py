@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angle_deg, angular_error, photometric_stereo
+from processing._stereo.method import METHODS
 
-METHODS = pytest.mark.parametrize("method", ["ls", "cauchy"])
+every_method = pytest.mark.parametrize("method", METHODS)
 
 
 def _dome(count, *, lowest_deg=45.0):
@@ -41,7 +42,7 @@ def _worst_deg(result, normals, mask):
     return angle_deg(result.normal_map.normals[mask], normals[mask]).max()
 
 
-@METHODS
+@every_method
 @pytest.mark.parametrize("width", [1, 63, 64, 65, 130], ids=lambda w: f"width-{w}")
 def test_lambertian_surface_without_shadows_is_exact(method, width):
     normals, mask = _ball(140, n_z_min=0.75)
@@ -149,7 +150,7 @@ def _turn(seed):
     return q * np.linalg.det(q)
 
 
-@METHODS
+@every_method
 @given(seed=st.integers(0, 10_000), scale=st.floats(1e-3, 1e3))
 @settings(max_examples=15, deadline=None)
 def test_normals_rotate_with_the_scene_and_ignore_brightness(method, seed, scale):
@@ -170,7 +171,7 @@ def test_normals_rotate_with_the_scene_and_ignore_brightness(method, seed, scale
         np.testing.assert_allclose(second.albedo, first.albedo * scale, rtol=1e-5)
 
 
-@METHODS
+@every_method
 @pytest.mark.parametrize("scale", [1e-42, 1e-30, 1e37, 2e38])
 def test_extreme_units_terminate_and_give_normals(method, scale):
     normals, mask = _ball(20, n_z_min=0.75)
@@ -192,7 +193,7 @@ def test_vectors_beyond_float32_terminate():
     assert angle_deg(result.normal_map.normals, vector).max() < 1e-3
 
 
-@METHODS
+@every_method
 def test_bytes_do_not_depend_on_the_number_of_threads(method):
     rng = np.random.default_rng(9)
     values = rng.uniform(0, 1, (14, 97, 83))
