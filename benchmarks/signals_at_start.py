@@ -168,6 +168,8 @@ def run(options, root):
             number = SIGNALS[turn // len(commands) % len(SIGNALS)]
             after_s = draw.uniform(0.05, usual_s[name])
             table[name][strike(root, commands[name], number, after_s, left, options.keep)] += 1
+            if (turn + 1) % 20 == 0:
+                print(f"{turn + 1} signals ...", flush=True)
     except KeyboardInterrupt:
         pass  # print the table of the trials so far
     print(f"\n{'':22}" + "".join(f"{kind:>9}" for kind in KINDS))
