@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rig import UnreadableError
+from rig import SgpError, UnreadableError
 
 
-class MissingPathError(FileNotFoundError):
+class MissingPathError(SgpError, FileNotFoundError):
     """A path that the caller named does not exist (exit code 2 of the commands)."""
 
 
-class StorageError(OSError):
+class StorageError(SgpError, OSError):
     """The disk refused a write (exit code 3 of the commands)."""
 
 
@@ -21,7 +21,7 @@ class SessionInUseError(StorageError):
     """Another process is writing to the session."""
 
 
-class DataError(ValueError):
+class DataError(SgpError, ValueError):
     """An input or session is damaged, incomplete, inconsistent or unknown (exit code 4)."""
 
 
@@ -38,7 +38,7 @@ def declared(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except MissingPathError:
+    except SgpError:
         raise
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error

@@ -16,11 +16,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from acquisition._errors import DataError, MissingPathError, SessionInUseError, StorageError
+from acquisition._errors import DataError, SessionInUseError, StorageError
 from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
 from acquisition._part_files import is_part as is_part
 from acquisition._part_files import is_rest as is_rest
 from acquisition._part_files import part_path as part_path
+from rig import SgpError
 
 if sys.platform != "win32":
     import fcntl
@@ -53,7 +54,7 @@ def disk(path: Path, action: str) -> Iterator[None]:
     """Turn an OSError inside the block into a StorageError that names path, action and remedy."""
     try:
         yield
-    except (MissingPathError, StorageError):
+    except SgpError:
         raise
     except OSError as error:
         raise refusal(path, action, error) from error

@@ -1,9 +1,10 @@
 """The errors that calibration raises."""
 
 from acquisition import DataError
+from rig import SgpError
 
 __all__ = ["DataError", "EstimateError"]
 
 
-class EstimateError(ValueError):
+class EstimateError(SgpError, ValueError):
     """Valid input does not determine the estimate; the message says why (exit code 5)."""

@@ -48,6 +48,7 @@ from ._guard import MAX_BINARY_BYTES as MAX_BINARY_BYTES
 from ._guard import MAX_PIXELS as MAX_PIXELS
 from ._guard import MAX_TEXT_BYTES as MAX_TEXT_BYTES
 from ._guard import MAX_TOML_BYTES as MAX_TOML_BYTES
+from ._guard import SgpError as SgpError
 from ._guard import UnreadableError as UnreadableError
 from ._guard import check_pixels as check_pixels
 from ._guard import check_text as check_text

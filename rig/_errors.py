@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Self
 
+from rig._guard import SgpError
 
-class RigError(RuntimeError):
+
+class RigError(SgpError, RuntimeError):
     """The rig cannot do what was requested (exit code 3 of the command line)."""
 
 

@@ -73,7 +73,11 @@ _LONGEST_REASON: Final = 120
 _BINARY: Final = getattr(os, "O_BINARY", 0)
 
 
-class UnreadableError(ValueError):
+class SgpError(Exception):
+    """Base class of all errors that the packages raise on purpose."""
+
+
+class UnreadableError(SgpError, ValueError):
     """A file that its reader cannot accept. The message does not name the file."""
 
 
@@ -226,6 +230,8 @@ def refusing(what: str, *own: type[Exception]) -> Iterator[None]:
     """
     try:
         yield
+    except SgpError:
+        raise
     except (*_PROVOKED, *own) as error:
         raise UnreadableError(f"{what}: {reason_of(error)}") from error
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.damage import Damage
 from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
@@ -29,7 +29,7 @@ from acquisition._storage import is_part, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, UnreadableError, read_bounded
+from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, SgpError, UnreadableError, read_bounded
 
 # Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30
@@ -183,7 +183,7 @@ def examine(folder: Path) -> Examination:
     """
     try:
         return _examine(folder)
-    except (MissingPathError, StorageError):
+    except SgpError:
         raise
     except OSError as error:
         where = error.filename or folder

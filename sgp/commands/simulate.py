@@ -192,7 +192,7 @@ def _list(sheet: Path | None, out: Path | None) -> Result:
         summary=[f"{name:<{widest}}  {text}" for name, text in simulator.SCENES.items()],
     )
     if sheet is not None:
-        from sgp._capture.contact_sheet import write_contact_sheet
+        from sgp._scene_sheet import write_contact_sheet
 
         check_file(sheet, ".png", force=True)
         width, height = _SHEET_SIZE

@@ -19,6 +19,7 @@ from rig import (
     Shot,
     selftest,
 )
+from rig._progress import no_progress
 from rig._selftest.led_findings import Evidence, findings
 from simulator import Lamps, dome_lights, render, rig_for, scene_named
 from simulator._wiring import Wiring
@@ -284,7 +285,7 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
         monkeypatch.setattr(rig, "shoot", saturated)
         # The frames stay saturated however short the exposure is.
         rig.camera.info = replace(rig.camera.info, exposure_min_us=1e-6)
-        exposure_us, _ = selftest_module._Camera(rig, lambda count: None).metered((0, 1))
+        exposure_us, _ = selftest_module._Camera(rig, 2, no_progress).metered((0, 1))
     assert exposure_us == asked[-1]
 
 

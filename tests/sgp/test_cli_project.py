@@ -137,7 +137,7 @@ def test_bad_files_get_one_line(sgp, tmp_path, name, text, code, words):
 def test_a_single_point_has_no_surface_at_any_size(sgp, tmp_path):
     path = _spoil(tmp_path / "a.xyz", "1 2 3\n" * 3)
     answer = sgp("project", path, "--out", tmp_path / "o", "--size", "64x64")
-    assert (answer.code, "places (1)" in answer.err) == (5, True), answer.err
+    assert (answer.code, "different points (1)" in answer.err) == (5, True), answer.err
 
 
 @pytest.mark.parametrize(

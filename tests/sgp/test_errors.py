@@ -7,6 +7,8 @@ import pickle
 
 import pytest
 
+from rig import SgpError
+
 KINDS: dict[tuple[str, str], type[Exception]] = {
     ("rig", "RigError"): RuntimeError,
     ("rig", "RigConfigError"): ValueError,
@@ -22,6 +24,7 @@ KINDS: dict[tuple[str, str], type[Exception]] = {
 def test_an_error_is_a_builtin_with_its_message(room: str, name: str) -> None:
     error = getattr(importlib.import_module(room), name)("where: what; what to do")
     assert isinstance(error, KINDS[room, name])
+    assert isinstance(error, SgpError)
     assert str(error) == "where: what; what to do"
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 

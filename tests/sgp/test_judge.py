@@ -8,7 +8,7 @@ import pytest
 from processing import NormalMap, angle_deg
 from sgp._paper.judge import AS_SURFACES, FLOOR, PLAIN, SAME_SURFACES, judge
 from sgp._paper.measure import IN_NORMALS
-from sgp._paper.surfaces import Surfaces
+from sgp._peers.surfaces import Surfaces
 
 SIDE = 48
 

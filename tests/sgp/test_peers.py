@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from processing import ShapeFilter, height_mesh, integrate
 from sgp._paper import bilaplacian
-from sgp._paper.bilaplacian import Bilaplacian
-from sgp._paper.displacement import Displacement
-from sgp._paper.laplacian import LaplacianEditing, superlu
-from sgp._paper.mesh import GridMesh
 from sgp._paper.sources import bowl
+from sgp._peers.bilaplacian import Bilaplacian
+from sgp._peers.displacement import Displacement
+from sgp._peers.laplacian import LaplacianEditing, superlu
+from sgp._peers.mesh import GridMesh
 
 DIRECT = partial(LaplacianEditing, factorise=superlu)
 PEERS = [

@@ -235,9 +235,9 @@ def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
     scene = _scene(
         Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
-    whole = render(scene, lambda done, total: progress.append((done, total)))
+    whole = render(scene, lambda _, done, total: progress.append((done, total)))
     monkeypatch.setattr("simulator._render.render._POINTS", 450)
-    parts = render(scene, lambda done, total: progress.append((done, total)))
+    parts = render(scene, lambda _, done, total: progress.append((done, total)))
     assert progress == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
     np.testing.assert_array_equal(parts.planes, whole.planes)
     np.testing.assert_array_equal(parts.truth.shadows, whole.truth.shadows)

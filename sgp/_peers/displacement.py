@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sgp._paper.mesh import Float, GridMesh, Mask
+from sgp._peers.mesh import Float, GridMesh, Mask
 
 
 class Displacement:

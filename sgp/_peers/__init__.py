@@ -1,0 +1,1 @@
+"""The mesh methods that the paper compares with: displacement and Laplacian editing."""
