@@ -267,7 +267,7 @@ def test_reopening_keeps_torn_lines_and_unrecorded_files(tmp_path: Path) -> None
     before = Session.open(folder)
     assert [frame.role for frame in before.frames] == ["dark"]
     said = "line was interrupted"
-    assert any(said in text and "journal.jsonl" in text for text in before.warnings)
+    assert any(said in text and "journal.jsonl" in text for text in map(str, before.warnings))
     found = verify_session(folder)
     assert found.ok
     assert len(found.warnings) == 3
