@@ -52,7 +52,7 @@ def _surface(
         triangles.append(fans)
         if lost:
             text = f"{lost} faces with fewer than three corners were left out"
-            warnings = (Notice("faces-without-corners", text),)
+            warnings = (Notice("faces-with-few-corners", text),)
     if _STRIPS in elements and elements[_STRIPS].count:
         strips = elements[_STRIPS]
         kind = next((one.kind for one in strips.lists), "i4")

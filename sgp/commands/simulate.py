@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 import acquisition
+import rig
 import simulator
 from sgp._console import Stages
 from sgp._diligent import write_diligent
@@ -105,7 +106,8 @@ def simulate(
         inputs=files,
     )
     if dead := chosen.lamps.dead:
-        result.warnings.append(f"LED {', '.join(map(str, dead))} skipped: dead in the scene")
+        text = f"LED {', '.join(map(str, dead))} skipped: dead in the scene"
+        result.warnings.append(rig.Notice("leds-skipped", text, severity="info"))
 
     def recorded(folder: Path) -> acquisition.Session:
         return record_simulated(
@@ -178,10 +180,11 @@ def _write_diligent(
             on_progress=progress,
         )
     if truth.lights.near:
-        result.warnings.append(
+        text = (
             "the lights are near: light_directions.txt has their directions from the centre of the "
             "field, because the layout has no light positions"
         )
+        result.warnings.append(rig.Notice("export-without-positions", text))
     return files
 
 
