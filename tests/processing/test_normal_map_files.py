@@ -171,7 +171,7 @@ def test_alpha_is_the_mask(tmp_path, name, sample, encoded, multiplied, worst_de
     inside = alpha > 0.5
     assert np.array_equal(normal_map.mask, inside)
     assert angle_deg(normal_map.normals[inside], full.normals[inside]).max() < worst_deg
-    assert f"alpha channel is the mask, {inside.sum()} of 2304 pixels" in notes[0]
+    assert f"alpha channel is the mask, {inside.sum()} of 2304 pixels" in str(notes[0])
     assert files == (tmp_path / name,)
 
 
@@ -187,7 +187,7 @@ def test_a_mask_file_overrides_alpha(tmp_path, named):
     assert np.array_equal(normal_map.mask, cap.mask)
     assert _worst_deg(normal_map, cap) < 2e-3
     (note,) = notes
-    assert note == f"{tmp_path / 'n.png'}: the alpha channel is ignored, the mask is {mask}"
+    assert str(note) == f"{tmp_path / 'n.png'}: the alpha channel is ignored, the mask is {mask}"
 
 
 def test_alpha_with_nothing_inside_is_refused(tmp_path):

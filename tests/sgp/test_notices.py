@@ -36,9 +36,12 @@ def _codes(tree: ast.Module) -> Iterator[str]:
             else:
                 assert ast.unparse(code).startswith("_CODES["), ast.unparse(node)
                 indirect = True
-        elif isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "_CODES":
-            if isinstance(node.value, ast.Dict):
-                table = [ast.literal_eval(value) for value in node.value.values]
+        elif (
+            isinstance(node, ast.AnnAssign)
+            and isinstance(node.value, ast.Dict)
+            and ast.unparse(node.target) == "_CODES"
+        ):
+            table = [ast.literal_eval(value) for value in node.value.values]
     if indirect:
         assert table
         yield from table
