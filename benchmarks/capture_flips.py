@@ -70,7 +70,7 @@ def named(folder, path, bit):
         if not any(str(path) in problem for problem in found.problems):
             cut_off = path.name == JOURNAL and bit // 8 > data.rfind(b"\n")
             torn = "line was interrupted"
-            reported = any(torn in text and str(path) in text for text in found.warnings)
+            reported = any(torn in text and str(path) in text for text in map(str, found.warnings))
             return "torn" if cut_off and reported else "missed"
         return "read" if reads_wrong(folder) else "named"
     finally:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration._errors import EstimateError
+from rig import Notice
 
 Array = npt.NDArray[np.float64]
 
@@ -35,14 +36,14 @@ class IntensityCalibration:
     pixels
         Number of pixels used.
     warnings
-        Warnings, one line each.
+        Doubts about the fit.
     """
 
     lights: Lights
     mu: float
     residual: float
     pixels: int
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def calibrate_intensities(
@@ -110,12 +111,13 @@ def calibrate_intensities(
     samples = np.log(values[:, rows, columns].astype(np.float64)) - np.log(facing)
     strength, mu, residual = _fit(samples, np.log(pattern) - np.log(facing))
     intensities = np.exp(strength)
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     if residual > _POOR_FIT:
-        warnings = (
+        text = (
             f"the plane deviates from the model by {residual:.1%}: check that it is matte and in "
-            "the working plane",
+            "the working plane"
         )
+        warnings = (Notice("plane-deviates", text),)
     calibrated = replace(
         lights,
         intensities=intensities / intensities.mean(),

@@ -19,7 +19,7 @@ from acquisition import (
 )
 from processing._normal_map import NormalMap
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Notice
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -42,7 +42,7 @@ class NormalMapFile(NamedTuple):
     """A normal map from a file, the warnings of its reader, and the files that were read."""
 
     normal_map: NormalMap
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
 
 
@@ -97,7 +97,7 @@ def read_normals(
     height, width = pixels.shape[:2]
     mask = None if mask_file is None else read_mask(mask_file, (height, width))
     vectors, encoded = _decode(pixels)
-    notes: list[str] = []
+    notes: list[Notice] = []
     if alpha is not None:
         share = _share(alpha)
         if encoded:
@@ -105,7 +105,8 @@ def read_normals(
         if mask_file is None:
             mask, note = _mask_of_alpha(file, share)
         else:
-            note = f"{file}: the alpha channel is ignored, the mask is {mask_file}"
+            text = f"the alpha channel is ignored, the mask is {mask_file}"
+            note = Notice("alpha-ignored", text, str(file), "info")
         notes.append(note)
     if green == "down":
         vectors[..., 1] *= -1
@@ -201,7 +202,7 @@ def _share(alpha: Pixels) -> Float:
     return share
 
 
-def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, str]:
+def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
     """Return the mask given by the alpha channel, and a note about it."""
     inside = share > 0.5
     if not inside.any():
@@ -210,9 +211,10 @@ def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, str]:
             "or put a mask.png into its folder"
         )
     if inside.all():
-        return None, f"{file}: the alpha channel is opaque everywhere and is ignored"
-    count = np.count_nonzero(inside)
-    return inside, f"{file}: the alpha channel is the mask, {count} of {inside.size} pixels"
+        text = "the alpha channel is opaque everywhere and is ignored"
+        return None, Notice("alpha-opaque", text, str(file), "info")
+    text = f"the alpha channel is the mask, {np.count_nonzero(inside)} of {inside.size} pixels"
+    return inside, Notice("alpha-is-mask", text, str(file), "info")
 
 
 def _undo_premultiplication(vectors: Float, share: Float) -> None:
@@ -250,22 +252,27 @@ def _distance_to_unit(vectors: Float) -> float:
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
-def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | None) -> list[str]:
+def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | None) -> list[Notice]:
     warnings = []
+    where = str(file)
     if pixels.dtype == np.uint8:
         cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
-        warnings.append(f"{file}: 8-bit normals are quantised, an error of about {cost} degree")
+        text = f"8-bit normals are quantised, an error of about {cost} degree"
+        warnings.append(Notice("normals-8-bit", text, where))
     not_finite = _not_finite(pixels)
     if mask is not None:
         not_finite &= mask
     if not_finite.any():
-        warnings.append(
-            f"{file}: {np.count_nonzero(not_finite)} pixels have a NaN or infinite vector and are "
-            "left out of the mask"
+        text = (
+            f"{np.count_nonzero(not_finite)} pixels have a NaN or infinite vector and are left out "
+            "of the mask"
         )
+        warnings.append(Notice("normals-not-finite", text, where))
     lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
     if lost:
-        warnings.append(f"{file}: {lost} pixels of the mask have no unit vector and are left out")
+        text = f"{lost} pixels of the mask have no unit vector and are left out"
+        warnings.append(Notice("normals-not-unit", text, where))
     if np.mean(normal_map.normals[normal_map.mask][:, 2]) < 0:
-        warnings.append(f"{file}: most normals face away from the camera: check the sign of z")
+        text = "most normals face away from the camera: check the sign of z"
+        warnings.append(Notice("normals-face-away", text, where))
     return warnings

@@ -59,6 +59,8 @@ from ._guard import read_head as read_head
 from ._guard import refusing as refusing
 from ._lights import Lights as Lights
 from ._mounting import Mounting as Mounting
+from ._notice import Notice as Notice
+from ._notice import Severity as Severity
 from ._open import open_lights as open_lights
 from ._open import open_rig as open_rig
 from ._open import rig_names as rig_names

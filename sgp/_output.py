@@ -199,7 +199,8 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
             if output.is_relative_to(path.parent)
         },
         metrics=plain(result.metrics),
-        warnings=tuple(result.warnings),
+        warnings=tuple(map(str, result.warnings)),
+        notices=tuple(result.warnings),
     )
     acquisition.write_durably(path, f"{dumps(record.model_dump())}\n".encode())
 

@@ -46,7 +46,9 @@ class ResultRecord(_Table):
     metrics
         Figures by name, with units in the names; null where a figure is not defined.
     warnings
-        One line each.
+        The lines of `notices`, as they were printed.
+    notices
+        What the command reported besides the figures.
     """
 
     format: Literal["sgp-result"] = FORMAT
@@ -58,6 +60,7 @@ class ResultRecord(_Table):
     outputs: dict[str, str]
     metrics: dict[str, JsonValue]
     warnings: tuple[str, ...]
+    notices: tuple[rig.Notice, ...]
 
 
 def read_record(path: str | Path) -> ResultRecord:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import rig
 from sgp._printable import printable_json
 
 
@@ -23,7 +24,7 @@ class Result:
     metrics
         Figures by name; the names include the units.
     warnings
-        Warnings of one line each.
+        What must be reported besides the figures, in the order of printing.
     summary
         Lines for the terminal; not printed with ``--json``.
     inputs
@@ -36,7 +37,7 @@ class Result:
 
     outputs: dict[str, Path] = field(default_factory=dict)
     metrics: dict[str, Any] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[rig.Notice] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)
     inputs: list[Path] = field(default_factory=list)
     ok: bool = True
@@ -49,7 +50,8 @@ class Result:
                 "ok": self.ok,
                 "outputs": {name: str(path) for name, path in self.outputs.items()},
                 "metrics": self.metrics,
-                "warnings": self.warnings,
+                "warnings": [str(notice) for notice in self.warnings],
+                "notices": [asdict(notice) for notice in self.warnings],
             }
         )
 

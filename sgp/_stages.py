@@ -45,8 +45,7 @@ def open_source(
     used = {option.resolve() for option in options}
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
     if unused:
-        text = f"{path}: not used: {', '.join(unused)}"
-        source = replace(source, warnings=(*source.warnings, text))
+        source = replace(source, warnings=(*source.warnings, not_used(path, unused)))
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 
@@ -63,6 +62,11 @@ def compute_normals(
             surface=False,
             on_progress=progress,
         )
+
+
+def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:
+    """Return the notice about files of a source that were not used."""
+    return rig.Notice("files-not-used", f"not used: {', '.join(names)}", str(folder), "info")
 
 
 class Stopwatch:

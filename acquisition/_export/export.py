@@ -40,7 +40,7 @@ from acquisition._staging import staged
 from acquisition._value_files.camera import write_camera
 from acquisition._value_files.lights import write_lights
 from acquisition._values.lights import Lights
-from rig import Progress, no_progress
+from rig import Notice, Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Export:
     notes
         Content of ``recording.json``.
     warnings
-        One line for each thing that the layout cannot hold and for each assumption.
+        One notice for each thing that the layout cannot hold and for each assumption.
     inputs
         Files that are read.
     """
@@ -65,7 +65,7 @@ class Export:
     layout: Layout
     values: Values
     notes: RecordingNotes
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     inputs: tuple[Path, ...]
     _source: Source
     _frames: tuple[Frame, ...]
@@ -228,7 +228,7 @@ def prepare_export(
         session=session,
         layout=layout,
         values=values,
-        notes=notes.model_copy(update={"remarks": tuple(warnings)}),
+        notes=notes.model_copy(update={"remarks": tuple(map(str, warnings))}),
         warnings=tuple(warnings),
         inputs=source.files,
         _source=source,
@@ -239,7 +239,7 @@ def prepare_export(
 
 
 def _one_of_each_light(
-    session: Session, pairs: list[Pair], bracket: int, warnings: list[str]
+    session: Session, pairs: list[Pair], bracket: int, warnings: list[Notice]
 ) -> list[Pair]:
     lit = [pair for pair in pairs if pair[0].role == "light"]
     brackets = sorted({recorded.bracket for recorded, _ in lit})
@@ -267,7 +267,12 @@ def _one_of_each_light(
     ]
     if left_out:
         warnings.append(
-            "frames not exported because the layout has one image per light: " + ", ".join(left_out)
+            Notice(
+                "export-frames-left-out",
+                "frames not exported because the layout has one image per light: "
+                + ", ".join(left_out),
+                severity="info",
+            )
         )
     # Keep the order of the session, which is that of its plan.
     return [pair for pair in lit if chosen.get(pair[1].light_id) is pair]

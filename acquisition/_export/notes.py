@@ -17,6 +17,7 @@ from acquisition._session.session_frame import SessionFrame
 from acquisition._source.recording_json import RECORD_FILE, ExportedFrame, RecordingNotes
 from acquisition._source.source import Frame, Source
 from acquisition._values.lights import Lights, led_id
+from rig import Notice
 
 Layout = Literal["diligent", "lp", "exr", "alicevision"]
 Pair = tuple[SessionFrame, Frame]
@@ -70,37 +71,43 @@ def recording_notes(
 
 def layout_remarks(
     session: Session, source: Source, pairs: Sequence[Pair], layout: Layout, samples: Samples
-) -> list[str]:
+) -> list[Notice]:
     """Return remarks on what the layout loses or changes that its readers cannot see."""
     remarks = []
     near = source.lights is not None and source.lights.near
     if near and layout != "exr":
-        remarks.append(
+        text = (
             f"layout {layout} cannot store the positions of the lights: it gets directions from "
             f"the origin, and {LIGHTS_FILE} has the positions"
         )
+        remarks.append(Notice("export-without-positions", text))
     if source.cfa is not None and layout != "exr":
-        remarks.append(
+        text = (
             f"layout {layout} cannot store the colour filter of the mosaic frames ({source.cfa}): "
             f"{RECORD_FILE} names it"
         )
+        remarks.append(Notice("export-without-colour-filter", text))
     exposures = {frame.exposure_us for _, frame in pairs if frame.role == "light"}
     if layout in ("diligent", "alicevision") and len(exposures) > 1 and None not in exposures:
-        remarks.append(
+        text = (
             "the lights differ in exposure: each intensity is multiplied by its exposure "
             "divided by the longest"
         )
+        remarks.append(Notice("intensities-scaled", text, severity="info"))
     if (
         layout == "lp"
         and source.lights is not None
         and np.ptp(np.asarray(source.lights.intensities))
     ):
-        remarks.append(f"an .lp file holds no intensities: they are in {LIGHTS_FILE}")
+        text = f"an .lp file holds no intensities: they are in {LIGHTS_FILE}"
+        remarks.append(Notice("export-without-intensities", text))
     if layout == "diligent" and source.mask is None:
-        remarks.append("mask.png is not written because no mask is known: give a mask")
+        text = "mask.png is not written because no mask is known: give a mask"
+        remarks.append(Notice("export-without-mask", text))
     clipped = max(recorded.line.clipped_fraction for recorded, _ in pairs)
     if clipped > _CLIPPED:
-        remarks.append(f"up to {clipped:.1%} of a frame's samples are saturated")
+        text = f"up to {clipped:.1%} of a frame's samples are saturated"
+        remarks.append(Notice("frames-saturated", text))
     return remarks
 
 

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from acquisition._source.linear import Linearizer
 from acquisition._source.recording_json import Values
 from acquisition._source.source import Frame, Source
+from rig import Notice
 
 _FULL = 65535
 
@@ -67,14 +68,16 @@ class Samples:
             sorted(f"{name} frames" if name != "black level" else name for name in offsets)
         )
 
-    def warnings(self, frames: Sequence[Frame]) -> list[str]:
+    def warnings(self, frames: Sequence[Frame]) -> list[Notice]:
         """Return warnings for programs that take the values as proportional to light."""
         source = self._source
         if self.values == "raw" and source.black_level > 0:
-            return [
+            text = (
                 f"the values are raw, with a black level of {source.black_level:g}: "
                 "export linear values to subtract it"
-            ]
+            )
+            return [Notice("black-level-kept", text)]
         if self.values == "linear" and self.subtracted(frames) == "black level":
-            return ["no dark frames of these exposures: the black level is subtracted instead"]
+            text = "no dark frames of these exposures: the black level is subtracted instead"
+            return [Notice("dark-frames-missing", text)]
         return []

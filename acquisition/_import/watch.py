@@ -28,7 +28,7 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights
-from rig import Progress, no_progress
+from rig import Notice, Progress, no_progress
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
@@ -45,12 +45,12 @@ class WatchResult:
     missing
         Shots without an image.
     warnings
-        One line for each gap, each image without a free shot, and each other remark.
+        One notice for each gap, each image without a free shot, and each other remark.
     """
 
     session: Session
     missing: tuple[PlannedShot, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def watch_folder(
@@ -125,7 +125,7 @@ class _Watcher:
         self._tell = on_message
         self._on_progress = on_progress
         self._texts = texts
-        self._said: dict[str, None] = {}
+        self._said: dict[Notice, None] = {}
         self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
         self._recorded: dict[str, int] = {}
         self._first: ImportedImage | None = None
@@ -186,7 +186,8 @@ class _Watcher:
                     "restore the session from a copy, or choose a new folder"
                 )
             self._recorded[frame.line.origin] = indices[frame.line.key]
-        self._say(f"{self._out}: continued with {len(self._recorded)} images")
+        text = f"continued with {len(self._recorded)} images"
+        self._say(Notice("watch-continued", text, str(self._out), "info"))
 
     def _match(self, *, decide: bool) -> Match:
         """Match the files in the folder, in order, up to the first that is not complete yet."""
@@ -216,10 +217,11 @@ class _Watcher:
                 series = []
         pace = pace_of(series, self._watch.interval_s) if self._watch.gaps else None
         if self._watch.gaps and pace is None and len(series) > PACE_INTERVALS:
-            self._say(
+            text = (
                 "the images have no steady pace: missing images are found by the numbers in the "
                 "file names"
             )
+            self._say(Notice("images-without-pace", text))
         if pace is not None and not decide and self._may_be_late(series, pace):
             series = series[:-1]
         assigned = {**named, **self._recorded}
@@ -238,9 +240,9 @@ class _Watcher:
     def _record(self, match: Match) -> bool:
         """Record the matched images; return whether there were any."""
         for gap in match.gaps:
-            self._say(gap)
+            self._say(Notice("images-missing", gap))
         for name in match.unused:
-            self._say(f"{name}: no shot is left for this image")
+            self._say(Notice("image-without-shot", "no shot is left for this image", name))
         new = [(name, index) for name, index in match.shots.items() if name not in self._recorded]
         for name, index in new:
             image = self._files.take(name)
@@ -251,10 +253,11 @@ class _Watcher:
             self._on_progress("watching", shots - len(self._missing), shots)
         missing = self._missing
         if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
-            self._say(
+            text = (
                 f"the last shot is recorded, but {len(missing)} before it are missing: save an "
                 f"image as {Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to add the first"
             )
+            self._say(Notice("shots-without-image", text))
         return bool(new)
 
     def _open(self, image: ImportedImage) -> SessionWriter:
@@ -265,7 +268,8 @@ class _Watcher:
         image.check_like(self._first)
         if self._writer is None:
             if image.bit_depth == 8:
-                self._say(f"{image.path.name}: 8 bits, probably not linear: record camera RAW")
+                text = "8 bits, probably not linear: record camera RAW"
+                self._say(Notice("image-8-bit", text, image.path.name))
             manifest = Manifest.begin(
                 self._out,
                 camera=camera_of(image),
@@ -279,11 +283,11 @@ class _Watcher:
             )
         return self._writer
 
-    def _say(self, line: str) -> None:
-        """Report a line, but only once."""
-        if line not in self._said:
-            self._said[line] = None
-            self._tell(line)
+    def _say(self, notice: Notice) -> None:
+        """Report a notice, but only once."""
+        if notice not in self._said:
+            self._said[notice] = None
+            self._tell(str(notice))
 
     def _result(self) -> WatchResult:
         if self._writer is None:

@@ -14,7 +14,7 @@ from acquisition._import.image import ImportedImage, ShotData, read_for_import, 
 from acquisition._import.watch_match import Arrival, in_order
 from acquisition._pixels.raw import is_raw
 from acquisition._suffixes import IMAGE_SUFFIXES
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Notice
 
 # Number of images kept in memory between the check that they decode and their recording.
 _KEPT: Final = 3
@@ -43,7 +43,7 @@ class WatchedFolder:
     settle_s
         Time for which a file must stay unchanged, seconds.
     say
-        Called with one line for each file that is incomplete or was overwritten.
+        Called with a notice for each file that is incomplete or was overwritten.
     max_pixels
         Largest allowed number of pixels per image.
     """
@@ -52,7 +52,7 @@ class WatchedFolder:
         self,
         folder: Path,
         settle_s: float,
-        say: Callable[[str], None],
+        say: Callable[[Notice], None],
         max_pixels: int = MAX_PIXELS,
     ) -> None:
         self.folder = folder
@@ -98,10 +98,10 @@ class WatchedFolder:
                 if file is None or not (file.taken or file.state == state):
                     file = _File(state, now)
                 elif file.state != state:
-                    self._say(
-                        f"{path.name}: was overwritten after it was recorded; the session holds "
-                        "the earlier image"
+                    text = (
+                        "was overwritten after it was recorded; the session holds the earlier image"
                     )
+                    self._say(Notice("image-overwritten", text, path.name))
                 files[path.name] = file
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
@@ -135,7 +135,8 @@ class WatchedFolder:
                         file.image = image
             except (DataError, MissingPathError) as error:
                 file.complaint = str(error)
-                self._say(f"waiting for the rest of the file: {error}")
+                text = f"waiting for the rest of the file: {error}"
+                self._say(Notice("image-not-complete", text))
         return file.arrival
 
     def take(self, name: str) -> ImportedImage:

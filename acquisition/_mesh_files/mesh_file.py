@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from rig import Notice
+
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
@@ -22,10 +24,10 @@ class MeshFile:
     normals
         ``(V, 3)`` normals of the vertices; None if the file has no normals.
     warnings
-        One line for each kind of data that was left out.
+        One notice for each kind of data that was left out.
     """
 
     vertices: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64] | None = None
     normals: npt.NDArray[np.float64] | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from acquisition._mesh_files.mesh_file import MeshFile
 from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body, whole
 from acquisition._mesh_files.ply_header import Element, read_header
-from rig import UnreadableError
+from rig import Notice, UnreadableError
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
@@ -43,15 +43,16 @@ def read_ply(data: bytes) -> MeshFile:
 
 def _surface(
     elements: dict[str, Element], tables: dict[str, Table]
-) -> tuple[Whole | None, tuple[str, ...]]:
+) -> tuple[Whole | None, tuple[Notice, ...]]:
     """Return the triangles of faces and strips, and warnings; None if the file has neither."""
     triangles: list[Whole] = []
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     if "face" in elements and elements["face"].count:
         fans, lost = _fans(_corners(elements["face"], tables["face"]))
         triangles.append(fans)
         if lost:
-            warnings = (f"{lost} faces with fewer than three corners were left out",)
+            text = f"{lost} faces with fewer than three corners were left out"
+            warnings = (Notice("faces-with-few-corners", text),)
     if _STRIPS in elements and elements[_STRIPS].count:
         strips = elements[_STRIPS]
         kind = next((one.kind for one in strips.lists), "i4")

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Final
 
 from acquisition._metering.light_level import MeteringGoal
 from acquisition._plan.plan import CapturePlan
+from rig import Notice
+
+_CODES: Final = {
+    "dead": "led-dead",
+    "too dark": "metering-too-dark",
+    "too bright": "metering-too-bright",
+    "coarse": "metering-coarse",
+}
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,8 @@ class Metered:
         return tuple(light.led for light in self.lights if light.state == "dead")
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings for the operator, one line each."""
+    def warnings(self) -> tuple[Notice, ...]:
+        """Warnings for the operator."""
         lines = {
             "dead": "gives no light up to {0:g} ms: left out; check its wire, or list it in "
             "dead_leds",
@@ -78,7 +86,11 @@ class Metered:
             "the target",
         }
         return tuple(
-            f"LED {light.led} {lines[light.state].format(light.exposure_us / 1000, light.level)}"
+            Notice(
+                _CODES[light.state],
+                f"LED {light.led} "
+                + lines[light.state].format(light.exposure_us / 1000, light.level),
+            )
             for light in self.lights
             if light.state != "ok"
         )

@@ -3,9 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Final, Literal
+
+from rig import Notice, Severity
 
 State = Literal["ok", "warning", "failed", "not done"]
+
+_CODES: Final = {
+    "disk": "check-disk",
+    "board": "check-board",
+    "camera": "check-camera",
+    "brightness": "check-brightness",
+    "response": "check-response",
+    "exposure": "check-exposure",
+    "focus": "check-focus",
+    "room light": "check-room-light",
+    "steadiness": "check-steadiness",
+    "LEDs": "check-leds",
+}
+_SEVERITIES: Final[dict[State, Severity]] = {
+    "ok": "info",
+    "warning": "warning",
+    "failed": "error",
+    "not done": "info",
+}
 
 
 @dataclass(frozen=True)
@@ -29,3 +50,8 @@ class Check:
     state: State
     text: str
     values: dict[str, float | int | str | None] = field(default_factory=dict)
+
+    @property
+    def notice(self) -> Notice:
+        """The check as a notice: an error if it failed."""
+        return Notice(_CODES[self.name], self.text, self.name, _SEVERITIES[self.state])

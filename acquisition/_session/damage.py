@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._session.session_frame import SessionFrame
+from rig import Notice
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +28,13 @@ class Damage:
     where: Path
 
     @property
-    def text(self) -> str:
-        """One line with the file, the damage, and what to do."""
+    def notice(self) -> Notice:
+        """The damage as a notice: the file, the damage, and what to do."""
         in_file = self.where == self.frame.path
         remedy = "restore the file or retake the shot" if in_file else "retake the shot"
-        return f"{self.where}: {self.reason}; {remedy}"
+        return Notice("frame-damaged", f"{self.reason}; {remedy}", str(self.where), "error")
+
+    @property
+    def text(self) -> str:
+        """One line with the file, the damage, and what to do."""
+        return str(self.notice)

@@ -29,7 +29,7 @@ from acquisition._storage import is_part, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, SgpError, UnreadableError, read_bounded
+from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, Notice, SgpError, UnreadableError, read_bounded
 
 # Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30
@@ -64,10 +64,10 @@ class Session:
     left_out
         Planned shots without a frame that counts that are not required, because their LED is dead.
     warnings
-        Tolerated irregularities, one line each.
+        Tolerated irregularities.
     lost_lines
         The warning that the journal seems to have lost its last lines, which is also one of
-        ``warnings``; empty if it does not.
+        ``warnings``; None if it does not.
     """
 
     folder: Path
@@ -80,8 +80,8 @@ class Session:
     complete: bool
     missing: tuple[PlannedShot, ...]
     left_out: tuple[PlannedShot, ...]
-    warnings: tuple[str, ...]
-    lost_lines: str = ""
+    warnings: tuple[Notice, ...]
+    lost_lines: Notice | None = None
 
     @classmethod
     def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
@@ -196,7 +196,7 @@ def _examine(folder: Path) -> Examination:
     if not is_session(folder):
         raise DataError(f"{folder}: is not a session: it has no {MANIFEST}")
     problems = list(_links(folder))
-    warnings: list[str] = []
+    warnings: list[Notice] = []
     manifest, toml_sha256 = _manifest(folder, problems)
     data, mark = _journal_and_mark(folder)
     journal = parse_journal(data or b"")
@@ -217,11 +217,11 @@ def _examine(folder: Path) -> Examination:
             f"{folder / COMPLETE}: exists although {len(missing)} planned frames are missing, "
             f"first {missing[0].file}"
         )
-    lost_lines = ""
+    lost_lines = None
     if not complete and journal.lines and journal.damage is None:
         hint, many = _unrecorded_hint(folder, recorded.names)
         warnings += [hint] if hint else []
-        lost_lines = hint if many else ""
+        lost_lines = hint if many else None
     session = Session(
         folder=folder,
         manifest=manifest,
@@ -254,11 +254,11 @@ def _links(folder: Path) -> Iterator[str]:
             yield f"{path}: is a link that leaves the session; replace the link by its target"
 
 
-def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[str, bool]:
+def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[Notice | None, bool]:
     """Return a warning about files without a line, and whether there are suspiciously many."""
     files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded]
     if not files:
-        return "", False
+        return None, False
     many = len(files) > WRITERS
     explained = "written when the recording was interrupted; files without a line do not count"
     lost = (
@@ -266,10 +266,13 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[str, bool]:
         f"restore {JOURNAL} and {COMPLETE} from a copy before you continue; files without a line "
         "do not count"
     )
-    return (
-        f"{folder / FRAMES}: {_counted(len(files), 'file')} without a line in the journal, first "
-        f"{files[0]}: {lost if many else explained}"
-    ), many
+    text = (
+        f"{_counted(len(files), 'file')} without a line in the journal, first {files[0]}: "
+        f"{lost if many else explained}"
+    )
+    if many:
+        return Notice("journal-lines-lost", text, str(folder / FRAMES)), True
+    return Notice("frames-without-line", text, str(folder / FRAMES)), False
 
 
 def _counted(number: int, noun: str) -> str:
@@ -311,18 +314,19 @@ def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
 
 
 def _check_journal(
-    folder: Path, journal: Journal, toml_sha256: str, problems: list[str], warnings: list[str]
+    folder: Path, journal: Journal, toml_sha256: str, problems: list[str], warnings: list[Notice]
 ) -> None:
     path = folder / JOURNAL
     if journal.damage is not None:
         problems.append(f"{path}: {journal.damage}; restore the file, its frames may be intact")
     if journal.torn:
-        warnings.append(
-            f"{path}: writing the last line was interrupted ({len(journal.torn)} bytes); it does "
-            "not count"
+        text = (
+            f"writing the last line was interrupted ({len(journal.torn)} bytes); it does not count"
         )
+        warnings.append(Notice("journal-line-torn", text, str(path)))
     if journal.unterminated:
-        warnings.append(f"{path}: the last line lacks its newline but is intact; it counts")
+        text = "the last line lacks its newline but is intact; it counts"
+        warnings.append(Notice("journal-line-unterminated", text, str(path)))
     if journal.lines:
         start = journal.lines[0]
         if isinstance(start, StartLine) and toml_sha256 != start.session_toml_sha256:
@@ -334,7 +338,8 @@ def _check_journal(
         if (folder / COMPLETE).exists() or any(_names(folder / FRAMES)):
             problems.append(f"{path}: is missing or empty although frames exist; restore it")
         else:
-            warnings.append(f"{path}: the recording ended before its first line")
+            text = "the recording ended before its first line"
+            warnings.append(Notice("journal-empty", text, str(path)))
 
 
 def _completion(
@@ -343,12 +348,13 @@ def _completion(
     data: bytes | None,
     journal: Journal,
     problems: list[str],
-    warnings: list[str],
+    warnings: list[Notice],
 ) -> bool:
     path = folder / COMPLETE
     if mark is None:
         if (folder / ASIDE).is_file():
-            warnings.append(f"{folder}: a compaction was interrupted: compact the session again")
+            text = "a compaction was interrupted: compact the session again"
+            warnings.append(Notice("compaction-interrupted", text, str(folder)))
         return False
     if mark != completion_mark(data or b""):
         problems.append(f"{path}: does not match {JOURNAL}; one of the two was changed, restore it")

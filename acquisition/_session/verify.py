@@ -10,6 +10,7 @@ from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine
 from acquisition._storage import is_part
+from rig import Notice
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class Verification:
     problems
         One line for each difference from the recording, naming the file.
     warnings
-        One line for each trace of an interruption that has not damaged a recorded frame.
+        One notice for each trace of an interruption that has not damaged a recorded frame.
     frames
         Number of frame lines.
     events
@@ -46,7 +47,7 @@ class Verification:
     folder: Path
     complete: bool
     problems: tuple[str, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     frames: int
     events: int
     missing: tuple[str, ...]
@@ -120,7 +121,7 @@ def _check_files(
     recorded: frozenset[str],
     complete: bool,
     problems: list[str],
-    warnings: list[str],
+    warnings: list[Notice],
 ) -> None:
     frames = folder / FRAMES
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
@@ -128,7 +129,8 @@ def _check_files(
             continue
         if is_part(path):
             if not path.is_dir():
-                warnings.append(f"{path}: was left by an unfinished write; it can be deleted")
+                text = "was left by an unfinished write; it can be deleted"
+                warnings.append(Notice("part-file-left", text, str(path), "info"))
         elif complete:
             problems.append(
                 f"{path}: is in no line of the journal; if lines are missing there, restore the "

@@ -17,7 +17,7 @@ from acquisition._source.source import Source
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.lights import read_lights
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
-from rig import MAX_BINARY_BYTES, MAX_PIXELS, UnreadableError, read_bounded
+from rig import MAX_BINARY_BYTES, MAX_PIXELS, Notice, UnreadableError, read_bounded
 
 _TRUTH_FILE = "Normal_gt.mat"
 _TRUTH_VARIABLE = "Normal_gt"
@@ -63,7 +63,8 @@ def read_diligent(
         others += [DIRECTIONS_FILE, INTENSITIES_FILE]
     warnings = source.warnings
     if lights is not None and not (folder / INTENSITIES_FILE).is_file():
-        warnings += (f"{folder}: no {INTENSITIES_FILE}: all lights are assumed equally strong",)
+        text = f"no {INTENSITIES_FILE}: all lights are assumed equally strong"
+        warnings += (Notice("intensities-assumed", text, str(folder)),)
     source = replace(
         source,
         kind="diligent",

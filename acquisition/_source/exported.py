@@ -9,6 +9,7 @@ from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
+from rig import Notice
 
 # Other files of an export, which hold no further data.
 _FOR_OTHERS = ("export.json", "alicevision_lights.json")
@@ -33,8 +34,9 @@ def with_export_notes(source: Source) -> Source:
     noted = {frame.file: frame for frame in notes.frames}
     strange = next((f.path for f in source.frames if f.path.name not in noted), None)
     if strange is not None:
-        warning = f"{strange}: is not in {RECORD_FILE} of the same folder, which is not used"
-        return replace(source, warnings=(*source.warnings, warning))
+        text = f"is not in {RECORD_FILE} of the same folder, which is not used"
+        notice = Notice("image-not-in-record", text, str(strange))
+        return replace(source, warnings=(*source.warnings, notice))
     missing = [frame.file for frame in notes.frames if not (folder / frame.file).is_file()]
     if missing:
         raise DataError(
@@ -44,7 +46,11 @@ def with_export_notes(source: Source) -> Source:
     named = [name for name in (notes.lights_file, notes.camera_file) if name is not None]
     present = [name for name in named if (folder / name).is_file()]
     lost = tuple(
-        f"{folder}: {name}, which {RECORD_FILE} names, is missing: the data of the layout are used"
+        Notice(
+            "export-file-missing",
+            f"{name}, which {RECORD_FILE} names, is missing: the data of the layout are used",
+            str(folder),
+        )
         for name in named
         if name not in present
     )

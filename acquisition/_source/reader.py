@@ -16,7 +16,7 @@ from acquisition._source.source import MaskOrigin, Source
 from acquisition._staging import check_whole
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Notice
 
 
 def read_source(
@@ -116,7 +116,11 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
     warnings = source.warnings
     if not by_name:
         warnings += (
-            f"{source.path}: lights are matched to images by order because their names differ "
-            f"({lights.ids[0]} to {ids[0]} and so on)",
+            Notice(
+                "lights-matched-by-order",
+                "lights are matched to images by order because their names differ "
+                f"({lights.ids[0]} to {ids[0]} and so on)",
+                str(source.path),
+            ),
         )
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)

@@ -16,7 +16,7 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
-from rig import MAX_PIXELS, Mounting
+from rig import MAX_PIXELS, Mounting, Notice
 
 
 def read_session(
@@ -57,18 +57,21 @@ def read_session(
         raise DataError(f"{folder}: the session has no frames: record or resume it")
     warnings = list(session.warnings)
     if not session.complete:
-        warnings.append(f"{folder}: the recording is not complete")
+        text = "the recording is not complete"
+        warnings.append(Notice("session-incomplete", text, str(folder)))
     if session.missing:
-        warnings.append(
-            f"{folder}: {len(session.missing)} planned frames are missing, the first is "
+        text = (
+            f"{len(session.missing)} planned frames are missing, the first is "
             f"{session.missing[0].file}"
         )
+        warnings.append(Notice("frames-missing", text, str(folder)))
     if session.left_out:
         leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
-        warnings.append(
-            f"{folder}: {len(session.left_out)} planned frames were left out because these LEDs "
-            f"failed: {', '.join(leds)}"
+        text = (
+            f"{len(session.left_out)} planned frames were left out because these LEDs failed: "
+            f"{', '.join(leds)}"
         )
+        warnings.append(Notice("frames-left-out", text, str(folder)))
     height, width, *_ = mounting.upright_shape((device.height, device.width))
     size = (height, width)
     if mask_path is None:

@@ -15,7 +15,7 @@ from acquisition._pixels.images import Image, read_image
 from acquisition._plan.planned_shot import Role
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Notice
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
 MaskOrigin = Literal["given", "folder", "recording"]
@@ -113,7 +113,7 @@ class Source:
     ignored
         Names in the folder that were not used; always empty for a session.
     warnings
-        One line for each assumption that was made.
+        One notice for each assumption that was made.
     """
 
     path: Path
@@ -130,7 +130,7 @@ class Source:
     white_level: float = 1.0
     files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
     @property
     def size(self) -> tuple[int, int]:

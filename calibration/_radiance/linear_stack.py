@@ -13,7 +13,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError, Lights, Linearizer, same_exposure
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
-from rig import Progress, no_progress
+from rig import Notice, Progress, no_progress
 
 if TYPE_CHECKING:
     from acquisition import Frame, Source
@@ -45,7 +45,7 @@ class Stack:
     camera
         The camera model; None if unknown.
     warnings
-        Warnings, one line each.
+        Dark or ambient frames that could not be used, or are missing.
     """
 
     values: FloatImage
@@ -53,7 +53,7 @@ class Stack:
     lights: Lights | None
     mask: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
     def take(self, indices: Sequence[int]) -> Stack:
         """Return the stack of the images with these indices, in this order."""
@@ -158,22 +158,22 @@ class _Developer:
             )
         self._longest = max(known, default=1.0)
         self._linear = Linearizer(source, gamma)
-        self.warnings: list[str] = []
+        self.warnings: list[Notice] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
         if unlit and not known:
-            self.warnings.append(
-                "dark and ambient frames were not used: the images have no exposure times"
-            )
+            text = "dark and ambient frames were not used: the images have no exposure times"
+            self.warnings.append(Notice("dark-frames-unused", text))
         last_us = 0.0
         for exposure_us in sorted(set(known)) if unlit else ():
             if last_us and same_exposure(exposure_us, last_us):
                 continue
             last_us = exposure_us
             if self._linear.reference(exposure_us) is None:
-                self.warnings.append(
+                text = (
                     f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
                     "black level was subtracted"
                 )
+                self.warnings.append(Notice("dark-frames-missing", text))
 
     def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
         """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""

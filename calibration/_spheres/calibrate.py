@@ -30,6 +30,7 @@ from calibration._spheres.sphere_image import (
     places,
     saturation_warning,
 )
+from rig import Notice
 
 _DISAGREEMENT_DEG = 3.0
 _POOR_RESIDUAL_DEG = 0.2
@@ -100,7 +101,7 @@ def calibrate_spheres(
     if masks and circles:
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
-    left_out: list[str] = []
+    left_out: list[Notice] = []
     if masks:
         images = masked_spheres(values, masks)
     elif circles:
@@ -128,10 +129,11 @@ def calibrate_spheres(
         return _positions(names, images, cones, radii, camera, warnings, found=found)
     if left_out:
         raise EstimateError(
-            f"{'; '.join(left_out)}; positions require two spheres: give masks or circles, or "
-            "leave out the radius to get directions"
+            f"{'; '.join(map(str, left_out))}; positions require two spheres: give masks or "
+            "circles, or leave out the radius to get directions"
         )
-    warnings.append("one sphere gives only directions: positions require two spheres")
+    text = "one sphere gives only directions: positions require two spheres"
+    warnings.append(Notice("one-sphere", text))
     _, rays = observed_rays(camera, placed, highlights)
     spheres = placed_spheres(images, placed.centres_mm, radii)
     return _directions(names, spheres, highlights, rays, warnings)
@@ -184,7 +186,7 @@ def _directions(
     spheres: tuple[Sphere, ...],
     highlights: Array,
     rays: Array,
-    warnings: list[str],
+    warnings: list[Notice],
 ) -> SphereCalibration:
     """Average the directions ``(N, K, 3)`` measured on the spheres."""
     seen = np.isfinite(rays[..., 0])
@@ -198,10 +200,11 @@ def _directions(
     residuals[seen.sum(axis=1) < 2] = np.nan
     if np.any(residuals > _DISAGREEMENT_DEG):
         worst = float(np.nanmax(residuals))
-        warnings.append(
+        text = (
             f"the light directions of the spheres differ by up to {worst:.1f} degrees: the lights "
             "are near; give a camera and a radius to get positions"
         )
+        warnings.append(Notice("lights-near", text))
     lights = Lights(directions=directions, ids=names)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
 
@@ -212,7 +215,7 @@ def _positions(
     cones: list[Cone],
     radii: Array,
     camera: CameraModel,
-    warnings: list[str],
+    warnings: list[Notice],
     *,
     found: bool,
 ) -> SphereCalibration:
@@ -226,10 +229,11 @@ def _positions(
     worst = int(np.argmin(share))
     # With only two spheres it is unknown which one is wrong; the residuals show the contradiction.
     if found and len(images) > 2 and share[worst] < _LEAST_AGREEING:
-        warnings.append(
+        text = (
             f"{places([images[worst]])} was left out: only {used[:, worst].sum()} of its "
             f"{seen[:, worst].sum()} highlights agree with the other spheres"
         )
+        warnings.append(Notice("sphere-contradicts", text))
         kept = [k for k in range(len(images)) if k != worst]
         images, cones = [images[k] for k in kept], [cones[k] for k in kept]
         return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
@@ -237,18 +241,21 @@ def _positions(
     residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
     disagreement = float(np.median(residuals))
     if disagreement > _UNTRUSTED_DEG:
-        warnings.append(
+        text = (
             f"the spheres contradict each other by {disagreement:.1f} degrees: do not trust these "
             "lights; check outlines, radii and camera"
         )
+        warnings.append(Notice("lights-untrusted", text))
     elif disagreement > _POOR_RESIDUAL_DEG:
-        warnings.append(
+        text = (
             f"the spheres agree about the lights only to {disagreement:.1f} degrees: "
             "check outlines, radii and camera"
         )
+        warnings.append(Notice("spheres-disagree", text))
     dropped = int(np.sum(seen & ~used))
     if dropped:
-        warnings.append(f"{dropped} highlights disagree with the other spheres and were left out")
+        text = f"{dropped} highlights disagree with the other spheres and were left out"
+        warnings.append(Notice("highlights-left-out", text))
     lights = Lights(positions_mm=positions, ids=names)
     spheres = placed_spheres(images, centres, radii)
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))

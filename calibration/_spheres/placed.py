@@ -11,6 +11,7 @@ from calibration._spheres.cone import Cone
 from calibration._spheres.light_positions import KnownSpheres
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
+from rig import Notice
 
 _OUTLINE_SIGMA_PX = 0.05
 # Spheres are placed near the working plane. If their computed distance from it exceeds this
@@ -54,13 +55,14 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     return KnownSpheres(centres, radii, block_diag(*covariances))
 
 
-def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[str]:
+def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[Notice]:
     """Return a warning if the radii place the spheres far from the working plane."""
     beneath_mm = float(np.median(placed.centres_mm[:, 2] - placed.radii_mm))
     if abs(beneath_mm) <= _FARTHEST_SHARE * camera.centre_mm[2]:
         return []
-    return [
+    text = (
         f"the radius places the spheres {abs(beneath_mm):.0f} mm "
         f"{'above' if beneath_mm > 0 else 'below'} the working plane: unless they are there, the "
         "radius or the working distance is wrong, and so are the positions of the lights"
-    ]
+    )
+    return [Notice("spheres-off-the-plane", text)]

@@ -10,6 +10,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.find import find_spheres, overlap, round_outlines
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
+from rig import Notice
 
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 _SHARP_OUTLINE_PX = 0.25
@@ -20,7 +21,7 @@ def searched_spheres(
     values: npt.NDArray[np.float32],
     camera: CameraModel | None,
     radii_mm: Array | None,
-) -> tuple[list[SphereImage], list[str]]:
+) -> tuple[list[SphereImage], list[Notice]]:
     """Search for the spheres; with a camera and radii, only for spheres of the right size.
 
     Parameters
@@ -37,8 +38,8 @@ def searched_spheres(
     images
         At least one sphere.
     left_out
-        Messages about outlines that do not count, because they are much less sharp than the others
-        or do not have the size of any radius; one line each, wrong sizes in one line.
+        Notices about outlines that do not count, because they are much less sharp than the others
+        or do not have the size of any radius; one for each, wrong sizes in one.
 
     Raises
     ------
@@ -53,7 +54,7 @@ def searched_spheres(
                 "image, none with a compact highlight that moves with the light: give masks or "
                 "circles"
             )
-        return images, _blurred_lines(blurred)
+        return images, _blurred_notices(blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
     radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
     images, blurred = _parted(find_spheres(values, radii_px))
@@ -79,14 +80,15 @@ def searched_spheres(
     left_out = []
     if others:
         one = len(others) == 1
-        left_out.append(
+        text = (
             f"{places(others)} {'was' if one else 'were'} left out: the sharp "
             f"{'outline' if one else 'outlines'} there {'fits' if one else 'fit'} about "
             f"{sizes} mm, not {wanted} mm: give the radius of each sphere if they differ, "
             "otherwise circles or masks"
         )
+        left_out.append(Notice("sphere-of-another-size", text))
     unnamed = [b for b in blurred if not any(overlap(b.outline, o.outline) for o in others)]
-    return images, left_out + _blurred_lines(unnamed)
+    return images, left_out + _blurred_notices(unnamed)
 
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:
@@ -98,10 +100,13 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
     return sharp, [image for image in images if image.rms_px > limit_px]
 
 
-def _blurred_lines(images: list[SphereImage]) -> list[str]:
+def _blurred_notices(images: list[SphereImage]) -> list[Notice]:
     return [
-        f"{places([image])} was left out: the outline scatters by {image.rms_px:.1f} px, too much "
-        "for a mirror sphere"
+        Notice(
+            "sphere-blurred",
+            f"{places([image])} was left out: the outline scatters by {image.rms_px:.1f} px, too "
+            "much for a mirror sphere",
+        )
         for image in images
     ]
 

@@ -12,6 +12,7 @@ from acquisition import Lights
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
+from rig import Notice
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class SphereCalibration:
         ``(N,)`` rms angle between the light and the directions measured at its used highlights. NaN
         for a direction from only one sphere.
     warnings
-        Warnings, one line each.
+        Spheres and highlights that were left out, and doubts about the lights.
     """
 
     lights: Lights
@@ -64,7 +65,7 @@ class SphereCalibration:
     highlights_px: Array
     used: npt.NDArray[np.bool_]
     residuals_deg: Array
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.robust import Array
+from rig import Notice
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,28 +39,30 @@ class SphereImage:
         return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
 
 
-def missing_highlights_warning(images: list[SphereImage]) -> list[str]:
+def missing_highlights_warning(images: list[SphereImage]) -> list[Notice]:
     """Return a warning about spheres without any highlight, or an empty list."""
     dark = [image for image in images if not image.highlights.found.any()]
     if not dark:
         return []
-    return [
+    text = (
         f"no highlight under any light on {places(dark)}, which is ignored: check that it is a "
         "mirror sphere and that its outline is correct"
-    ]
+    )
+    return [Notice("sphere-without-highlight", text)]
 
 
-def saturation_warning(images: list[SphereImage]) -> list[str]:
+def saturation_warning(images: list[SphereImage]) -> list[Notice]:
     """Return a warning about saturated highlights, or an empty list."""
     share = np.mean(
         np.concatenate([image.highlights.saturated[image.highlights.found] for image in images])
     )
     if share == 0:
         return []
-    return [
+    text = (
         f"{100 * share:.0f} % of the highlights are saturated, so their directions may be wrong by "
         "a degree: add a short exposure"
-    ]
+    )
+    return [Notice("highlights-saturated", text)]
 
 
 def places(images: list[SphereImage]) -> str:

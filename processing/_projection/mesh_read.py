@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, MeshFile, read_mesh_file
 from processing._projection.manifold import wind_alike
+from rig import Notice
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
@@ -33,7 +34,7 @@ class Geometry:
     normals
         ``(V, 3)`` float64 unit vectors of the points, or None.
     warnings
-        Warnings, one line each.
+        Faces and points that were changed or left out.
 
     Raises
     ------
@@ -45,7 +46,7 @@ class Geometry:
     vertices: Double
     faces: Whole | None = None
     normals: Double | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Notice, ...] = ()
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, np.float64)
@@ -117,12 +118,14 @@ def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
     corners, turned, crowded = wind_alike(corners)
     warnings = list(mesh.warnings)
     if crowded:
-        warnings.append(
+        text = (
             f"edges with more than two faces: {crowded}; the mesh is not a manifold and is drawn "
             "without repair"
         )
+        warnings.append(Notice("mesh-not-manifold", text))
     if turned:
-        warnings.append(f"faces reversed to match the winding of their neighbours: {turned}")
+        text = f"faces reversed to match the winding of their neighbours: {turned}"
+        warnings.append(Notice("faces-reversed", text))
     return Geometry(joined, corners, warnings=tuple(warnings))
 
 
@@ -148,7 +151,8 @@ def _cloud(mesh: MeshFile) -> Geometry:
     finite = np.isfinite(points).all(axis=1)
     warnings = []
     if not finite.all():
-        warnings.append(f"points left out because they are not finite: {int((~finite).sum())}")
+        text = f"points left out because they are not finite: {int((~finite).sum())}"
+        warnings.append(Notice("points-not-finite", text))
     if not finite.any():
         raise DataError("the point cloud has no finite point")
     normals = None if mesh.normals is None else mesh.normals[finite]
@@ -158,9 +162,10 @@ def _cloud(mesh: MeshFile) -> Geometry:
         length = np.linalg.norm(np.where(short, normals, 0), axis=1)
         off = ~(np.abs(length - 1) < _UNIT_TOLERANCE)
         if off.any():
-            warnings.append(
+            text = (
                 f"{int(off.sum())} of {len(off)} points have a normal that is not a unit vector "
                 "(or a colour): all normals are fitted to the points instead"
             )
+            warnings.append(Notice("point-normals-not-unit", text))
             normals = None
     return Geometry(points[finite], None, normals, tuple(warnings))

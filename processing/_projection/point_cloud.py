@@ -15,6 +15,7 @@ from processing._projection.point_cloud_orient import orient
 from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing._projection.view import Frame
+from rig import Notice
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -49,14 +50,14 @@ class Surfels:
     radii_mm
         ``(N,)`` radii of discs that contain eight points each.
     warnings
-        Warnings, one line each.
+        Points that were left out.
     """
 
     points_mm: Double
     normals: Double
     bends_per_mm: Double
     radii_mm: Double
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: int = 16) -> Surfels:
@@ -91,9 +92,8 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     points, index = np.unique(points_mm, axis=0, return_index=True)
     warnings = []
     if len(points) < len(points_mm):
-        warnings.append(
-            f"points left out because they are duplicates: {len(points_mm) - len(points)}"
-        )
+        text = f"points left out because they are duplicates: {len(points_mm) - len(points)}"
+        warnings.append(Notice("points-duplicate", text))
     if len(points) < 3:
         raise too_few_points(len(points))
     count = min(neighbours, len(points))
@@ -118,9 +118,8 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     if not sound.any():
         raise EstimateError("all points are on a line: no normal can be fitted")
     if not sound.all():
-        warnings.append(
-            f"points left out because their neighbours are on a line: {int((~sound).sum())}"
-        )
+        text = f"points left out because their neighbours are on a line: {int((~sound).sum())}"
+        warnings.append(Notice("points-on-a-line", text))
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
@@ -191,9 +190,8 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
         depth = frame.eye_mm - points[:, 2]
         before = depth > NEAR_SHARE * frame.eye_mm
         if not before.all():
-            warnings.append(
-                f"points left out because they are behind the camera: {int((~before).sum())}"
-            )
+            text = f"points left out because they are behind the camera: {int((~before).sum())}"
+            warnings.append(Notice("points-behind-camera", text))
         if not before.any():
             raise EstimateError(
                 "all points are behind the camera: check the working distance and the unit"

@@ -16,6 +16,7 @@ from processing._projection.point_cloud import draw_points, fit_surfels, too_few
 from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
 from processing._projection.view import Frame, fit_frame
+from rig import Notice
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -37,14 +38,14 @@ class Projection:
     mm_per_px
         Distance between neighbouring pixels on the object; with a camera, at the working distance.
     warnings
-        Warnings, one line each.
+        Faces and points that were changed or left out, and back sides that are visible.
     """
 
     normal_map: NormalMap
     height: Float
     depth: Float | None
     mm_per_px: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def project(

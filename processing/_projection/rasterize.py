@@ -10,6 +10,7 @@ import numpy.typing as npt
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
 from processing._projection.view import Frame
+from rig import Notice
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -26,7 +27,7 @@ class Drawn(NamedTuple):
 
     normals: Float
     height: Float
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool = True) -> Drawn:
@@ -63,19 +64,19 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     warnings = []
     vertex_normal, thin = kernels.vertex_normals(vertices_mm, faces)
     if thin:
-        warnings.append(f"faces left out because they have no area: {thin} of {len(faces)}")
+        text = f"faces left out because they have no area: {thin} of {len(faces)}"
+        warnings.append(Notice("faces-without-area", text))
         faces = faces[kernels.sound_faces(vertices_mm, faces)]
     if frame.camera is not None:
         behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * frame.eye_mm
         if behind.any():
             before = ~behind[faces].any(axis=1)
-            warnings.append(
-                f"faces left out because they are behind the camera: {int((~before).sum())}"
-            )
+            text = f"faces left out because they are behind the camera: {int((~before).sum())}"
+            warnings.append(Notice("faces-behind-camera", text))
             faces = faces[before]
             vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
     if not len(faces):
-        raise EstimateError(f"no face can be drawn: {'; '.join(warnings)}")
+        raise EstimateError(f"no face can be drawn: {'; '.join(map(str, warnings))}")
     rows, columns = frame.size
     screen = kernels.snap(*frame.pixels(vertices_mm))
     bands = kernels.face_bands(screen, faces, rows, columns)
@@ -91,9 +92,10 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     )  # fmt: skip
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)
     if share > _BACK_SHARE:
-        warnings.append(
+        text = (
             f"{share:.0%} of the pixels show the back of a face: their normals are inverted to "
             "point toward the viewer; if the mesh should be closed, correct the winding of its "
             "faces"
         )
+        warnings.append(Notice("faces-seen-from-behind", text))
     return Drawn(normals, height, tuple(warnings))

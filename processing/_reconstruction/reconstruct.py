@@ -15,7 +15,7 @@ from processing._reconstruction.lit_images import lit_images
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
-from rig import Progress, no_progress
+from rig import Notice, Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Reconstruction:
     previews
         The first and the last linear image, each ``(H, W)`` float32.
     warnings
-        Warnings about the source, the stack, the normals and the height, one line each.
+        Warnings about the source, the stack, the normals and the height.
     """
 
     source: Source
@@ -49,7 +49,7 @@ class Reconstruction:
     surface: HeightMap | None
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def reconstruct(
@@ -110,14 +110,16 @@ def reconstruct(
     if mask is None:
         computed = object_mask(stack.values)
         mask = computed.mask
-        warnings.append(
+        text = (
             "the images have no mask: one was computed; the object is "
             f"{computed.contrast:.0f} times as bright as the background"
         )
+        warnings.append(Notice("mask-estimated", text))
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]
-        warnings.append(f"images left out because they show no light: {', '.join(dark)}")
+        text = f"images left out because they show no light: {', '.join(dark)}"
+        warnings.append(Notice("lights-unlit", text))
         stack, lights = stack.take(lit), lights.take(lit)
     stereo = photometric_stereo(
         stack.values,

@@ -14,7 +14,7 @@ from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
-from rig import Progress, no_progress
+from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -43,14 +43,14 @@ class PhotometricStereoResult:
         ``(H, W)`` uint16, number of samples of each pixel, also if they were too few; 0 outside
         the input mask.
     warnings
-        Warnings, one line each.
+        Whether pixels of the input mask have no normal.
     """
 
     normal_map: NormalMap
     albedo: Float
     residual: Float
     used: npt.NDArray[np.uint16]
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
 
 def photometric_stereo(
@@ -131,15 +131,13 @@ def photometric_stereo(
         raise EstimateError(_why_nothing(stack, mask))
     total = int(np.count_nonzero(mask))
     lost = total - int(np.count_nonzero(has_normal))
-    warnings = (
-        f"{lost} of {total} pixels of the mask have no normal: black, or too few usable samples",
-    )
+    text = f"{lost} of {total} pixels of the mask have no normal: black, or too few usable samples"
     return PhotometricStereoResult(
         normal_map=NormalMap(normals.reshape(*mask.shape, 3), has_normal),
         albedo=albedo,
         residual=residual,
         used=used,
-        warnings=warnings if lost else (),
+        warnings=(Notice("pixels-without-normal", text),) if lost else (),
     )
 
 

@@ -15,6 +15,7 @@ from processing._normal_map import NormalMap
 from processing._surface.chord_rule import orthographic_edges, perspective_edges
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.multigrid import Solution, solve
+from rig import Notice
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -50,7 +51,7 @@ class HeightMap:
     iterations, relative_residual
         Number of iterations and final residual of the linear solver.
     warnings
-        Warnings, one line each.
+        Separate parts, pixels without a height, and doubts about the solution.
     """
 
     height: Float
@@ -62,7 +63,7 @@ class HeightMap:
     camera: CameraModel | None
     iterations: int
     relative_residual: float
-    warnings: tuple[str, ...]
+    warnings: tuple[Notice, ...]
 
     def points(self) -> Float:
         """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
@@ -211,21 +212,24 @@ def _relative_depth(u: Double, members: npt.NDArray[np.int32], count: int) -> Do
     return np.asarray(relative / _part_means(relative, members, count)[members], np.float64)
 
 
-def _warnings(count: int, isolated: int, solution: Solution) -> tuple[str, ...]:
+def _warnings(count: int, isolated: int, solution: Solution) -> tuple[Notice, ...]:
     warnings = []
     if count > 1:
-        warnings.append(
+        text = (
             f"the surface consists of {count} parts that are not connected: the mean height of "
             "each part is arbitrary, so their heights relative to each other are not known"
         )
+        warnings.append(Notice("surface-in-parts", text))
     if isolated:
-        warnings.append(
+        text = (
             f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
             "height"
         )
+        warnings.append(Notice("pixels-without-height", text))
     if not solution.converged:
-        warnings.append(
+        text = (
             f"the solver stopped at a relative residual of {solution.relative_residual:.1e} after "
             f"{solution.iterations} iterations: heights may be inaccurate over long distances"
         )
+        warnings.append(Notice("solver-not-converged", text))
     return tuple(warnings)

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
+
+from rig._notice import Notice
 
 Kind = Literal[
     "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "ambiguous",
     "trigger", "exposure active",
 ]  # fmt: skip
+
+_CODES: Final[dict[Kind, str]] = {
+    "dead": "led-dead",
+    "dim": "led-dim",
+    "unsteady": "led-unsteady",
+    "always on": "led-always-on",
+    "room light": "room-light",
+    "double": "led-double",
+    "elsewhere": "led-elsewhere",
+    "ambiguous": "led-ambiguous",
+    "trigger": "trigger-wire",
+    "exposure active": "exposure-active-wire",
+}
 
 
 @dataclass(frozen=True)
@@ -31,3 +46,8 @@ class Finding:
     leds: tuple[int, ...]
     text: str
     fault: bool = True
+
+    @property
+    def notice(self) -> Notice:
+        """The finding as a notice: an error if it is a fault, else information."""
+        return Notice(_CODES[self.kind], self.text, severity="error" if self.fault else "info")

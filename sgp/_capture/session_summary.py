@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import acquisition
+import rig
 from sgp._result import Result
 
 
-def describe(session: acquisition.Session, warnings: Iterable[str] = ()) -> Result:
+def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) -> Result:
     """Describe the contents of a session.
 
     Parameters

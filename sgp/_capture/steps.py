@@ -75,7 +75,7 @@ class Preparation:
     """Events before a recording, for its journal, and warnings for the operator."""
 
     events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
+    warnings: list[rigs.Notice] = field(default_factory=list)
 
 
 def metered(
@@ -104,12 +104,10 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
         If a check failed.
     """
     if not preflight.ok:
-        complaints = "; ".join(f"{check.name}: {check.text}" for check in preflight.failed)
+        complaints = "; ".join(str(check.notice) for check in preflight.failed)
         raise rigs.RigError(f"the check before recording failed: {complaints}")
     prepared.events.append(("checked", preflight.details()))
-    prepared.warnings += [
-        f"{check.name}: {check.text}" for check in preflight.checks if check.state == "warning"
-    ]
+    prepared.warnings += [check.notice for check in preflight.checks if check.state == "warning"]
 
 
 def dry_run(

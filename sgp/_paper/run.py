@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import processing
+import rig
 from sgp._overview import Panel
 from sgp._paper import figures as paper
 from sgp._paper.heights import height_profiles
@@ -57,7 +58,7 @@ class Comparison:
     tables: list[Table] = field(default_factory=list)
     pictures: dict[str, Picture] = field(default_factory=dict)
     profiles: dict[str, processing.HeightProfile] = field(default_factory=dict)
-    left_out: list[str] = field(default_factory=list)
+    left_out: list[rig.Notice] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 
 
@@ -96,10 +97,11 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
         "Heights, sorted by the target's (order 8)", panels, 2
     )
     if sources.data is None:
-        comparison.left_out.append(
+        text = (
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
             "are left out; all data here are simulated"
         )
+        comparison.left_out.append(rig.Notice("bench-without-data", text))
     else:
         tables, panels = onto_diligent(sources, runs, advance)
         comparison.tables += tables
@@ -110,9 +112,10 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
         comparison.tables.append(table)
         comparison.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
     if quick:
-        comparison.left_out.append(
+        text = (
             f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "
             "ratio"
         )
+        comparison.left_out.append(rig.Notice("bench-quick", text, severity="info"))
     comparison.files = sorted(sources.files)
     return comparison

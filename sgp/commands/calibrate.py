@@ -167,7 +167,10 @@ def intensities(
     stack = _undivided(opened)
     positions = acquisition.read_lights(lights)
     order, by_name = positions.match(stack.ids)
-    by_order = () if by_name else (f"{lights}: matched to the images by order, not by name",)
+    by_order = []
+    if not by_name:
+        text = "matched to the images by order, not by name"
+        by_order.append(rig.Notice("lights-matched-by-order", text, str(lights)))
     card = np.ones(stack.values.shape[1:], np.bool_)
     if mask is not None and opened.mask is not None:
         card = opened.mask
@@ -222,7 +225,7 @@ def _write_lights(
 ) -> None:
     """Write lights.json including its record, because the file is passed on without its folder."""
     made_by = provenance(command, parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": result.warnings}
+    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
     acquisition.write_lights(out, lights, provenance=made_by)
 
 

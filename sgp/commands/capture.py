@@ -89,8 +89,8 @@ def run(
         if left_out:
             dead = {"leds": list(left_out), "reason": "listed as dead"}
             prepared.events.append(("left_out", dead))
-            leds = ", ".join(map(str, left_out))
-            prepared.warnings.append(f"LED {leds} skipped: listed in dead_leds")
+            text = f"LED {', '.join(map(str, left_out))} skipped: listed in dead_leds"
+            prepared.warnings.append(rigs.Notice("leds-skipped", text, severity="info"))
         if goal is not None:
             chosen = metered(opened, chosen, goal, prepared)
         if not skip_check:
@@ -163,7 +163,8 @@ def resume(
     damaged = _damaged(session) if retake_damaged else None
     if begun.complete and asked is None and not damaged:
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
-        return describe(begun, [*begun.warnings, f"already complete: {nothing}"])
+        done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
+        return describe(begun, [*begun.warnings, done])
     with rigs.open_rig(rig) as opened:
         _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
@@ -190,8 +191,9 @@ def resume(
                 on_damage=talk.on_damage,
                 before_flats=talk.before_flats,
             )
-    taken = [f"missing shots that have been taken: {len(missing)}"]
-    return describe(finished, [*begun.warnings, *taken, *_left_out(finished), *prepared.warnings])
+    text = f"missing shots that have been taken: {len(missing)}"
+    taken = rigs.Notice("shots-taken", text, severity="info")
+    return describe(finished, [*begun.warnings, taken, *_left_out(finished), *prepared.warnings])
 
 
 def verify(session: Path) -> Result:
@@ -269,8 +271,11 @@ def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Re
     """
     opened = acquisition.Session.open(session)
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
-    lost = f"{len(gone)} frame files are missing, first {gone[0]}: see verify" if gone else ""
-    result = describe(opened, [*([lost] if lost else []), *_left_out(opened)])
+    lost = []
+    if gone:
+        text = f"{len(gone)} frame files are missing, first {gone[0]}: see verify"
+        lost.append(rigs.Notice("frame-files-missing", text, severity="error"))
+    result = describe(opened, [*lost, *_left_out(opened)])
     if sheet is not None:
         check_file(sheet, ".png", force=force)
         if not opened.frames:
@@ -316,9 +321,10 @@ def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
     return height, width
 
 
-def _left_out(session: acquisition.Session) -> list[str]:
-    """Return a warning about planned shots that were skipped because their LED died."""
+def _left_out(session: acquisition.Session) -> list[rigs.Notice]:
+    """Return a notice about planned shots that were skipped because their LED died."""
     leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
     if not leds:
         return []
-    return [f"LED {', '.join(leds)} died: {len(session.left_out)} shots skipped"]
+    text = f"LED {', '.join(leds)} died: {len(session.left_out)} shots skipped"
+    return [rigs.Notice("frames-left-out", text)]

@@ -16,6 +16,7 @@ from sgp._exit import UsageError
 from sgp._options import Leds, Pixels, Positive, Whole
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
+from sgp._stages import not_used
 from sgp.commands.capture import info
 
 _RECORD = "export.json"
@@ -225,7 +226,7 @@ def import_(
             on_progress=progress,
         )
     result = info(out)
-    unused = [f"{source}: not used: {', '.join(opened.ignored)}"] if opened.ignored else []
+    unused = [not_used(source, opened.ignored)] if opened.ignored else []
     result.warnings[:0] = [*opened.warnings, *unused]
     return result
 
@@ -273,7 +274,7 @@ def _import_watched(
     result = info(out)
     result.ok = watched.session.complete
     result.metrics["missing"] = [shot.file for shot in watched.missing]
-    result.warnings += [line for line in watched.warnings if line not in printed]
+    result.warnings += [n for n in watched.warnings if str(n) not in printed]
     if watched.missing:
         result.summary.append(
             f"{out}: INCOMPLETE, {len(watched.missing)} of {len(watch.shots)} shots missing, "

@@ -157,10 +157,11 @@ def chosen_plan(
 _ROLES = ("light", "dark", "ambient", "flat")
 
 
-def _left_out(leds: tuple[int, ...]) -> list[str]:
+def _left_out(leds: tuple[int, ...]) -> list[rigs.Notice]:
     if not leds:
         return []
-    return [f"LEDs {_ranges(leds)} skipped: listed in dead_leds"]
+    text = f"LEDs {_ranges(leds)} skipped: listed in dead_leds"
+    return [rigs.Notice("leds-skipped", text, severity="info")]
 
 
 def _table(plan: acquisition.CapturePlan) -> list[tuple[str, str]]:

@@ -99,7 +99,8 @@ def combine(
     count = int(combined.mask.sum())
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
-        warnings.append(f"{detail}: {lost} pixels of the shape have no detail and are masked out")
+        text = f"{lost} pixels of the shape have no detail and are masked out"
+        warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
         outputs=processing.write_normals(claim_folder(out, "normals.json"), combined),
         metrics={"pixels": count},

@@ -220,7 +220,7 @@ def selftest(*, rig: str = "simulated") -> Result:
             f"{len(result.leds)} LEDs tested at {result.exposure_us:g} us: {verdict}",
             *(f"- {finding.text}" for finding in faults),
         ],
-        warnings=[finding.text for finding in notes],
+        warnings=[finding.notice for finding in notes],
         ok=result.ok,
         failing_code=3,
     )
@@ -233,28 +233,30 @@ def _mounted(config: rigs.RigConfig) -> str:
     return "frames are " + (" and ".join(words) + " to be upright" if words else "upright")
 
 
-def _doubts(status: rigs.BoardStatus, config: rigs.RigConfig) -> list[str]:
+def _doubts(status: rigs.BoardStatus, config: rigs.RigConfig) -> list[rigs.Notice]:
     """Return warnings about states that are not errors yet."""
     doubts = []
     if status.faults:
-        doubts.append(
+        text = (
             f"the board received {status.faults} damaged lines since it started: use a shorter or "
             "better cable, away from motors and mains cables"
         )
+        doubts.append(rigs.Notice("board-lines-damaged", text))
     if status.trips:
-        doubts.append(
+        text = (
             f"the board's watchdog turned LEDs off {status.trips} times since it started: a "
             "program died, or this computer was too busy, while an LED was on"
         )
+        doubts.append(rigs.Notice("board-watchdog", text))
     if status.temperature_c is not None and status.temperature_c > _HOT_C:
-        doubts.append(
+        text = (
             f"the temperature of the board is {status.temperature_c:.0f} C: let it cool, and "
             "reduce the current or the on-time of the LEDs"
         )
+        doubts.append(rigs.Notice("board-hot", text))
     if not config.led_positions_mm:
-        doubts.append(
-            "led_positions_mm is not in the rig file: the self-test cannot detect swapped LEDs"
-        )
+        text = "led_positions_mm is not in the rig file: the self-test cannot detect swapped LEDs"
+        doubts.append(rigs.Notice("led-positions-missing", text, severity="info"))
     return doubts
 
 

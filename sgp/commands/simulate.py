@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 import acquisition
+import rig
 import simulator
 from sgp._console import Stages
 from sgp._exit import UsageError
@@ -106,7 +107,8 @@ def simulate(
         inputs=files,
     )
     if dead := chosen.lamps.dead:
-        result.warnings.append(f"LED {', '.join(map(str, dead))} skipped: dead in the scene")
+        text = f"LED {', '.join(map(str, dead))} skipped: dead in the scene"
+        result.warnings.append(rig.Notice("leds-skipped", text, severity="info"))
 
     def recorded(folder: Path) -> acquisition.Session:
         return record_simulated(

@@ -36,6 +36,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._storage import lock_folder
+from rig import Notice
 
 SHAPE = (24, 32)
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
@@ -421,9 +422,13 @@ def test_an_interrupted_compaction_is_reported(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     (folder / "derived").mkdir(exist_ok=True)
     (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
-    reported = [f"{folder}: a compaction was interrupted: compact the session again"]
-    assert list(verify_session(folder).warnings) == reported
-    assert list(Session.open(folder).warnings) == reported
+    notice = Notice(
+        "compaction-interrupted",
+        "a compaction was interrupted: compact the session again",
+        where=str(folder),
+    )
+    assert verify_session(folder).warnings == (notice,)
+    assert Session.open(folder).warnings == (notice,)
     compact_session(folder)
     assert verify_session(folder).warnings == ()
     assert whole(folder)

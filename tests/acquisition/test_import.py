@@ -197,7 +197,7 @@ def test_an_lp_matches_by_name_or_by_order_or_is_refused(
             read_import(folder)
         return
     source = read_import(folder)
-    assert any("by order" in line for line in source.warnings) is warned
+    assert any("by order" in line for line in map(str, source.warnings)) is warned
     session = import_frames(source, tmp_path / "out")
     assert session.lights is not None
     heights = session.lights.unit_directions[:, 1] / session.lights.unit_directions[:, 2]

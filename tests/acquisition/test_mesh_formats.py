@@ -96,7 +96,9 @@ def test_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]
     np.testing.assert_array_equal(mesh.faces, cut)
     lost = sum(side < 3 for side in sides)
     assert len(mesh.warnings) == bool(lost)
-    assert not lost or mesh.warnings[0].startswith(f"{lost} faces with fewer than three corners")
+    assert not lost or str(mesh.warnings[0]).startswith(
+        f"{lost} faces with fewer than three corners"
+    )
 
 
 STRIPS = f"element vertex 6\n{XYZ}element tristrips 1\nproperty list int {{}} vertex_indices\n"

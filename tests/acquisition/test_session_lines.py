@@ -302,13 +302,18 @@ def test_files_without_lines_are_a_hint_that_lines_were_lost(tmp_path: Path, gon
         read_source(folder).warnings,
         verify_session(folder).warnings,
     ):
-        hints = [line for line in warnings if said in line]
-        assert len(hints) == 1
-        assert ("may have lost its last lines: restore journal.jsonl" in hints[0]) == (gone > 2)
+        hints = [notice for notice in warnings if said in notice.text]
+        assert [notice.where for notice in hints] == [str(folder / "frames")]
+        assert [notice.code for notice in hints] == [
+            "journal-lines-lost" if gone > 2 else "frames-without-line"
+        ]
+        lost = "may have lost its last lines: restore journal.jsonl" in str(hints[0])
+        assert lost == (gone > 2)
     # A resume loses nothing: the files are kept.
     SessionWriter.reopen(folder).close()
     assert len(list((folder / "derived/unrecorded").iterdir())) == gone
-    assert not any("without a line" in line for line in Session.open(folder).warnings)
+    codes = {notice.code for notice in Session.open(folder).warnings}
+    assert codes.isdisjoint({"frames-without-line", "journal-lines-lost"})
 
 
 # ---------------------------------------------------------------- one value changed

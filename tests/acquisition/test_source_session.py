@@ -145,8 +145,8 @@ def test_an_incomplete_session_warns(tmp_path: Path) -> None:
     source = read_source(session(tmp_path / "s", shots=4))
     assert source.light_ids == ("L04", "L01")
     assert len(source.frames) == 4
-    assert any("the recording is not complete" in warning for warning in source.warnings)
-    assert any("2 planned frames are missing" in warning for warning in source.warnings)
+    assert any("the recording is not complete" in warning for warning in map(str, source.warnings))
+    assert any("2 planned frames are missing" in warning for warning in map(str, source.warnings))
 
 
 def test_a_session_without_lights_or_frames(tmp_path: Path) -> None:

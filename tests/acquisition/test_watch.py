@@ -104,8 +104,11 @@ def test_a_gap_in_time_leaves_a_shot_empty_and_is_reported(folder: Path, out: Pa
     assert [shot.file for shot in result.missing] == ["L03_E0.tif"]
     assert not result.session.complete
     assert recorded(out)[4] == "IMG_0003.png"
-    assert any("1 image is missing between IMG_0002.png and IMG_0003" in w for w in result.warnings)
-    assert any("save an image as L03_E0.png" in w for w in result.warnings)
+    assert any(
+        "1 image is missing between IMG_0002.png and IMG_0003" in w
+        for w in map(str, result.warnings)
+    )
+    assert any("save an image as L03_E0.png" in w for w in map(str, result.warnings))
     # An image with the name of the missing shot fills it; no other image changes its shot.
     shoot(folder, 3, 99, "L03_E0.png")
     again = watch_folder(watch(folder), out)
@@ -177,8 +180,8 @@ def test_images_taken_by_hand_are_matched_by_number_and_a_warning_is_given(
         shoot(folder, number, at)
     result = watch_folder(watch(folder), out)
     assert sorted(recorded(out)) == [0, 1, 2, 4, 5, 6, 7]
-    assert any("no steady pace" in line for line in result.warnings)
-    assert any("missing by number between IMG_0003" in line for line in result.warnings)
+    assert any("no steady pace" in line for line in map(str, result.warnings))
+    assert any("missing by number between IMG_0003" in line for line in map(str, result.warnings))
 
 
 def test_without_gaps_pauses_are_ignored(folder: Path, out: Path) -> None:
@@ -192,7 +195,7 @@ def test_more_images_than_lights_are_named(folder: Path, out: Path) -> None:
         shoot(folder, number, 2.0 * number)
     result = watch_folder(watch(folder, leds=6), out)
     assert result.session.complete
-    assert any("IMG_0006.png: no shot is left" in line for line in result.warnings)
+    assert any("IMG_0006.png: no shot is left" in line for line in map(str, result.warnings))
 
 
 def in_background(work: Callable[[], None]) -> threading.Thread:
@@ -237,7 +240,9 @@ def test_no_later_image_is_recorded_before_an_incomplete_file(folder: Path, out:
     cut.write_bytes(data[:-20])
     result = watch_folder(watch(folder, gaps=False), out)
     assert sorted(recorded(out)) == [0, 1, 2]
-    assert any("waiting for the rest" in w and "IMG_0003.png" in w for w in result.warnings)
+    assert any(
+        "waiting for the rest" in w and "IMG_0003.png" in w for w in map(str, result.warnings)
+    )
     cut.write_bytes(data)
     os.utime(cut, ns=(status.st_mtime_ns, status.st_mtime_ns))
     assert watch_folder(watch(folder, gaps=False), out).session.complete
@@ -263,7 +268,7 @@ def test_an_interrupted_watch_continues_where_it_stopped(folder: Path, out: Path
     assert "continued with 3 images" in lines[0]
     assert sorted(recorded(out)) == [0, 1, 2, 3, 5, 6, 7]
     assert [shot.led for shot in result.missing] == [4]
-    assert any("IMG_0007.png: no shot is left" in line for line in result.warnings)
+    assert any("IMG_0007.png: no shot is left" in line for line in map(str, result.warnings))
 
 
 def test_a_session_for_other_shots_is_not_continued(folder: Path, out: Path) -> None:

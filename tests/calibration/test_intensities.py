@@ -62,7 +62,7 @@ def test_a_surface_that_is_not_a_plane_is_reported():
     result = calibrate_intensities(
         bumpy.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
     )
-    assert "matte" in result.warnings[0]
+    assert "matte" in str(result.warnings[0])
 
 
 def test_pixels_without_a_point_do_not_count():

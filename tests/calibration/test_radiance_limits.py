@@ -41,7 +41,7 @@ def test_a_dark_frame_is_used_within_a_thousandth_of_the_exposure(dark_us, used)
     assert stack.values == pytest.approx(expected, rel=1e-6)
     assert (stack.warnings == ()) == used
     if not used:
-        assert "no dark or ambient frame with an exposure of 1000 us" in stack.warnings[0]
+        assert "no dark or ambient frame with an exposure of 1000 us" in str(stack.warnings[0])
 
 
 def test_every_exposure_without_a_dark_frame_is_reported_once():
@@ -52,7 +52,7 @@ def test_every_exposure_without_a_dark_frame_is_reported_once():
         frame("D", even(70), "dark", 200.0),
     ]
     warnings = linear_stack(source(frames)).warnings
-    assert [line.partition(":")[0] for line in warnings] == [
+    assert [notice.text.partition(":")[0] for notice in warnings] == [
         "no dark or ambient frame with an exposure of 100 us",
         "no dark or ambient frame with an exposure of 400 us",
     ]

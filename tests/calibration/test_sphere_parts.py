@@ -64,7 +64,7 @@ def test_spheres_without_highlights_are_reported(found, named):
     assert (
         (warnings == [])
         if named is None
-        else (f"under any light on {named} at (10, 20)" in warnings[0])
+        else (f"under any light on {named} at (10, 20)" in str(warnings[0]))
     )
 
 
@@ -73,11 +73,15 @@ def test_spheres_without_highlights_are_reported(found, named):
 )
 def test_saturated_highlights_are_reported_with_their_share(saturated, said):
     warnings = saturation_warning([image_of(saturated=count) for count in saturated])
-    assert (warnings == []) if said is None else warnings[0].startswith(f"{said} of the highlights")
+    assert (
+        (warnings == [])
+        if said is None
+        else str(warnings[0]).startswith(f"{said} of the highlights")
+    )
 
 
 def test_missing_highlights_do_not_count_as_saturated():
-    assert saturation_warning([image_of(found=2, saturated=5)])[0].startswith("100 %")
+    assert saturation_warning([image_of(found=2, saturated=5)])[0].text.startswith("100 %")
 
 
 @pytest.mark.parametrize(
@@ -277,8 +281,8 @@ def test_directions_of_one_sphere_without_and_with_a_camera(drawn):
         assert np.isnan(calibration.residuals_deg).all()
         off = np.linalg.norm(np.cross(calibration.lights.unit_directions, toward), axis=1)
         assert np.degrees(np.arcsin(off)).max() < most_deg
-        warnings = [line for line in calibration.warnings if "positions require two" in line]
-        assert len(warnings) == bool(options)
+        codes = [notice.code for notice in calibration.warnings]
+        assert codes.count("one-sphere") == bool(options)
 
 
 def test_colour_counts_as_grey_and_the_stack_names_the_lights(drawn):
@@ -328,8 +332,9 @@ def test_outlines_that_scatter_are_left_out(monkeypatch, scatters, left):
     kept, warnings = searched(monkeypatch, images)
     assert kept == [image for k, image in enumerate(images) if k not in left]
     assert len(warnings) == len(left)
-    for line, k in zip(warnings, left, strict=True):
-        assert f"({100 * k}, 20) px was left out: the outline scatters by" in line
+    for notice, k in zip(warnings, left, strict=True):
+        assert notice.code == "sphere-blurred"
+        assert f"({100 * k}, 20) px was left out: the outline scatters by" in notice.text
 
 
 def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
@@ -337,8 +342,9 @@ def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
     wanted, other = image_of(100.0, radius=40.0), image_of(300.0)
     kept, warnings = searched(monkeypatch, [wanted], SMALL.camera, [20.0], [other])
     assert kept == [wanted]
-    (line,) = warnings
-    assert "(300, 20) px was left out: the sharp outline there fits about 14.6 mm, not 20" in line
+    (notice,) = warnings
+    text = "(300, 20) px was left out: the sharp outline there fits about 14.6 mm, not 20"
+    assert text in notice.text
     with pytest.raises(EstimateError, match=r"no sphere of 20 mm found, but .* about 14\.6 mm"):
         searched(monkeypatch, [], SMALL.camera, [20.0], [other])
     with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):

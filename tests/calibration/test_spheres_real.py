@@ -43,7 +43,7 @@ def test_every_light_is_above_and_named_after_its_image(masked, found):
         assert len(calibration.spheres) == 1
         assert np.all(calibration.lights.directions[:, 2] > 0.7)
         assert calibration.lights.ids == tuple(f"chrome.{i}" for i in range(12))
-        assert "saturated" in calibration.warnings[0]
+        assert "saturated" in str(calibration.warnings[0])
 
 
 def test_mask_and_search_agree(masked, found):

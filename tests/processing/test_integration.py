@@ -170,8 +170,8 @@ def test_parts_and_isolated_pixels_are_reported() -> None:
     mask[5, 5] = mask[3, 100] = True
     surface = integrate(NormalMap.from_vectors(normal_map.normals, mask))
     assert len(surface.warnings) == 2
-    assert "2 parts" in surface.warnings[0]
-    assert "2 pixels of the mask are isolated" in surface.warnings[1]
+    assert "2 parts" in str(surface.warnings[0])
+    assert "2 pixels of the mask are isolated" in str(surface.warnings[1])
     assert not surface.mask[5, 5]
     assert np.isnan(surface.height[5, 5])
     assert set(np.unique(surface.parts)) == {-1, 0, 1}
@@ -187,7 +187,7 @@ def test_pixels_that_face_away_are_left_out() -> None:
     normals[40:60, 40:60] *= -1
     surface = integrate(NormalMap.from_vectors(normals))
     assert not surface.mask[41:59, 41:59].any()
-    assert "face away from the camera" in surface.warnings[-1]
+    assert "face away from the camera" in str(surface.warnings[-1])
     assert off(surface, truth) < 0.01
 
 

@@ -10,6 +10,7 @@ import pytest
 from acquisition import DataError, MissingPathError, write_exr, write_png
 from processing import read_normals
 from processing._npy_file import read_npy
+from rig import Notice
 
 SIZE = (12, 16)
 
@@ -29,8 +30,9 @@ def test_invalid_vectors_are_counted(tmp_path, suffix, bad):
     path = tmp_path / f"n.{suffix}"
     write_exr(path, normals) if suffix == "exr" else np.save(path, normals)
     normal_map, warnings, _ = read_normals(path)
-    (line,) = warnings
-    assert line == (f"{path}: 4 pixels have a NaN or infinite vector and are left out of the mask")
+    (notice,) = warnings
+    text = "4 pixels have a NaN or infinite vector and are left out of the mask"
+    assert notice == Notice("normals-not-finite", text, str(path))
     assert normal_map.mask.sum() == normals[..., 0].size - 4
     assert not normal_map.normals[3, 5].any()
     assert np.isfinite(normal_map.normals).all()
@@ -44,8 +46,8 @@ def test_invalid_vectors_outside_the_mask_are_not_counted(tmp_path):
     mask[0] = 0
     write_png(tmp_path / "mask.png", mask * np.uint8(255))
     warnings = read_normals(tmp_path / "n.exr").warnings
-    assert "16 pixels have a NaN" in warnings[0]
-    assert "16 pixels of the mask have no unit vector" in warnings[1]
+    assert "16 pixels have a NaN" in str(warnings[0])
+    assert "16 pixels of the mask have no unit vector" in str(warnings[1])
 
 
 def test_a_map_without_invalid_vectors_gives_no_warning(tmp_path):

@@ -141,7 +141,7 @@ def test_pixels_without_enough_samples_have_no_normal_and_are_reported():
     assert (result.used[10, 10], result.used[10, 11], result.used[9, 9]) == (2, 6, 3)
     assert not result.albedo[lost].any()
     assert not result.residual[lost].any()
-    assert result.warnings[0].startswith(f"3 of {mask.sum()} pixels")
+    assert str(result.warnings[0]).startswith(f"3 of {mask.sum()} pixels")
 
 
 def _turn(seed):

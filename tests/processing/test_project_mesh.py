@@ -201,7 +201,7 @@ def test_faces_without_area_are_reported_and_left_out():
     plane = _plane(0.1, 0.2)
     faces = np.concatenate([plane.faces, [[0, 0, 1], [2, 2, 2]]])
     view = project(Geometry(plane.vertices, faces))
-    assert "no area: 2 of 4" in view.warnings[0]
+    assert "no area: 2 of 4" in str(view.warnings[0])
     np.testing.assert_array_equal(view.height, project(plane).height)
 
 
@@ -214,7 +214,7 @@ def test_the_back_of_a_face_has_an_inverted_normal_and_is_reported():
     plane = _plane(0.1, 0.2)
     view = project(Geometry(plane.vertices, plane.faces[:, ::-1]))
     np.testing.assert_allclose(view.normal_map.normals, project(plane).normal_map.normals)
-    assert "100% of the pixels show the back" in view.warnings[0]
+    assert "100% of the pixels show the back" in str(view.warnings[0])
 
 
 def test_three_faces_on_one_edge_are_fine():
@@ -228,7 +228,7 @@ def test_faces_behind_the_camera_are_reported_and_left_out():
     vertices = np.concatenate([plane.vertices, [[0, 0, 600], [10, 0, 450], [0, 10, 450]]])
     faces = np.concatenate([plane.faces, [[4, 5, 6]]])
     view = project(Geometry(vertices, faces), camera=CAMERA, centred=False)
-    assert "faces left out because they are behind the camera: 1" in view.warnings[0]
+    assert "faces left out because they are behind the camera: 1" in str(view.warnings[0])
     assert np.nanmax(np.abs(view.height)) < 1e-3
 
 

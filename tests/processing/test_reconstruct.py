@@ -77,7 +77,7 @@ def test_black_images_are_left_out_and_named(session):
     )
     result = reconstruct(replace(source, frames=frames), surface=False)
     assert result.lights.ids == tuple(f"L{i:02d}" for i in range(LEDS) if i != 3)
-    assert any("show no light: L03" in warning for warning in result.warnings)
+    assert any("show no light: L03" in warning for warning in map(str, result.warnings))
     assert result.error is not None
     assert result.error.mae_deg < 1.5
 
@@ -87,7 +87,7 @@ def test_a_source_without_a_mask_gets_one(session):
     result = reconstruct(source, surface=False)
     truth = read_source(session).mask
     assert np.mean(result.mask == truth) > 0.95
-    assert any("the images have no mask" in warning for warning in result.warnings)
+    assert any("the images have no mask" in warning for warning in map(str, result.warnings))
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, MissingPathError
+from rig import Notice
 from sgp import read_record
 from sgp._output import write_record
 from sgp._result import Result
@@ -43,10 +44,31 @@ GOLDEN = """{
     ]
   },
   "warnings": [
-    "no mask was given"
+    "in.png: the mask is missing",
+    "one part"
+  ],
+  "notices": [
+    {
+      "code": "mask-missing",
+      "text": "the mask is missing",
+      "where": "in.png",
+      "severity": "warning"
+    },
+    {
+      "code": "one-part",
+      "text": "one part",
+      "where": "",
+      "severity": "info"
+    }
   ]
 }
 """
+
+
+NOTICES = (
+    Notice("mask-missing", "the mask is missing", "in.png"),
+    Notice("one-part", "one part", severity="info"),
+)
 
 
 @pytest.fixture
@@ -56,7 +78,7 @@ def record(tmp_path: Path) -> Path:
     result = Result(
         outputs={"normals": tmp_path / "normals.exr", "elsewhere": Path("/x/y.exr")},
         metrics={"pixels": 12, "error_deg": math.nan, "worst_deg": np.array([0.5, 1.5])},
-        warnings=["no mask was given"],
+        warnings=list(NOTICES),
         inputs=[source],
     )
     path = tmp_path / "normals.json"
@@ -76,7 +98,22 @@ def test_a_record_reads_back(record: Path) -> None:
     assert found.command == "sgp normals"
     assert found.outputs == {"normals": "normals.exr"}
     assert found.metrics == {"pixels": 12, "error_deg": None, "worst_deg": [0.5, 1.5]}
-    assert found.warnings == ("no mask was given",)
+    assert found.warnings == ("in.png: the mask is missing", "one part")
+    assert found.notices == NOTICES
+
+
+def test_json_has_the_lines_and_the_notices() -> None:
+    printed = json.loads(Result(warnings=list(NOTICES)).to_json())
+    assert printed["warnings"] == ["in.png: the mask is missing", "one part"]
+    assert printed["notices"] == [
+        {
+            "code": "mask-missing",
+            "text": "the mask is missing",
+            "where": "in.png",
+            "severity": "warning",
+        },
+        {"code": "one-part", "text": "one part", "where": "", "severity": "info"},
+    ]
 
 
 @pytest.mark.parametrize(
@@ -89,6 +126,8 @@ def test_a_record_reads_back(record: Path) -> None:
         pytest.param({"metrics": None}, "metrics", id="wrong type"),
         pytest.param({"inputs": {"a": "12"}}, "inputs", id="not a hash"),
         pytest.param({"command": 3}, "command", id="a number for a text"),
+        pytest.param({"notices": [{"code": "A", "text": ""}]}, "kebab case", id="not a code"),
+        pytest.param({"notices": [{"code": "a", "text": "", "x": 1}]}, "x", id="key in a notice"),
     ],
 )
 def test_other_records_are_refused(record: Path, changes: dict[str, Any], complaint: str) -> None:

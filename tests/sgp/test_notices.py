@@ -1,0 +1,81 @@
+"""docs/notices.md lists the codes that the packages use, and no others."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from acquisition._preflight import check
+from rig import Notice
+from rig._selftest import finding
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
+_ROW = re.compile(r"^\| `([^`]+)` \| (.+) \| (.+) \|$", re.MULTILINE)
+
+
+def _codes(tree: ast.Module) -> Iterator[str]:
+    """Yield the codes of the notices of a module: literals, or the values of its `_CODES`."""
+    table: list[str] = []
+    indirect = False
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            called = node.func
+            name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
+            if name != "Notice":
+                continue
+            given = next((word.value for word in node.keywords if word.arg == "code"), None)
+            code = given if given is not None else node.args[0]
+            if isinstance(code, ast.Constant):
+                yield code.value
+            else:
+                assert ast.unparse(code).startswith("_CODES["), ast.unparse(node)
+                indirect = True
+        elif (
+            isinstance(node, ast.AnnAssign)
+            and isinstance(node.value, ast.Dict)
+            and ast.unparse(node.target) == "_CODES"
+        ):
+            table = [ast.literal_eval(value) for value in node.value.values]
+    if indirect:
+        assert table
+        yield from table
+
+
+def _used() -> dict[str, set[str]]:
+    """Return the modules that use each code."""
+    used: dict[str, set[str]] = {}
+    for room in ROOMS:
+        for path in (ROOT / room).rglob("*.py"):
+            for code in _codes(ast.parse(path.read_text(encoding="utf-8"))):
+                used.setdefault(code, set()).add(str(path.relative_to(ROOT)))
+    return used
+
+
+def _documented() -> list[str]:
+    text = (ROOT / "docs/notices.md").read_text(encoding="utf-8")
+    return [row[0] for row in _ROW.findall(text)]
+
+
+def test_the_table_lists_the_codes_that_are_used() -> None:
+    documented = _documented()
+    assert len(documented) == len(set(documented))
+    assert set(documented) == set(_used())
+
+
+@pytest.mark.parametrize("code", sorted(_used()))
+def test_a_code_has_the_form_of_one(code: str) -> None:
+    assert Notice(code, "text").code == code
+
+
+def test_findings_and_checks_have_codes() -> None:
+    assert set(finding._CODES) == set(get_args(finding.Kind))
+    for state in get_args(check.State):
+        for name in check._CODES:
+            notice = check.Check(name, state, "text").notice
+            assert str(notice) == f"{name}: text"
