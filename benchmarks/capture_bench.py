@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import CapturePlan, NoiseModel, Session, verify_session
+from acquisition import CapturePlan, Labels, NoiseModel, Session, verify_session
 from acquisition._pixels.quality import measure_quality
 from rig import RigConfig
 from simulator import simulated_rig
@@ -25,7 +25,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
 ROUNDING_DN = 0.51
 # How an exposure is started: by software, by the board, or in a sequence that the board runs.
 MODES = ("software", "board", "sequence")
-TEXTS = {"operator": "benchmark", "object_name": "planes"}
+LABELS = Labels("benchmark", "planes")
 # Compile here once, instead of once in every forked process.
 measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
 

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import CapturePlan, NoiseModel, record, verify_session
+from acquisition import CapturePlan, Labels, NoiseModel, record, verify_session
 from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, open_genicam
 from simulator._board.virtual_board import VirtualBoard
@@ -126,7 +126,7 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
     genicam = open_genicam(camera.cti, pixel_format="Mono16")
     with Peak() as peak, Rig(Board(virtual.port), genicam, config) as rig:
         cpu, began = time.process_time(), time.perf_counter()
-        session = record(rig, plan, folder, operator="", object_name="")
+        session = record(rig, plan, folder, Labels())
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
     report = verify_session(folder)
     pauses = [line for line in session.events if line.event == "paused"]

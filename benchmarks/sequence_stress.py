@@ -19,7 +19,15 @@ from random import Random
 import numpy as np
 from harness import busy, busy_option, command_line
 
-from acquisition import CapturePlan, NoiseModel, Session, record, verify_session
+from acquisition import (
+    CapturePlan,
+    Labels,
+    NoiseModel,
+    RecordingHooks,
+    Session,
+    record,
+    verify_session,
+)
 from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
@@ -114,7 +122,7 @@ def stress(options, out):
                 if dice.random() < options.lose:
                     camera.set_fault(first + at, "lost")
             try:
-                record(rig, plan, folder, operator="", object_name="", on_event=tally.heard)
+                record(rig, plan, folder, Labels(), hooks=RecordingHooks(on_event=tally.heard))
             except RigError as error:
                 tally.ended += 1
                 tally.problems.append(f"recording {number} ended: {error}")

@@ -95,9 +95,7 @@ def record_simulated(
             rig,
             plan,
             out,
-            operator="sgp simulate",
-            object_name=object_name,
-            camera_model=truth.camera,
-            sensor=truth.noise,
-            on_progress=progress,
+            acquisition.Labels(operator="sgp simulate", object_name=object_name),
+            calibrations=acquisition.Calibrations(camera_model=truth.camera, sensor=truth.noise),
+            hooks=acquisition.RecordingHooks(on_progress=progress),
         )

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Final, cast
 
 from acquisition._engine.agenda import Agenda
-from acquisition._engine.hooks import Hooks
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.references import References, quality_of
 from acquisition._engine.rejection import SeenLight, rejection
 from acquisition._engine.stop_request import StopRequest
@@ -76,7 +76,7 @@ class Recording:
         writer: SessionWriter,
         plan: CapturePlan,
         queue: WriteQueue[Stored | None],
-        hooks: Hooks,
+        hooks: RecordingHooks,
         references: References,
     ) -> None:
         self._rig = rig
