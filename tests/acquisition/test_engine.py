@@ -222,7 +222,7 @@ def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
                     lights=Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))
                 )
             },
-            r"lights do not fit the plan: .*L05 is not",
+            r"lights do not fit the plan: .*L05 does not",
             id="light missing",
         ),
         pytest.param(
