@@ -32,7 +32,8 @@ from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 
 LEFT_ON_S = 1.25
 BLACK_DN = 100
@@ -104,11 +105,10 @@ def stress(options, out):
             frames(width, height),
             size=(height, width),
             leds=options.lights,
-            noise=NoiseModel(1.0, 0.0, 0.0, 16),
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+            device=GentlDevice(frame_rate_hz=options.rate, **more),
             precomposed=True,
             bench_state_path=virtual.bench_state_path,
-            frame_rate_hz=options.rate,
-            **more,
         ) as camera,
     ):
         rig = None

@@ -1,4 +1,5 @@
 from ._board.virtual_board import VirtualBoard as VirtualBoard
+from ._camera.image_formation import ImageFormation as ImageFormation
 from ._camera.virtual_camera import VirtualCamera as VirtualCamera
 from ._errors import CameraError as CameraError
 from ._errors import DataError as DataError

@@ -35,6 +35,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
+from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 
 
@@ -321,7 +322,9 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
         return np.zeros((6, 8), np.float32) if led is None else base * 0.02 * (led + 1)
 
     plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))
-    with simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False) as rig:
+    with simulated_rig(
+        plane, config, size=(6, 8), formation=ImageFormation(sensor, noisy=False)
+    ) as rig:
         session = record(
             rig, plan, tmp_path / "s", LABELS, calibrations=Calibrations(sensor=sensor)
         )
@@ -678,7 +681,9 @@ def _sequenced_rig() -> RealRig:
 
     config = RigConfig(name="sim", driver="simulated", leds=12, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
-    return simulated_rig(_plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+    return simulated_rig(
+        _plane, config, size=(6, 8), camera="inside", formation=ImageFormation(sensor, noisy=False)
+    )
 
 
 SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), sequence=True)

@@ -21,6 +21,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
+from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
 
 
@@ -57,7 +58,9 @@ def sequenced_rig(light: dict[int, float]) -> Rig:
 
     config = RigConfig(name="sim", driver="simulated", leds=3, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
-    return simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+    return simulated_rig(
+        plane, config, size=(6, 8), camera="inside", formation=ImageFormation(sensor, noisy=False)
+    )
 
 
 @pytest.fixture

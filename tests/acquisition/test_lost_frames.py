@@ -27,6 +27,7 @@ from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
 from simulator.gentl import CompilerError
 from tests.acquisition.fake_bench import LABELS
+from tests.simulator.camera_options import grouped
 
 LEDS = 8
 SIZE = (4, 6)
@@ -59,13 +60,15 @@ class _Bench:
             self.camera = self._opened.enter_context(
                 GentlCamera(
                     _plane,
-                    size=SIZE,
-                    leds=LEDS,
-                    noise=NoiseModel(1.0, 0.0, 0.0, 12),
-                    noisy=False,
-                    bench_state_path=self.board.bench_state_path,
-                    frame_rate_hz=1000.0,
-                    **options,
+                    **grouped(
+                        size=SIZE,
+                        leds=LEDS,
+                        noise=NoiseModel(1.0, 0.0, 0.0, 12),
+                        noisy=False,
+                        bench_state_path=self.board.bench_state_path,
+                        frame_rate_hz=1000.0,
+                        **options,
+                    ),
                 )
             )
         except CompilerError as error:

@@ -190,8 +190,8 @@ def test_automatic_functions_that_were_on_are_named(
         build()
     except CompilerError as error:
         pytest.skip(str(error))
-    made = partial(_simulated_rig.GentlCamera, automatics=automatics)
-    monkeypatch.setattr(_simulated_rig, "GentlCamera", made)
+    made = partial(_simulated_rig.GentlDevice, automatics=automatics)
+    monkeypatch.setattr(_simulated_rig, "GentlDevice", made)
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(1000.0,))
     with rig_for(rendering, seed=2, camera="gentl") as rig:
         check = check_camera(rig, plan)

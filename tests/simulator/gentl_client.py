@@ -9,6 +9,7 @@ import numpy as np
 
 from simulator._bench_state import BenchWriter
 from simulator._camera.gentl_camera import GentlCamera
+from tests.simulator.camera_options import grouped
 
 NOT_IMPLEMENTED = -1003
 RESOURCE_IN_USE = -1004
@@ -238,7 +239,7 @@ class Bench:
         self.opened: list[tuple[Library, GentlCamera]] = []
 
     def open(self, planes, *, buffers: int = 4, **options) -> Device:
-        camera = GentlCamera(planes, bench_state_path=self.path, **options)
+        camera = GentlCamera(planes, **grouped(bench_state_path=self.path, **options))
         library = Library(camera.cti)
         self.opened.append((library, camera))
         return Device(library, buffers)
