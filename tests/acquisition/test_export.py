@@ -19,8 +19,8 @@ from scipy.io import loadmat
 
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._export.caption import Caption
+from acquisition._export.captioned_images import write_captioned_png
 from acquisition._export.export import Layout, prepare_export
-from acquisition._export.images import write_captioned_png
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_exr, write_png
 from acquisition._plan.planned_shot import PlannedShot

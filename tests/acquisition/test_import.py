@@ -18,7 +18,7 @@ from acquisition._pixels.raw import read_raw
 from acquisition._session.labels import Labels
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
-from acquisition._source.images import images_source
+from acquisition._source.image_folder import images_source
 from acquisition._source.reader import read_source
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights

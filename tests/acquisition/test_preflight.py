@@ -20,7 +20,9 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._preflight import rig as _check_rig
 from acquisition._preflight.check import Check
 from acquisition._preflight.disk import check_disk
-from acquisition._preflight.images import (
+from acquisition._preflight.preflight import Preflight, preflight
+from acquisition._preflight.rig import check_camera
+from acquisition._preflight.trial_frames import (
     Trials,
     check_exposure,
     check_focus,
@@ -29,8 +31,6 @@ from acquisition._preflight.images import (
     check_steadiness,
     detail,
 )
-from acquisition._preflight.preflight import Preflight, preflight
-from acquisition._preflight.rig import check_camera
 from rig import BoardError, RigConfig
 from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera

@@ -263,7 +263,11 @@ def test_the_membrane_removes_the_step() -> None:
         pytest.param({"at": (np.inf, 60)}, "place of", id="infinitely far"),
         pytest.param({"at": (60, 60), "amplitude": np.inf}, "amplitude of inf", id="amplitude"),
         pytest.param({"at": (60, 60), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
-        pytest.param({"at": (60, 60), "w": 60}, "larger than the normal map", id="w too large"),
+        pytest.param(
+            {"at": (60, 60), "shape_filter": ShapeFilter(w=60)},
+            "larger than the normal map",
+            id="w too large",
+        ),
         pytest.param({"source_mask": np.ones((3, 3), bool)}, "source mask of bool", id="mask size"),
         pytest.param(
             {"target_mask": np.zeros((120, 120), bool)}, "target's normals do not", id="empty"

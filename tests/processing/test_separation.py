@@ -200,13 +200,11 @@ def test_higher_orders_are_steeper() -> None:
 def test_the_default_filter() -> None:
     """The default is that of `sgp detail separate` and docs/detail.md: Gaussian, order 8, w 5."""
     normal_map = random_map(4)
-    parts, explicit = (
-        separate(normal_map),
-        separate(normal_map, shape_filter=ShapeFilter(kind="gaussian", order=8, w=5)),
-    )
+    parts = separate(normal_map)
+    explicit = separate(normal_map, shape_filter=ShapeFilter("gaussian", 8, 5))
     np.testing.assert_array_equal(parts.shape.normals, explicit.shape.normals)
-    for other in ({"order": 7}, {"w": 6}, {"filter": "box"}):
-        assert (separate(normal_map, **other).shape.normals != parts.shape.normals).any()
+    for other in (ShapeFilter(order=7), ShapeFilter(w=6), ShapeFilter("box")):
+        assert (other.shape(normal_map).normals != parts.shape.normals).any()
 
 
 def test_a_plane_has_no_detail() -> None:
@@ -251,12 +249,12 @@ def test_normals_that_cancel_keep_themselves() -> None:
         pytest.param({"w": 0}, "w must be a whole number above 0", id="w zero"),
         pytest.param({"order": 0}, "order must be a whole number above 0", id="order zero"),
         pytest.param({"order": 1.5}, "order must be a whole number", id="order broken"),
-        pytest.param({"filter": "median"}, "unknown shape filter 'median'", id="unknown filter"),
+        pytest.param({"kind": "median"}, "unknown shape filter 'median'", id="unknown filter"),
     ],
 )
 def test_separate_refuses(options: dict[str, object], text: str) -> None:
     with pytest.raises(DataError, match=text):
-        separate(random_map(0), **options)  # type: ignore[arg-type]
+        separate(random_map(0), shape_filter=ShapeFilter(**options))  # type: ignore[arg-type]
 
 
 def test_combine_refuses_components_that_do_not_fit() -> None:

@@ -209,7 +209,11 @@ def test_refinement_approaches_the_targets_shape() -> None:
         pytest.param({"refine": -1}, "cannot be negative", id="refine"),
         pytest.param({"at": (500, 0)}, "does not reach the mask", id="outside the target"),
         pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on the empty corner"),
-        pytest.param({"w": 20}, "larger than the normal map of 30 x 30", id="w too large"),
+        pytest.param(
+            {"shape_filter": ShapeFilter(w=20)},
+            "larger than the normal map of 30 x 30",
+            id="w too large",
+        ),
     ],
 )
 def test_transfer_refuses(options: dict[str, object], text: str) -> None:
