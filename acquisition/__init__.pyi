@@ -41,6 +41,7 @@ from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
 from ._session.calibrations import Calibrations as Calibrations
+from ._session.camera_report import CameraReport as CameraReport
 from ._session.compact import Compaction as Compaction
 from ._session.compact import compact_session as compact_session
 from ._session.damage import Damage as Damage

@@ -20,6 +20,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.frame_proofs import CHECKING
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.layout import WRITERS
@@ -331,11 +332,13 @@ class Recording:
         line = self._writer.write_frame(
             planned,
             frame.pixels,
-            exposure_us=frame.exposure_us,
-            gain_db=frame.gain_db,
-            frame_id=frame.frame_id,
-            timestamp_ns=frame.timestamp_ns,
-            temperature_c=frame.temperature_c,
+            report=CameraReport(
+                exposure_us=frame.exposure_us,
+                gain_db=frame.gain_db,
+                frame_id=frame.frame_id,
+                timestamp_ns=frame.timestamp_ns,
+                temperature_c=frame.temperature_c,
+            ),
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",
             quality=quality,

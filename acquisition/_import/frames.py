@@ -21,6 +21,7 @@ from acquisition._pixels.images import write_exr, write_png
 from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import FrameLine
 from acquisition._session.labels import Labels
 from acquisition._session.layout import MASK, TRUE_NORMALS
@@ -163,8 +164,10 @@ def write_imported(
     return writer.write_frame(
         shot,
         image.pixels,
-        exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
-        timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
+        report=CameraReport(
+            exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
+            timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
+        ),
         origin=image.path.name,
     )
 
