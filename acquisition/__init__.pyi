@@ -1,6 +1,7 @@
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record
 from ._engine.engine import resume as resume
+from ._engine.hooks import RecordingHooks as RecordingHooks
 from ._engine.rehearsal import rehearse as rehearse
 from ._errors import DataError as DataError
 from ._errors import MissingPathError as MissingPathError
@@ -40,12 +41,15 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
+from ._session.calibrations import Calibrations as Calibrations
+from ._session.camera_report import CameraReport as CameraReport
 from ._session.compact import Compaction as Compaction
 from ._session.compact import compact_session as compact_session
 from ._session.damage import Damage as Damage
 from ._session.damaged import damaged_frames as damaged_frames
 from ._session.journal import EventLine as EventLine
 from ._session.journal import FrameLine as FrameLine
+from ._session.labels import Labels as Labels
 from ._session.manifest import Manifest as Manifest
 from ._session.session import Session as Session
 from ._session.session_frame import SessionFrame as SessionFrame

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import CapturePlan, NoiseModel, Session, verify_session
+from acquisition import CapturePlan, Labels, NoiseModel, Session, verify_session
 from acquisition._pixels.quality import measure_quality
 from rig import RigConfig
-from simulator import simulated_rig
+from simulator import ImageFormation, simulated_rig
 from simulator._bench_state import BenchState
 
 LEDS = 36
@@ -25,7 +25,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
 ROUNDING_DN = 0.51
 # How an exposure is started: by software, by the board, or in a sequence that the board runs.
 MODES = ("software", "board", "sequence")
-TEXTS = {"operator": "benchmark", "object_name": "planes"}
+LABELS = Labels("benchmark", "planes")
 # Compile here once, instead of once in every forked process.
 measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
 
@@ -50,11 +50,13 @@ def plan_for(mode):
     return PLAN.changed(sequence=mode == "sequence")
 
 
-def open_planes(mode="software", **more):
+def open_planes(mode="software", camera="auto"):
     """Open a simulated rig that shows the planes without noise."""
     trigger = "software" if mode == "software" else "board"
     config = RigConfig(name="planes", driver="simulated", leds=LEDS, settle_ms=0.5, trigger=trigger)
-    return simulated_rig(plane, config, size=SIZE, noise=NOISE, noisy=False, **more)
+    return simulated_rig(
+        plane, config, size=SIZE, formation=ImageFormation(NOISE, noisy=False), camera=camera
+    )
 
 
 def bench_of(rig):

@@ -23,6 +23,7 @@ import numpy as np
 from acquisition import (
     CapturePlan,
     DataError,
+    Labels,
     Manifest,
     Session,
     SessionWriter,
@@ -42,7 +43,10 @@ def session(folder, kind):
     """Write a session of the plan, with only 20 frames if it must be incomplete."""
     camera = {"width": SIZE[1], "height": SIZE[0], "bit_depth": 12}
     manifest = Manifest.begin(
-        folder, operator="benchmark", object="noise", notes="two\nlines", plan=PLAN, camera=camera
+        folder,
+        plan=PLAN,
+        camera=camera,
+        labels=Labels(operator="benchmark", object_name="noise", notes="two\nlines"),
     )
     with SessionWriter.create(folder, manifest) as writer:
         for index, shot in enumerate(writer.missing):

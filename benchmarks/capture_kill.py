@@ -21,9 +21,9 @@ from pathlib import Path
 from statistics import median
 
 from capture_bench import (
+    LABELS,
     MODES,
     PLAN,
-    TEXTS,
     bench_of,
     ended,
     forked,
@@ -37,7 +37,7 @@ from capture_bench import (
 )
 from harness import busy, busy_option, command_line
 
-from acquisition import Session, record, resume, verify_session
+from acquisition import RecordingHooks, Session, record, resume, verify_session
 
 MOST_DARK_S = 1.0
 
@@ -56,8 +56,10 @@ def recording(folder, mode, camera):
                 rig,
                 plan_for(mode),
                 folder,
-                **TEXTS,
-                on_frame=lambda line: os.write(safe, f"{line.file}\n".encode()),
+                LABELS,
+                hooks=RecordingHooks(
+                    on_frame=lambda line: os.write(safe, f"{line.file}\n".encode())
+                ),
             )
 
     return work

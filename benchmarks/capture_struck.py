@@ -10,6 +10,7 @@ import os
 import sys
 import threading
 import time
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 
@@ -41,10 +42,19 @@ def main(fault, command, folder):
         print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
 
     rig.open_rig = opened
-    acquisition.record = partial(acquisition.record, on_frame=on_frame)
-    acquisition.resume = partial(acquisition.resume, on_frame=on_frame)
+    acquisition.record = reporting(acquisition.record, on_frame)
+    acquisition.resume = reporting(acquisition.resume, on_frame)
     capture.chosen_plan = lambda *_: (plan, ())
     sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
+
+
+def reporting(function, on_frame):
+    """Return a recording function that also reports its frames."""
+
+    def reported(*words, hooks, **more):
+        return function(*words, hooks=replace(hooks, on_frame=on_frame), **more)
+
+    return reported
 
 
 def stall():

@@ -24,11 +24,12 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import CapturePlan, NoiseModel, record, verify_session
+from acquisition import CapturePlan, Labels, NoiseModel, record, verify_session
 from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, open_genicam
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12
@@ -96,10 +97,10 @@ def main():
                 frames(width, height),
                 size=(height, width),
                 leds=options.lights,
-                noise=NoiseModel(1.0, 0.0, 0.0, 16),
                 precomposed=True,
                 bench_state_path=virtual.bench_state_path,
-                frame_rate_hz=options.rate,
+                formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+                device=GentlDevice(frame_rate_hz=options.rate),
             ) as camera,
         ):
             for mode in ("software", "board", "sequence"):
@@ -126,7 +127,7 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
     genicam = open_genicam(camera.cti, pixel_format="Mono16")
     with Peak() as peak, Rig(Board(virtual.port), genicam, config) as rig:
         cpu, began = time.process_time(), time.perf_counter()
-        session = record(rig, plan, folder, operator="", object_name="")
+        session = record(rig, plan, folder, Labels())
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
     report = verify_session(folder)
     pauses = [line for line in session.events if line.event == "paused"]

@@ -25,8 +25,10 @@ from fuzz_mutators import (
 )
 
 from acquisition import (
+    Calibrations,
     CameraModel,
     CapturePlan,
+    Labels,
     Lights,
     Manifest,
     SessionWriter,
@@ -405,9 +407,12 @@ def _sessions(root: Path) -> Iterator[Seed]:
     camera = {"width": 24, "height": 16, "bit_depth": 12}
     plan = CapturePlan(leds=(0, 1, 2), exposures_us=(5000.0,))
     manifest = Manifest.begin(
-        place, operator="benchmark", object="noise", notes="two\nlines", plan=plan, camera=camera,
-        lights=_lights(3), camera_model=None,
-    )  # fmt: skip
+        place,
+        plan=plan,
+        camera=camera,
+        labels=Labels(operator="benchmark", object_name="noise", notes="two\nlines"),
+        calibrations=Calibrations(lights=_lights(3)),
+    )
     with SessionWriter.create(place, manifest) as writer:
         for index, shot in enumerate(writer.missing):
             image = np.random.default_rng(index).integers(0, 4096, (16, 24)).astype(np.uint16)

@@ -16,7 +16,8 @@ from harness import command_line
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, open_genicam
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 
 PASSES = 3
 # Limits, in multiples of the camera's own time.
@@ -59,10 +60,10 @@ def main():
             frames(width, height),
             size=(height, width),
             leds=options.lights,
-            noise=NoiseModel(1.0, 0.0, 0.0, 16),
             precomposed=True,
             bench_state_path=virtual.bench_state_path,
-            frame_rate_hz=options.rate,
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+            device=GentlDevice(frame_rate_hz=options.rate),
         ) as camera,
     ):
         slow = []

@@ -37,7 +37,7 @@ def cases(normals: NormalMap, filters: list[str], w: int) -> dict[str, Callable[
         kind, order = name.split("-")
         by = ShapeFilter(cast(FilterKind, kind), int(order), w)
         work[f"separate {name}"] = partial(by.split, normals)
-    parts = separate(normals, order=1, w=w)
+    parts = separate(normals, shape_filter=ShapeFilter(order=1, w=w))
     work["combine"] = partial(combine, parts.shape, parts.detail)
     return work
 

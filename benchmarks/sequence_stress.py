@@ -19,12 +19,21 @@ from random import Random
 import numpy as np
 from harness import busy, busy_option, command_line
 
-from acquisition import CapturePlan, NoiseModel, Session, record, verify_session
+from acquisition import (
+    CapturePlan,
+    Labels,
+    NoiseModel,
+    RecordingHooks,
+    Session,
+    record,
+    verify_session,
+)
 from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 
 LEFT_ON_S = 1.25
 BLACK_DN = 100
@@ -96,11 +105,10 @@ def stress(options, out):
             frames(width, height),
             size=(height, width),
             leds=options.lights,
-            noise=NoiseModel(1.0, 0.0, 0.0, 16),
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+            device=GentlDevice(frame_rate_hz=options.rate, **more),
             precomposed=True,
             bench_state_path=virtual.bench_state_path,
-            frame_rate_hz=options.rate,
-            **more,
         ) as camera,
     ):
         rig = None
@@ -114,7 +122,7 @@ def stress(options, out):
                 if dice.random() < options.lose:
                     camera.set_fault(first + at, "lost")
             try:
-                record(rig, plan, folder, operator="", object_name="", on_event=tally.heard)
+                record(rig, plan, folder, Labels(), hooks=RecordingHooks(on_event=tally.heard))
             except RigError as error:
                 tally.ended += 1
                 tally.problems.append(f"recording {number} ended: {error}")

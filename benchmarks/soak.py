@@ -30,7 +30,8 @@ from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.faults import BoardFault
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 
 LEDS = 36
 BITS = 8
@@ -92,10 +93,9 @@ class Bench:
             plane,
             size=(4, 2 * BITS),
             leds=LEDS,
-            noise=NoiseModel(1.0, 0.0, 0.0, 12),
-            noisy=False,
             bench_state_path=self.virtual.bench_state_path,
-            frame_rate_hz=500,
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 12), noisy=False),
+            device=GentlDevice(frame_rate_hz=500),
         )
         self.rig = None
         self.opened = 0

@@ -57,13 +57,13 @@ from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
 from ._guard import refusing as refusing
-from ._lights import Lights as Lights
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity
-from ._open import open_lights as open_lights
+from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open import rig_names as rig_names
+from ._open_board import OpenBoard as OpenBoard
 from ._progress import Progress as Progress
 from ._progress import no_progress as no_progress
 from ._rig import Rig as Rig

@@ -15,7 +15,7 @@ from rig._camera import Camera
 from rig._complaint import complaints
 from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError, close_after
-from rig._lights import Lights
+from rig._open_board import OpenBoard
 from rig._rig import Rig
 
 
@@ -91,7 +91,7 @@ def open_bench(config: RigConfig) -> Rig:
     return Rig(board, camera, config)
 
 
-def open_bench_lights(config: RigConfig) -> Lights:
+def open_bench_board(config: RigConfig) -> OpenBoard:
     """Open only the LED board of a rig file of the driver ``bench``.
 
     Raises
@@ -101,7 +101,7 @@ def open_bench_lights(config: RigConfig) -> Lights:
     RigError
         If the board is not found, does not open, or does not match the rig file.
     """
-    return Lights(_board(config, _options(config)), config)
+    return OpenBoard(_board(config, _options(config)), config)
 
 
 def _options(config: RigConfig) -> BenchOptions:

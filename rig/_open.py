@@ -6,10 +6,10 @@ from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from rig._bench import open_bench_lights
+from rig._bench import open_bench_board
 from rig._config import RigConfig, read_rig_config
 from rig._errors import RigConfigError, RigNotFoundError
-from rig._lights import Lights
+from rig._open_board import OpenBoard
 from rig._rig import Rig
 
 DRIVERS = "sgp.rigs"
@@ -43,7 +43,7 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     return _driver(config)(config)
 
 
-def open_lights(name_or_path: str = "simulated") -> Lights:
+def open_board(name_or_path: str = "simulated") -> OpenBoard:
     """Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
 
     Parameters
@@ -57,7 +57,7 @@ def open_lights(name_or_path: str = "simulated") -> Lights:
         As `open_rig`.
     """
     config = _config(name_or_path)
-    return open_bench_lights(config) if config.driver == BENCH else _driver(config)(config)
+    return open_bench_board(config) if config.driver == BENCH else _driver(config)(config)
 
 
 def _config(name_or_path: str) -> RigConfig:

@@ -10,16 +10,16 @@ from rig._board.values import BoardEcho
 from rig._camera import Camera, Trigger
 from rig._config import RigConfig
 from rig._errors import RigError, close_after, note
-from rig._lights import Lights
-from rig._shooting.exposure import Exposure
+from rig._open_board import OpenBoard
 from rig._shooting.sequence import run, runs
 from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
 from rig._shooting.shot import Shot
+from rig._shooting.shot_times import ShotTimes
 from rig._shooting.wires import Wires, try_wires
 
 
-class Rig(Lights):
-    """An open rig with its lights and its camera, closed in the same way as `Lights`.
+class Rig(OpenBoard):
+    """An open rig: its LED board and its camera, closed in the same way as `OpenBoard`.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Rig(Lights):
         self.camera = camera
         self._bench = Bench(board, camera, config)
         self._settings: tuple[float, float] | None = None
-        self._exposure: Exposure | None = None
+        self._times: ShotTimes | None = None
         self._armed: Trigger | None = None
         # Frames that the camera has room for.
         self._frames = 1
@@ -96,11 +96,11 @@ class Rig(Lights):
         died, and in any case at the end of its hold.
         """
         self._check_led(led)
-        exposure = self._configure(exposure_us, gain_db)
+        times = self._configure(exposure_us, gain_db)
         by_pulse = (trigger or self.config.trigger) == "board"
         try:
             self._arm("line" if by_pulse else "software")
-            return (by_board if by_pulse else by_software)(self._bench, led, exposure)
+            return (by_board if by_pulse else by_software)(self._bench, led, times)
         except BaseException as error:
             self._off_after(error)
             raise
@@ -113,11 +113,11 @@ class Rig(Lights):
         RigError
             If camera or board cannot take the shot.
         """
-        exposure = self._configure(exposure_us, gain_db)
+        times = self._configure(exposure_us, gain_db)
         if self.config.trigger == "board":
-            exposure.check(self.board.identity)
+            times.check(self.board.identity)
         else:
-            hold_ms(self._bench, exposure)
+            hold_ms(self._bench, times)
 
     def sequence(
         self, leds: Sequence[int | None], exposure_us: float, gain_db: float = 0.0
@@ -154,7 +154,7 @@ class Rig(Lights):
         """
         for led in leds:
             self._check_led(led)
-        exposure = self._configure(exposure_us, gain_db)
+        times = self._configure(exposure_us, gain_db)
         try:
             parts = tuple(runs(tuple(leds), self.board.identity.max_steps))
             self._arm("line", max(map(len, parts), default=1))
@@ -164,9 +164,9 @@ class Rig(Lights):
                 # the same spacing.
                 if len(part) <= 2:
                     for led in part:
-                        yield by_board(self._bench, led, exposure)
+                        yield by_board(self._bench, led, times)
                 else:
-                    yield from run(self._bench, part, exposure)
+                    yield from run(self._bench, part, times)
         except BaseException as error:
             self._off_after(error)
             raise
@@ -188,10 +188,10 @@ class Rig(Lights):
             error.
         """
         self._check_led(led)
-        exposure = self._configure(exposure_us, 0.0)
+        times = self._configure(exposure_us, 0.0)
         try:
             self._arm("line")
-            return try_wires(self._bench, led, exposure)
+            return try_wires(self._bench, led, times)
         except BaseException as error:
             self._off_after(error)
             raise
@@ -221,17 +221,17 @@ class Rig(Lights):
                 "it and remove it from dead_leds in the rig file"
             )
 
-    def _configure(self, exposure_us: float, gain_db: float) -> Exposure:
-        if self._exposure is None or self._settings != (exposure_us, gain_db):
-            self._exposure = None
+    def _configure(self, exposure_us: float, gain_db: float) -> ShotTimes:
+        if self._times is None or self._settings != (exposure_us, gain_db):
+            self._times = None
             # With the exposure time, timestamps shift in cameras that stamp the end of an exposure
             # or delay its start.
             self._bench.chain.cut()
             real_us = self.camera.configure(exposure_us=exposure_us, gain_db=gain_db)
             # The frame period may depend on the exposure time.
-            self._exposure = Exposure.of(self.camera.info, self.config, real_us)
+            self._times = ShotTimes.of(self.camera.info, self.config, real_us)
             self._settings = (exposure_us, gain_db)
-        return self._exposure
+        return self._times
 
     def _arm(self, trigger: Trigger, frames: int = 1) -> None:
         if self._armed == trigger and frames <= self._frames:

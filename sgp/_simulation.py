@@ -81,23 +81,19 @@ def record_simulated(
         As for `acquisition.record`; the frames recorded before the error stay intact.
     """
     truth = rendering.truth
-    leds, lamps = len(rendering.planes), rendering.scene.lamps
-    dead = tuple(led for led in lamps.dead if led < leds)  # the rig refuses others
+    leds = len(rendering.planes)
+    dead = tuple(led for led in rendering.scene.lamps.dead if led < leds)  # the rig refuses others
     config = rigs.RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
-        simulator.rig_for(
-            rendering, config, seed=seed, noisy=noisy, realtime=False, lamps=lamps
-        ) as rig,
+        simulator.rig_for(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
         Stages() as progress,
     ):
         return acquisition.record(
             rig,
             plan,
             out,
-            operator="sgp simulate",
-            object_name=object_name,
-            camera_model=truth.camera,
-            sensor=truth.noise,
-            on_progress=progress,
+            acquisition.Labels(operator="sgp simulate", object_name=object_name),
+            calibrations=acquisition.Calibrations(camera_model=truth.camera, sensor=truth.noise),
+            hooks=acquisition.RecordingHooks(on_progress=progress),
         )

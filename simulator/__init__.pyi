@@ -1,4 +1,5 @@
 from ._board.virtual_board import VirtualBoard as VirtualBoard
+from ._camera.image_formation import ImageFormation as ImageFormation
 from ._camera.virtual_camera import VirtualCamera as VirtualCamera
 from ._errors import CameraError as CameraError
 from ._errors import DataError as DataError
@@ -10,8 +11,8 @@ from ._open_rig import open_rig as open_rig
 from ._open_rig import rig_for as rig_for
 from ._owned_folder import OwnedFolder as OwnedFolder
 from ._owned_folder import remove_abandoned as remove_abandoned
-from ._render.chrome import Highlights as Highlights
-from ._render.chrome import find_highlights as find_highlights
+from ._render.chrome import MirroredLights as MirroredLights
+from ._render.chrome import find_mirrored_lights as find_mirrored_lights
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import Rendering as Rendering
 from ._render.render import render as render

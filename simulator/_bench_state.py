@@ -86,7 +86,7 @@ class TriggerPulse:
 
 
 @dataclass(frozen=True)
-class Exposure:
+class ExposurePeriod:
     """One exposure of the camera, whose end may be in the future."""
 
     start_ns: int
@@ -189,10 +189,10 @@ class BenchState:
         pulses = (TriggerPulse(*pair) for pair in _ring(data, _PAIR, _TRIGGERS_AT, count))
         return tuple(pulse for pulse in pulses if pulse.time_ns != NEVER_NS)
 
-    def exposures(self) -> tuple[Exposure, ...]:
+    def exposures(self) -> tuple[ExposurePeriod, ...]:
         """Return the camera's exposures that are still in the ring, oldest first."""
         data, (_, count) = self._snapshot(_CAMERA_COUNTERS, _CAMERA_AT)
-        return tuple(Exposure(*pair) for pair in _ring(data, _PAIR, _EXPOSURES_AT, count))
+        return tuple(ExposurePeriod(*pair) for pair in _ring(data, _PAIR, _EXPOSURES_AT, count))
 
     def expose(self, start_ns: int, end_ns: int) -> None:
         """Record an exposure as soon as it begins. Only one camera per file does so."""

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, complaints
+from simulator._camera.image_formation import ImageFormation
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import SCENES, scene_named
@@ -157,9 +158,9 @@ def rig_for(
         with the LED positions of the scene.
     lamps
         Lamps to use instead of the scene's.
-    seed, noisy, realtime, shake_px, sensor_seed
-        See `VirtualCamera`.
-    camera, frame_rate_hz, wiring
+    seed, noisy, shake_px, sensor_seed
+        See `ImageFormation`.
+    realtime, camera, frame_rate_hz, wiring
         See `simulated_rig`.
 
     Returns
@@ -195,14 +196,16 @@ def rig_for(
         rendering.plane,
         config,
         size=scene.lens.size,
-        noise=scene.noise,
-        seed=seed,
-        noisy=noisy,
+        formation=ImageFormation(
+            noise=scene.noise,
+            seed=seed,
+            noisy=noisy,
+            cfa=scene.lens.cfa,
+            lamps=lamps,
+            shake_px=shake_px,
+            sensor_seed=sensor_seed,
+        ),
         realtime=realtime,
-        cfa=scene.lens.cfa,
-        lamps=lamps,
-        shake_px=shake_px,
-        sensor_seed=sensor_seed,
         camera=camera,
         frame_rate_hz=frame_rate_hz,
         wiring=wiring,

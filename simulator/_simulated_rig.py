@@ -9,14 +9,13 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import NoiseModel
 from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import pixel_format
 from simulator._camera.virtual_camera import Planes, VirtualCamera
-from simulator._scene.lamps import Lamps
 from simulator._wiring import Wiring
 from simulator.gentl import CompilerError, build
 
@@ -32,14 +31,8 @@ def simulated_rig(
     config: RigConfig,
     *,
     size: tuple[int, int],
-    noise: NoiseModel,
-    seed: int = 0,
-    noisy: bool = True,
+    formation: ImageFormation,
     realtime: bool = True,
-    cfa: str | None = None,
-    lamps: Lamps | None = None,
-    shake_px: float = 0.0,
-    sensor_seed: int = 0,
     camera: CameraKind = "auto",
     frame_rate_hz: float = FRAME_RATE_HZ,
     wiring: Wiring | None = None,
@@ -55,8 +48,10 @@ def simulated_rig(
     config
         Configuration of the rig; the board has its LED count. ``planes`` are upright; they are
         turned and mirrored as the mounting of the camera requires.
-    size, noise, seed, noisy, realtime, cfa, lamps, shake_px, sensor_seed
+    size, realtime
         See `VirtualCamera`.
+    formation
+        How the image forms; its ``cfa`` is that of the upright planes.
     camera
         ``gentl``: a GenICam camera behind a GenTL producer, opened by the same code as a real
         camera. ``inside``: a `VirtualCamera` in this process. Only this camera can run without
@@ -77,8 +72,10 @@ def simulated_rig(
     """
     seen = _mounted((wiring or Wiring()).planes(planes), config)
     height, width, *_ = config.mounting.upright_shape(size)
-    stored_cfa = None if cfa is None else config.mounting.stored_cfa(cfa, size)
-    odd_depth = noise.bit_depth not in _DEPTHS
+    if formation.cfa is not None:
+        formation = replace(formation, cfa=config.mounting.stored_cfa(formation.cfa, size))
+    bit_depth = formation.noise.bit_depth
+    odd_depth = bit_depth not in _DEPTHS
     inside_only = not realtime or odd_depth
     if camera == "gentl" and inside_only:
         raise RigConfigError(
@@ -99,35 +96,23 @@ def simulated_rig(
             gentl_camera = GentlCamera(
                 seen,
                 size=(height, width),
-                noise=noise,
-                seed=seed,
-                noisy=noisy,
                 leds=config.leds,
+                formation=formation,
+                device=GentlDevice(frame_rate_hz=frame_rate_hz),
                 bench_state_path=virtual.bench_state_path,
-                cfa=stored_cfa,
-                lamps=lamps or Lamps(),
-                shake_px=shake_px,
-                sensor_seed=sensor_seed,
-                frame_rate_hz=frame_rate_hz,
             )
             opened.callback(gentl_camera.close)
             closing.callback(gentl_camera.close)
             device = open_genicam(
-                gentl_camera.cti, pixel_format=pixel_format(stored_cfa, noise.bit_depth)
+                gentl_camera.cti, pixel_format=pixel_format(formation.cfa, bit_depth)
             )
         else:
             inside = VirtualCamera(
                 seen,
                 size=(height, width),
-                noise=noise,
-                seed=seed,
-                noisy=noisy,
                 bench=opened.enter_context(BenchState(virtual.bench_state_path)),
+                formation=formation,
                 realtime=realtime,
-                cfa=stored_cfa,
-                lamps=lamps or Lamps(),
-                shake_px=shake_px,
-                sensor_seed=sensor_seed,
             )
             if lacking is not None:
                 inside.info = replace(inside.info, model=f"{IN_PYTHON} ({lacking})")

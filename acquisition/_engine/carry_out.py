@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._engine.hooks import Hooks
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.recording import ROOM, THREADS, Recording, StoppedError, Stored
 from acquisition._engine.references import References
 from acquisition._engine.stop_request import StopRequest
@@ -30,7 +30,7 @@ def carry_out(
     rig: Rig,
     writer: SessionWriter,
     plan: CapturePlan,
-    hooks: Hooks,
+    hooks: RecordingHooks,
     events: Sequence[tuple[str, Mapping[str, Any]]],
     references: References,
     stall_s: float,

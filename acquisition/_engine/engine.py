@@ -2,50 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from acquisition._engine.carry_out import STALL_S, carry_out
-from acquisition._engine.hooks import Hooks, OnEvent, OnFrame
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.references import References
-from acquisition._engine.rig_fits import check_calibrations, check_exposures, check_lights
+from acquisition._engine.rig_fits import check_calibrations, check_exposures
 from acquisition._engine.rig_records import camera_record, rig_record
 from acquisition._engine.same_rig import check_same
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.calibrations import Calibrations
 from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
 from acquisition._session.journal import LEFT_OUT
+from acquisition._session.labels import Labels
 from acquisition._session.manifest import FORMAT_VERSION, Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
-from rig import Progress, Rig, no_progress
+from rig import Rig
 
 
 def record(
     rig: Rig,
     plan: CapturePlan,
     folder: str | Path,
+    labels: Labels,
     *,
-    operator: str,
-    object_name: str,
-    place: str = "",
-    notes: str = "",
-    rights: str = "",
-    camera_model: CameraModel | None = None,
-    sensor: NoiseModel | None = None,
-    lights: Lights | None = None,
+    calibrations: Calibrations = Calibrations(),
+    hooks: RecordingHooks = RecordingHooks(),
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
-    on_frame: OnFrame | None = None,
-    on_progress: Progress = no_progress,
-    on_event: OnEvent | None = None,
-    on_stop: Callable[[], None] | None = None,
-    before_flats: Callable[[], None] | None = None,
     stall_s: float = STALL_S,
 ) -> Session:
     """Record one object: take every shot of the plan and store it while the next is taken.
@@ -58,17 +47,14 @@ def record(
         Capture plan. LEDs that the rig file lists as dead are left out, and an event records this.
     folder
         New or empty folder for the session.
-    operator, object_name, place, notes, rights
-        Descriptive texts for people.
-    camera_model, sensor, lights
-        Calibrations to store with the recording, if known. The camera model describes the upright
-        image, however the camera is mounted. The sensor defines black and white level; without it
-        black is 0 and white is the maximum of the camera's bit depth. The lights are matched with
-        the LEDs by their ids, ``L07`` for LED 7; there may be more lights than LEDs.
+    labels
+        Texts for people: operator, object, place.
+    calibrations
+        Camera model, sensor and lights to store with the recording, if known.
+    hooks
+        Callbacks that report progress.
     events
         Earlier events, for instance metering; they are written first.
-    on_frame, on_progress, on_event, on_stop, before_flats
-        See `Hooks`.
     stall_s
         Longest time without a finished write before the disk counts as stuck, seconds.
 
@@ -103,27 +89,12 @@ def record(
     plan, left_out = plan.without(rig.config.dead_leds)
     plan.check(rig.config.leds)
     check_exposures(rig.camera.info, plan)
-    check_calibrations(rig, camera_model, sensor)
-    if lights is not None:
-        check_lights(lights, plan)
+    check_calibrations(rig, plan, calibrations)
     for exposure_us in plan.distinct_exposures_us:
         rig.prepare(exposure_us, plan.gain_db)
-    manifest = _manifest(
-        rig,
-        folder,
-        operator=operator,
-        object=object_name,
-        place=place,
-        notes=notes,
-        rights=rights,
-        plan=plan,
-        camera_model=camera_model,
-        sensor=sensor,
-        lights=lights,
-    )
+    manifest = _manifest(rig, folder, calibrations, labels=labels, plan=plan)
     if left_out:
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
-    hooks = Hooks(on_frame, on_progress, on_event, on_stop, before_flats=before_flats)
     with SessionWriter.create(folder, manifest) as writer:
         carry_out(rig, writer, plan, hooks, events, References(manifest.camera), stall_s)
     return Session.open(folder)
@@ -136,12 +107,7 @@ def resume(
     plan: CapturePlan | None = None,
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
     retake_damaged: bool = False,
-    on_frame: OnFrame | None = None,
-    on_progress: Progress = no_progress,
-    on_event: OnEvent | None = None,
-    on_stop: Callable[[], None] | None = None,
-    on_damage: Callable[[str], None] | None = None,
-    before_flats: Callable[[], None] | None = None,
+    hooks: RecordingHooks = RecordingHooks(),
     stall_s: float = STALL_S,
 ) -> Session:
     """Take the missing shots of a session, and no others.
@@ -162,10 +128,8 @@ def resume(
         Read all frames back first, set damaged and lost ones aside (their files are kept in
         ``derived/set_aside/``), and take their shots again; each is recorded as an event. The
         object must not have moved. A complete session with such a frame is resumed, too.
-    events, on_frame, on_progress, on_event, on_stop, before_flats, stall_s
+    hooks, events, stall_s
         As for `record`.
-    on_damage
-        See `Hooks`.
 
     Returns
     -------
@@ -186,24 +150,23 @@ def resume(
     folder = Path(folder)
     _check_events(events, folder)
     _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
-    hooks = Hooks(on_frame, on_progress, on_event, on_stop, on_damage, before_flats)
     with SessionWriter.reopen(
         folder,
         set_aside_damaged=retake_damaged,
-        on_progress=on_progress,
+        on_progress=hooks.on_progress,
     ) as writer:
         # Read it again now that no other process can add to it.
         session = Session.open(folder)
         references = References.of(session)
-        if on_event is not None:
+        if hooks.on_event is not None:
             for line in writer.set_aside_events:
-                on_event(line.event, line.details)
+                hooks.on_event(line.event, line.details)
         died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
-            if on_event is not None:
-                on_event(LEFT_OUT, details)
+            if hooks.on_event is not None:
+                hooks.on_event(LEFT_OUT, details)
         carry_out(rig, writer, recorded, hooks, events, references, stall_s)
     return Session.open(folder)
 
@@ -265,17 +228,16 @@ def _check_events(events: Iterable[tuple[str, Mapping[str, Any]]], folder: str |
         check_event(event, details, FORMAT_VERSION, Path(folder))
 
 
-def _manifest(rig: Rig, folder: str | Path, sensor: NoiseModel | None, **others: Any) -> Manifest:
+def _manifest(rig: Rig, folder: str | Path, calibrations: Calibrations, **others: Any) -> Manifest:
     return Manifest.begin(
         folder,
         rig=rig_record(rig),
-        camera=camera_record(rig.camera.info, sensor),
-        sensor=sensor,
+        camera=camera_record(rig.camera.info, calibrations.sensor),
+        calibrations=calibrations,
         **others,
     )
 
 
 def _manifest_like(rig: Rig, folder: Path, session: Session) -> Manifest:
     """Return the manifest that the session would have if it started now with this rig."""
-    old = session.manifest
-    return _manifest(rig, folder, session.sensor, operator=old.operator, object=old.object)
+    return _manifest(rig, folder, Calibrations(sensor=session.sensor))

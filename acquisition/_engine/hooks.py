@@ -14,7 +14,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
-class Hooks:
+class RecordingHooks:
     """Callbacks that report progress.
 
     All except ``on_stop`` are called on the thread that takes the shots, between two shots.

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Final, cast
 
 from acquisition._engine.agenda import Agenda
-from acquisition._engine.hooks import Hooks
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.references import References, quality_of
 from acquisition._engine.rejection import SeenLight, rejection
 from acquisition._engine.stop_request import StopRequest
@@ -20,6 +20,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.frame_proofs import CHECKING
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.layout import WRITERS
@@ -76,7 +77,7 @@ class Recording:
         writer: SessionWriter,
         plan: CapturePlan,
         queue: WriteQueue[Stored | None],
-        hooks: Hooks,
+        hooks: RecordingHooks,
         references: References,
     ) -> None:
         self._rig = rig
@@ -331,11 +332,13 @@ class Recording:
         line = self._writer.write_frame(
             planned,
             frame.pixels,
-            exposure_us=frame.exposure_us,
-            gain_db=frame.gain_db,
-            frame_id=frame.frame_id,
-            timestamp_ns=frame.timestamp_ns,
-            temperature_c=frame.temperature_c,
+            report=CameraReport(
+                exposure_us=frame.exposure_us,
+                gain_db=frame.gain_db,
+                frame_id=frame.frame_id,
+                timestamp_ns=frame.timestamp_ns,
+                temperature_c=frame.temperature_c,
+            ),
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",
             quality=quality,

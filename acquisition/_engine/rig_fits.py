@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._values.camera_model import CameraModel
+from acquisition._session.calibrations import Calibrations
 from acquisition._values.lights import Lights, led_id
-from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraInfo, Rig
 
 
@@ -27,10 +26,8 @@ def check_exposures(info: CameraInfo, plan: CapturePlan) -> None:
             )
 
 
-def check_calibrations(
-    rig: Rig, camera_model: CameraModel | None, sensor: NoiseModel | None
-) -> None:
-    """Refuse calibrations for another image size or bit depth.
+def check_calibrations(rig: Rig, plan: CapturePlan, calibrations: Calibrations) -> None:
+    """Refuse calibrations for another image size, bit depth or set of LEDs.
 
     Raises
     ------
@@ -39,6 +36,7 @@ def check_calibrations(
     """
     info = rig.camera.info
     size = rig.config.mounting.upright_shape((info.height, info.width))
+    camera_model, sensor = calibrations.camera_model, calibrations.sensor
     if camera_model is not None and camera_model.size != size:
         raise DataError(
             f"the camera model is for {camera_model.width} x {camera_model.height} pixels, the "
@@ -50,16 +48,12 @@ def check_calibrations(
             f"the sensor model is for {sensor.bit_depth} bits, the camera delivers "
             f"{info.bit_depth} bits; measure the sensor in this pixel format"
         )
+    if calibrations.lights is not None:
+        _check_lights(calibrations.lights, plan)
 
 
-def check_lights(lights: Lights, plan: CapturePlan) -> None:
-    """Refuse lights that lack an LED of the plan or cannot be matched with the LEDs by name.
-
-    Raises
-    ------
-    DataError
-        If they are not the lights of the plan's LEDs.
-    """
+def _check_lights(lights: Lights, plan: CapturePlan) -> None:
+    """Refuse lights that lack an LED of the plan or cannot be matched with the LEDs by name."""
     wanted = [led_id(led) for led in plan.leds]
     try:
         _, by_name = lights.match(wanted)

@@ -19,7 +19,10 @@ from acquisition._pixels.images import write_exr
 from acquisition._pixels.mask_files import write_mask
 from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.calibrations import Calibrations
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import FrameLine
+from acquisition._session.labels import Labels
 from acquisition._session.layout import MASK, TRUE_NORMALS
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -61,12 +64,8 @@ def read_import(
 def import_frames(
     source: Source,
     folder: str | Path,
+    labels: Labels = Labels(),
     *,
-    operator: str = "",
-    object_name: str = "",
-    notes: str = "",
-    place: str = "",
-    rights: str = "",
     on_progress: Progress = no_progress,
 ) -> Session:
     """Write the frames of a source into a new session without changing any sample.
@@ -80,8 +79,8 @@ def import_frames(
         are written into ``derived/``, where `read_source` finds them.
     folder
         New or empty folder.
-    operator, object_name, notes, place, rights
-        Texts for human readers. An empty one is taken from the ``recording.json`` of an export.
+    labels
+        Texts for people. An empty one is taken from the ``recording.json`` of an export.
     on_progress
         Receives the stage ``importing``, one step per frame.
 
@@ -115,21 +114,22 @@ def import_frames(
     lights = source.lights
     if lights is not None:
         lights = replace(lights, ids=tuple(led_id(shot.led or 0) for shot in shots))
-    texts: dict[str, Any] = {
-        "operator": operator or (record.operator if record else ""),
-        "object": object_name or (record.object if record else ""),
-        "place": place or (record.place if record else ""),
-        "notes": notes or (record.notes if record else ""),
-        "rights": rights or (record.rights if record else ""),
-    }
+    others: dict[str, Any] = {}
     if record is not None:
-        texts["started_utc"] = record.started_utc
+        labels = Labels(
+            operator=labels.operator or record.operator,
+            object_name=labels.object_name or record.object,
+            place=labels.place or record.place,
+            notes=labels.notes or record.notes,
+            rights=labels.rights or record.rights,
+        )
+        others["started_utc"] = record.started_utc
     manifest = Manifest.begin(
         folder,
         camera=_camera(first, source, record),
-        camera_model=source.camera,
-        lights=lights,
-        **texts,
+        labels=labels,
+        calibrations=Calibrations(camera_model=source.camera, lights=lights),
+        **others,
     )
     with SessionWriter.create(folder, manifest) as writer:
         try:
@@ -163,8 +163,10 @@ def write_imported(
     return writer.write_frame(
         shot,
         image.pixels,
-        exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
-        timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
+        report=CameraReport(
+            exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
+            timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
+        ),
         origin=image.path.name,
     )
 

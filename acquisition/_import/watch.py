@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_metadata, camera_of, write_imported
@@ -23,6 +23,8 @@ from acquisition._import.watch_match import (
 )
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.calibrations import Calibrations
+from acquisition._session.labels import Labels
 from acquisition._session.layout import is_session
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -60,7 +62,7 @@ def watch_folder(
     lights: Lights | None = None,
     on_message: Callable[[str], None] = lambda line: None,
     on_progress: Progress = no_progress,
-    texts: dict[str, Any] | None = None,
+    labels: Labels = Labels(),
 ) -> WatchResult:
     """Record images as they appear, until every shot has one or the timeout has passed.
 
@@ -81,8 +83,8 @@ def watch_folder(
         Called with each line of text for the user.
     on_progress
         Receives the stage ``watching``, one step per image.
-    texts
-        ``operator``, ``object``, ``place``, ``notes``, ``rights`` of a new session.
+    labels
+        Texts for people, of a new session.
 
     Returns
     -------
@@ -101,7 +103,7 @@ def watch_folder(
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
-    watcher = _Watcher(watch, Path(out), lights, on_message, on_progress, texts or {})
+    watcher = _Watcher(watch, Path(out), lights, on_message, on_progress, labels)
     try:
         return watcher.run()
     finally:
@@ -116,7 +118,7 @@ class _Watcher:
         lights: Lights | None,
         on_message: Callable[[str], None],
         on_progress: Progress,
-        texts: dict[str, Any],
+        labels: Labels,
     ) -> None:
         self._watch = watch
         self._out = out
@@ -124,7 +126,7 @@ class _Watcher:
         self._called = shots_by_name(watch.shots)
         self._tell = on_message
         self._on_progress = on_progress
-        self._texts = texts
+        self._labels = labels
         self._said: dict[Notice, None] = {}
         self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
         self._recorded: dict[str, int] = {}
@@ -274,8 +276,8 @@ class _Watcher:
                 self._out,
                 camera=camera_of(image),
                 plan=self._watch.plan,
-                lights=self._lights,
-                **{"operator": "", "object": "", **self._texts},
+                labels=self._labels,
+                calibrations=Calibrations(lights=self._lights),
             )
             self._writer = SessionWriter.create(self._out, manifest)
             self._writer.write_event(

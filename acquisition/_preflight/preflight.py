@@ -12,7 +12,8 @@ from acquisition._plan.estimate import frame_bytes
 from acquisition._plan.plan import CapturePlan
 from acquisition._preflight.check import Check
 from acquisition._preflight.disk import check_disk
-from acquisition._preflight.images import (
+from acquisition._preflight.rig import check_board, check_brightness, check_camera, check_leds
+from acquisition._preflight.trial_frames import (
     Pixels,
     Trials,
     check_exposure,
@@ -21,7 +22,6 @@ from acquisition._preflight.images import (
     check_room,
     check_steadiness,
 )
-from acquisition._preflight.rig import check_board, check_brightness, check_camera, check_leds
 from rig import CameraFrame, Progress, Rig, RigError, no_progress
 
 _STEADY_SHOTS = 5

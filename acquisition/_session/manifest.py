@@ -10,6 +10,8 @@ from pydantic import AwareDatetime, Field, JsonValue, model_validator
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.calibrations import Calibrations
+from acquisition._session.labels import Labels
 from acquisition._session.value_records import (
     CameraModelRecord,
     LightsRecord,
@@ -19,9 +21,6 @@ from acquisition._session.value_records import (
 )
 from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
 from rig import Mounting
 
 FORMAT_VERSION: Final = 3
@@ -172,9 +171,8 @@ class Manifest(Table):
         folder: str | Path,
         *,
         camera: dict[str, Any],
-        camera_model: CameraModel | None = None,
-        sensor: NoiseModel | None = None,
-        lights: Lights | None = None,
+        labels: Labels = Labels(),
+        calibrations: Calibrations = Calibrations(),
         **others: Any,
     ) -> Manifest:
         """Return the manifest of a session that starts now.
@@ -185,8 +183,8 @@ class Manifest(Table):
             Folder of the session, for the message.
         camera
             Fields of `CameraRecord`.
-        camera_model, sensor, lights
-            Calibrations to store, if known.
+        labels, calibrations
+            Texts and calibrations to store.
         others
             The remaining fields.
 
@@ -195,10 +193,17 @@ class Manifest(Table):
         DataError
             If a value is invalid for its field; the message names ``folder`` and the field.
         """
+        model, sensor = calibrations.camera_model, calibrations.sensor
+        lights = calibrations.lights
         values = {
             "started_utc": datetime.now(UTC),
+            "operator": labels.operator,
+            "object": labels.object_name,
+            "place": labels.place,
+            "notes": labels.notes,
+            "rights": labels.rights,
             "camera": camera,
-            "camera_model": None if camera_model is None else CameraModelRecord.of(camera_model),
+            "camera_model": None if model is None else CameraModelRecord.of(model),
             "sensor": None if sensor is None else SensorRecord.of(sensor),
             "lights": None if lights is None else LightsRecord.of(lights),
             **others,

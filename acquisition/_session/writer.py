@@ -17,6 +17,7 @@ import numpy.typing as npt
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.creation import begin
 from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
@@ -197,11 +198,7 @@ class SessionWriter:
         shot: PlannedShot,
         pixels: npt.NDArray[np.uint16],
         *,
-        exposure_us: float | None = None,
-        gain_db: float | None = None,
-        frame_id: int | None = None,
-        timestamp_ns: int | None = None,
-        temperature_c: float | None = None,
+        report: CameraReport = CameraReport(),
         echo: Echo | None = None,
         status: Literal["ok", "rejected"] = "ok",
         origin: str | None = None,
@@ -220,10 +217,8 @@ class SessionWriter:
         pixels
             ``(H, W)`` or ``(H, W, 3)`` uint16 as described in the manifest, raw values in the low
             bits.
-        exposure_us
-            Exposure time that the camera reported; default the planned one.
-        gain_db, frame_id, timestamp_ns, temperature_c
-            Values that the camera reported; None if unknown.
+        report
+            What the camera reported with the frame.
         echo
             Reply of the LED board.
         status
@@ -251,16 +246,17 @@ class SessionWriter:
         if conflict is not None:
             raise DataError(f"{self.folder}: {shot.file} {conflict}; it was not recorded")
         quality = quality or self.measure(shot, pixels)
+        exposure_us = shot.exposure_us if report.exposure_us is None else report.exposure_us
         values = {
             "role": shot.role,
             "led": shot.led,
             "bracket": shot.bracket,
             "repeat": shot.repeat,
-            "exposure_us": _number(shot.exposure_us if exposure_us is None else exposure_us),
-            "gain_db": _number(gain_db),
-            "frame_id": frame_id,
-            "timestamp_ns": timestamp_ns,
-            "temperature_c": _number(temperature_c),
+            "exposure_us": _number(exposure_us),
+            "gain_db": _number(report.gain_db),
+            "frame_id": report.frame_id,
+            "timestamp_ns": report.timestamp_ns,
+            "temperature_c": _number(report.temperature_c),
             "echo": echo,
             "clipped_fraction": quality.clipped_fraction,
             "percentiles_dn": quality.percentiles_dn,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError, declared
-from acquisition._source.images import images_source, with_ignored
+from acquisition._source.image_folder import images_source, with_ignored
 from acquisition._source.mat5 import read_mat5
 from acquisition._source.source import Source
 from acquisition._text_files import numbered_lines, read_text

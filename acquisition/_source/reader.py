@@ -9,7 +9,7 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition._session.layout import is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exported import with_export_notes
-from acquisition._source.images import images_source, lp_files, read_images, read_lp_folder
+from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source

@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.filter_kind import FilterKind
 from processing._detail.rotation import rotate_from_z
 from processing._detail.seam import SeamSteps, blend_detail, seam_steps
-from processing._detail.separation import separate_by
+from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
@@ -68,7 +67,7 @@ class LocalTransferResult:
         return seam_steps(self.normal_map, self.region)
 
     def _placed_detail(self, by: ShapeFilter) -> NormalMap:
-        detail = scale_slopes(separate_by(by, self.placed).detail, self.amplitude)
+        detail = scale_slopes(separate(self.placed, shape_filter=by).detail, self.amplitude)
         return _cut(detail, self.region)
 
 
@@ -83,18 +82,16 @@ def transfer_local(
     rotate_deg: float = 0.0,
     mirror: bool = False,
     amplitude: float = 1.0,
-    filter: FilterKind = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 10,
+    shape_filter: ShapeFilter = ShapeFilter(w=10),
     reach_px: float | None = None,
 ) -> LocalTransferResult:
     """Transfer the coarse detail of a part of a source into a target without a visible seam.
 
-    The source is placed on the target and separated there, so `w` is in pixels of the target: the
-    larger `w`, the coarser the features that are transferred. Inside the region, the detail of the
-    source is combined with the shape of the target. A membrane compensates the difference to the
-    target's own detail along the seam (see `blend_detail`). Outside the region the target does not
-    change.
+    The source is placed on the target and separated there, so the filter's ``w`` is in pixels of
+    the target: the larger ``w``, the coarser the features that are transferred. Inside the region,
+    the detail of the source is combined with the shape of the target. A membrane compensates the
+    difference to the target's own detail along the seam (see `blend_detail`). Outside the region
+    the target does not change.
 
     Parameters
     ----------
@@ -114,10 +111,11 @@ def transfer_local(
         See `Similarity`.
     amplitude
         Factor on the slopes of the detail.
-    filter, order, w
-        The shape filter; see `ShapeFilter`.
+    shape_filter
+        The filter that separates the maps.
     reach_px
-        Distance from the seam at which the compensated difference has fallen to 1/e. Default: `w`.
+        Distance from the seam at which the compensated difference has fallen to 1/e. Default: the
+        filter's ``w``.
 
     Returns
     -------
@@ -130,8 +128,7 @@ def transfer_local(
         If a mask does not fit its map, the masks do not overlap, the position is missing for maps
         of different size, the filter does not fit, or a number is out of range.
     """
-    shape_filter = ShapeFilter(filter, order, w)
-    reach = float(w) if reach_px is None else reach_px
+    reach = float(shape_filter.w) if reach_px is None else reach_px
     if not 0 < reach < np.inf:
         raise DataError(f"a blending reach of {reach} px is invalid: give a number above 0")
     part = _checked(source_mask, source, "source") & source.mask
@@ -156,8 +153,8 @@ def transfer_local(
             "choose another position, scale or mask"
         )
     region &= placed.mask
-    detail = scale_slopes(separate_by(shape_filter, placed).detail, amplitude)
-    ground = separate_by(shape_filter, target)
+    detail = scale_slopes(separate(placed, shape_filter=shape_filter).detail, amplitude)
+    ground = separate(target, shape_filter=shape_filter)
     blended = blend_detail(detail, ground.detail, region, reach)
     turned = rotate_from_z(blended, ground.shape.normals)
     normals = np.where(region[..., None], turned, target.normals)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.filter_kind import FilterKind
 from processing._detail.placement import largest_rectangle
-from processing._detail.separation import Separation, combine, separate_by
+from processing._detail.separation import Separation, combine, separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, transfer
 from processing._metrics import angular_error, ssim
@@ -79,7 +78,7 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness
     again = parts.detail
     likeness = {}
     for order in range(2, highest + 1):
-        again = separate_by(parts.shape_filter, again).detail
+        again = separate(again, shape_filter=parts.shape_filter).detail
         likeness[order] = detail_likeness(again, parts.detail)
     return likeness
 
@@ -112,9 +111,7 @@ def transfer_chain(
     source: NormalMap,
     targets: Sequence[NormalMap],
     *,
-    filter: FilterKind = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
+    shape_filter: ShapeFilter = ShapeFilter(),
 ) -> tuple[ChainStep, ...]:
     """Transfer a detail from target to target and back to the first, separating it each time.
 
@@ -127,8 +124,8 @@ def transfer_chain(
         The map whose detail is transferred.
     targets
         The maps that receive the detail, in this order; the first also receives it last.
-    filter, order, w
-        The shape filter; see `ShapeFilter`.
+    shape_filter
+        The filter that separates the maps.
 
     Returns
     -------
@@ -142,14 +139,13 @@ def transfer_chain(
     """
     if not targets:
         raise DataError("a chain of transfers requires at least one target")
-    shape_filter = ShapeFilter(filter, order, w)
     first, *others = _crop_to_common_size([source, *targets])
-    original = separate_by(shape_filter, first).detail
+    original = separate(first, shape_filter=shape_filter).detail
     shapes = [shape_filter.shape(other) for other in others]
     detail = original
     steps = []
     for index in [*range(len(others)), 0]:
-        separated = separate_by(shape_filter, combine(shapes[index], detail))
+        separated = separate(combine(shapes[index], detail), shape_filter=shape_filter)
         steps.append(
             ChainStep(
                 index,
@@ -167,9 +163,7 @@ def cross_exchange(
     a: NormalMap,
     b: NormalMap,
     *,
-    filter: FilterKind = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
+    shape_filter: ShapeFilter = ShapeFilter(),
 ) -> tuple[TransferResult, TransferResult]:
     """Transfer the detail of each of two maps to the shape of the other.
 
@@ -177,8 +171,8 @@ def cross_exchange(
     ----------
     a, b
         The maps, of any sizes.
-    filter, order, w
-        The shape filter; see `ShapeFilter`.
+    shape_filter
+        The filter that separates the maps.
 
     Returns
     -------
@@ -186,8 +180,8 @@ def cross_exchange(
         The detail of a on b, and the detail of b on a, with errors on demand.
     """
     return (
-        transfer(a, b, filter=filter, order=order, w=w),
-        transfer(b, a, filter=filter, order=order, w=w),
+        transfer(a, b, shape_filter=shape_filter),
+        transfer(b, a, shape_filter=shape_filter),
     )
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.filter_kind import FilterKind
 from processing._detail.rotation import rotate_from_z
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
@@ -55,9 +54,7 @@ class Separation:
 def separate(
     normal_map: NormalMap,
     *,
-    filter: FilterKind = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
+    shape_filter: ShapeFilter = ShapeFilter(),
 ) -> Separation:
     """Separate a normal map into shape and detail.
 
@@ -65,8 +62,8 @@ def separate(
     ----------
     normal_map
         The map; outside its mask both components are 0.
-    filter, order, w
-        The shape filter; see `ShapeFilter`. ``order=1`` is the paper's filter.
+    shape_filter
+        The low-pass filter; ``ShapeFilter(order=1)`` is the paper's.
 
     Returns
     -------
@@ -78,11 +75,6 @@ def separate(
     DataError
         If the filter is unknown or its window is larger than the map.
     """
-    return separate_by(ShapeFilter(filter, order, w), normal_map)
-
-
-def separate_by(shape_filter: ShapeFilter, normal_map: NormalMap) -> Separation:
-    """Separate a normal map into shape and detail with an existing filter."""
     return Separation(*shape_filter.split(normal_map), shape_filter)
 
 

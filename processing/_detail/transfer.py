@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.filter_kind import FilterKind
 from processing._detail.placement import Placement, fill, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
-from processing._detail.separation import Separation, separate_by
+from processing._detail.separation import Separation, separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
@@ -68,7 +67,9 @@ def fidelity_of(
 ) -> TransferFidelity:
     """Compare a result with its target's shape and the transferred detail, for one filter."""
     return TransferFidelity(
-        shape_filter.shape(target), placed_detail(shape_filter), separate_by(shape_filter, result)
+        shape_filter.shape(target),
+        placed_detail(shape_filter),
+        separate(result, shape_filter=shape_filter),
     )
 
 
@@ -109,7 +110,7 @@ class TransferResult:
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
     def _placed_detail(self, by: ShapeFilter) -> NormalMap:
-        detail = self.placement.place(separate_by(by, self.source).detail, self.target)
+        detail = self.placement.place(separate(self.source, shape_filter=by).detail, self.target)
         return scale_slopes(detail, self.amplitude)
 
 
@@ -120,9 +121,7 @@ def transfer(
     keep_target_detail: bool = False,
     amplitude: float = 1.0,
     refine: int = 0,
-    filter: FilterKind = "gaussian",  # noqa: A002
-    order: int = 8,
-    w: int = 5,
+    shape_filter: ShapeFilter = ShapeFilter(),
     at: tuple[int, int] | None = None,
 ) -> TransferResult:
     """Transfer the detail of a source to the shape of a target (eq. ``eq_transfer`` of the paper).
@@ -146,8 +145,8 @@ def transfer(
         Number of corrections that rotate every normal by the rotation from the shape of the result
         to the shape of the target. One correction approximately halves the shape error and
         increases the detail error by half. The corrections diverge with a wide box.
-    filter, order, w
-        The shape filter; see `ShapeFilter`.
+    shape_filter
+        The filter that separates the maps.
     at
         Column and row of the target at which the source's first pixel is placed; negative values
         are allowed. Target pixels that receive no source pixel inside the mask keep their normals.
@@ -165,9 +164,8 @@ def transfer(
     """
     if refine < 0:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
-    shape_filter = ShapeFilter(filter, order, w)
     placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)
-    detail = placement.place(separate_by(shape_filter, source).detail, target)
+    detail = placement.place(separate(source, shape_filter=shape_filter).detail, target)
     detail = scale_slopes(detail, amplitude)
     received = detail.mask
     shape = shape_filter.shape(target)

@@ -1,4 +1,4 @@
-"""Normals of a point cloud, fitted to neighbourhoods, and rendering to a frame of pixels."""
+"""Normals of a point cloud, fitted to neighbourhoods, and rendering to a raster of pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from processing._projection.point_cloud_kernels import splat
 from processing._projection.point_cloud_orient import orient
 from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
-from processing._projection.view import Frame
+from processing._projection.view import Raster
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -161,7 +161,7 @@ def _quadric(offset: Double, weight: Double, axes: Double) -> tuple[Double, Doub
     return normal / length[:, None], bend
 
 
-def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
+def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
     """Draw the discs nearest to the viewer and blend them where they overlap.
 
     Parameters
@@ -169,7 +169,7 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
     surfels
         Points in the house frame. The normals of visible points are oriented toward the viewer.
         This orientation is propagated to the other points, and those that face away are not drawn.
-    frame
+    raster
         The pixels. Discs are enlarged to cover at least one pixel.
 
     Returns
@@ -185,10 +185,10 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
     points, warnings = surfels.points_mm, list(surfels.warnings)
     normals, bends, radii = surfels.normals, surfels.bends_per_mm, surfels.radii_mm
     toward = np.array([0.0, 0.0, 1.0])
-    scale_px = np.full(len(points), 1 / frame.mm_per_px)
-    if frame.camera is not None:
-        depth = frame.eye_mm - points[:, 2]
-        before = depth > NEAR_SHARE * frame.eye_mm
+    scale_px = np.full(len(points), 1 / raster.pixel_mm)
+    if raster.camera is not None:
+        depth = raster.eye_mm - points[:, 2]
+        before = depth > NEAR_SHARE * raster.eye_mm
         if not before.all():
             text = f"points left out because they are behind the camera: {int((~before).sum())}"
             warnings.append(Notice("points-behind-camera", text))
@@ -198,21 +198,21 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
             )
         points, normals, bends = points[before], normals[before], bends[before]
         radii = radii[before]
-        toward = np.array([0.0, 0.0, frame.eye_mm]) - points
-        scale_px = frame.eye_mm / (depth[before] * frame.mm_per_px)
+        toward = np.array([0.0, 0.0, raster.eye_mm]) - points
+        scale_px = raster.eye_mm / (depth[before] * raster.pixel_mm)
     facing = np.where((normals * toward).sum(axis=1) < 0, -1.0, 1.0)[:, None]
     normals, bends = facing * normals, facing[:, :, None] * bends
     radii = np.maximum(radii, 0.75 / scale_px)
-    pixels, _ = frame.pixels(points)
-    rows, columns = frame.size
+    pixels, _ = raster.pixels(points)
+    rows, columns = raster.size
     # Toward the corners of a wide-angle image a disc appears larger than in the middle.
-    reach_px = radii * scale_px * (1.0 if frame.camera is None else 1.5) + 1
+    reach_px = radii * scale_px * (1.0 if raster.camera is None else 1.5) + 1
     inside = (np.abs(pixels[:, 0] - (columns - 1) / 2) < columns / 2 + reach_px) & (
         np.abs(pixels[:, 1] - (rows - 1) / 2) < rows / 2 + reach_px
     )
     first = (np.clip(pixels[:, 1] - reach_px, 0, rows - 1) // BAND_ROWS).astype(np.int16)
     last = (np.clip(pixels[:, 1] + reach_px, 0, rows - 1) // BAND_ROWS).astype(np.int16)
-    sights = frame.sights()
+    sights = raster.sights()
 
     def blend(shown: npt.NDArray[np.bool_]) -> tuple[Float, Float]:
         members, begin = sort_into_bands(
@@ -224,7 +224,7 @@ def draw_points(surfels: Surfels, frame: Frame) -> Drawn:
         height = np.full((rows, columns), np.nan, np.float32)
         splat(
             points, normals, bends, radii, pixels, reach_px, members, begin, BAND_ROWS, *sights,
-            frame.eye_mm, out, height,
+            raster.eye_mm, out, height,
         )  # fmt: skip
         return out, height
 

@@ -15,7 +15,7 @@ from processing._projection.mesh_read import Geometry
 from processing._projection.point_cloud import draw_points, fit_surfels, too_few_points
 from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
-from processing._projection.view import Frame, fit_frame
+from processing._projection.view import Raster, fit_raster
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -35,7 +35,7 @@ class Projection:
     depth
         ``(H, W)`` float32 mm from the camera along the optical axis, NaN outside the mask; None
         for an orthographic view.
-    mm_per_px
+    pixel_mm
         Distance between neighbouring pixels on the object; with a camera, at the working distance.
     warnings
         Faces and points that were changed or left out, and back sides that are visible.
@@ -44,7 +44,7 @@ class Projection:
     normal_map: NormalMap
     height: Float
     depth: Float | None
-    mm_per_px: float
+    pixel_mm: float
     warnings: tuple[Notice, ...]
 
 
@@ -54,7 +54,7 @@ def project(
     *,
     unit_mm: float = 1.0,
     size: tuple[int, int] | None = None,
-    mm_per_px: float | None = None,
+    pixel_mm: float | None = None,
     camera: CameraModel | None = None,
     centred: bool = True,
     smooth: bool = True,
@@ -74,7 +74,7 @@ def project(
     size
         (height, width) in pixels. Default: the size of the camera's images, or the smallest size
         that contains the object.
-    mm_per_px
+    pixel_mm
         Pixel size of an orthographic view. Default: the object fills the image, which has 1024
         pixels on its longer side if the size is not given either.
     camera
@@ -111,48 +111,48 @@ def project(
         middle = (low + high) / 2
         points -= middle
         low, high = low - middle, high - middle
-    frame = _frame(low, high, size, mm_per_px, camera)
+    raster = _raster(low, high, size, pixel_mm, camera)
     if geometry.faces is not None:
-        drawn = draw_mesh(points, geometry.faces, frame, smooth=smooth)
+        drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth)
     else:
         normals = None if geometry.normals is None else geometry.normals @ turn.T
-        drawn = draw_points(fit_surfels(points, normals, neighbours), frame)
+        drawn = draw_points(fit_surfels(points, normals, neighbours), raster)
     mask = np.isfinite(drawn.height)
     if not mask.any():
         raise EstimateError(
-            f"no pixel centre shows the object: the image of {frame.size[1]} x "
-            f"{frame.size[0]} pixels covers {frame.size[1] * frame.mm_per_px:.3g} x "
-            f"{frame.size[0] * frame.mm_per_px:.3g} mm, the object is "
+            f"no pixel centre shows the object: the image of {raster.size[1]} x "
+            f"{raster.size[0]} pixels covers {raster.size[1] * raster.pixel_mm:.3g} x "
+            f"{raster.size[0] * raster.pixel_mm:.3g} mm, the object is "
             + " x ".join(f"{span:.3g}" for span in (high - low)[:2])
             + " mm in size"
         )
     return Projection(
         normal_map=NormalMap(drawn.normals, mask),
         height=drawn.height,
-        depth=None if camera is None else np.float32(frame.eye_mm) - drawn.height,
-        mm_per_px=frame.mm_per_px,
+        depth=None if camera is None else np.float32(raster.eye_mm) - drawn.height,
+        pixel_mm=raster.pixel_mm,
         warnings=(*geometry.warnings, *drawn.warnings),
     )
 
 
-def _frame(
+def _raster(
     low_mm: Double,
     high_mm: Double,
     size: tuple[int, int] | None,
-    mm_per_px: float | None,
+    pixel_mm: float | None,
     camera: CameraModel | None,
-) -> Frame:
-    if mm_per_px is not None and not (math.isfinite(mm_per_px) and mm_per_px > 0):
-        raise DataError(f"a pixel of {mm_per_px} mm is not a positive length")
+) -> Raster:
+    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
+        raise DataError(f"a pixel of {pixel_mm} mm is not a positive length")
     if camera is None:
-        return fit_frame(low_mm, high_mm, size, mm_per_px)
+        return fit_raster(low_mm, high_mm, size, pixel_mm)
     if camera.working_distance_mm is None:
         raise DataError(
             "the camera has no working distance: add working_distance_mm to the camera file"
         )
-    if mm_per_px is not None:
+    if pixel_mm is not None:
         raise DataError(
-            f"a pixel size of {mm_per_px} mm and a camera at {camera.working_distance_mm} mm "
+            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
             "exclude each other: give only one of them"
         )
     if size is not None and size != camera.size:
@@ -160,4 +160,4 @@ def _frame(
             f"an image of {size[1]} x {size[0]} pixels was requested for a camera of "
             f"{camera.width} x {camera.height}: leave out the size"
         )
-    return Frame(camera.size, camera.working_distance_mm / camera.focal_px, camera)
+    return Raster(camera.size, camera.working_distance_mm / camera.focal_px, camera)

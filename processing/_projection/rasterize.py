@@ -1,4 +1,4 @@
-"""Rendering of a triangle mesh to a frame of pixels."""
+"""Rendering of a triangle mesh to a raster of pixels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
-from processing._projection.view import Frame
+from processing._projection.view import Raster
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -30,7 +30,7 @@ class Drawn(NamedTuple):
     warnings: tuple[Notice, ...]
 
 
-def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool = True) -> Drawn:
+def draw_mesh(vertices_mm: Double, faces: Whole, raster: Raster, *, smooth: bool = True) -> Drawn:
     """Draw the nearest face at each pixel's centre.
 
     Coverage follows the top-left rule on corners rounded to 1 / 2^14 pixel: two faces that share
@@ -45,7 +45,7 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
         ``(V, 3)`` in the house frame.
     faces
         ``(F, 3)``. Both sides of a face are visible; the normal of a back side is inverted.
-    frame
+    raster
         The pixels.
     smooth
         Blend the area-weighted normals of the corners over a face; otherwise faces are flat.
@@ -67,8 +67,8 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
         text = f"faces left out because they have no area: {thin} of {len(faces)}"
         warnings.append(Notice("faces-without-area", text))
         faces = faces[kernels.sound_faces(vertices_mm, faces)]
-    if frame.camera is not None:
-        behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * frame.eye_mm
+    if raster.camera is not None:
+        behind = vertices_mm[:, 2] > (1 - NEAR_SHARE) * raster.eye_mm
         if behind.any():
             before = ~behind[faces].any(axis=1)
             text = f"faces left out because they are behind the camera: {int((~before).sum())}"
@@ -77,8 +77,8 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
             vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
     if not len(faces):
         raise EstimateError(f"no face can be drawn: {'; '.join(map(str, warnings))}")
-    rows, columns = frame.size
-    screen = kernels.snap(*frame.pixels(vertices_mm))
+    rows, columns = raster.size
+    screen = kernels.snap(*raster.pixels(vertices_mm))
     bands = kernels.face_bands(screen, faces, rows, columns)
     members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
     nearest = np.full((rows, columns), -np.inf, np.float32)
@@ -87,7 +87,7 @@ def draw_mesh(vertices_mm: Double, faces: Whole, frame: Frame, *, smooth: bool =
     normals = np.zeros((rows, columns, 3), np.float32)
     height = np.full((rows, columns), np.nan, np.float32)
     back = kernels.shade(
-        seen, vertices_mm, faces, vertex_normal, smooth, *frame.sights(), frame.eye_mm,
+        seen, vertices_mm, faces, vertex_normal, smooth, *raster.sights(), raster.eye_mm,
         normals, height,
     )  # fmt: skip
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)

@@ -1,4 +1,4 @@
-"""Views of an object: rotations, and the frame of pixels that it is drawn to."""
+"""Views of an object: rotations, and the raster of pixels that it is drawn to."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LOOKS: dict[View, tuple[float, float, float]] = {
 }
 # In files with Z up the front is toward -Y.
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-# Margin around an object that is fitted into the frame.
+# Margin around an object that is fitted into the raster.
 _MARGIN_PX = 2
 _DEFAULT_SIDE_PX = 1024
 _MAX_SIDE_PX = 65_536
@@ -91,14 +91,14 @@ def view_rotation(
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Raster:
     """The pixels that an object is drawn to.
 
     Parameters
     ----------
     size
         (height, width) in pixels.
-    mm_per_px
+    pixel_mm
         Distance between neighbouring pixels on the object; with a camera, at the working distance.
     camera
         A perspective camera with a working distance; None for an orthographic view with the origin
@@ -111,7 +111,7 @@ class Frame:
     """
 
     size: tuple[int, int]
-    mm_per_px: float
+    pixel_mm: float
     camera: CameraModel | None = None
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class Frame:
         """
         if self.camera is None:
             middle = np.array([(self.size[1] - 1) / 2, (self.size[0] - 1) / 2])
-            scale = np.array([1.0, -1.0]) / self.mm_per_px
+            scale = np.array([1.0, -1.0]) / self.pixel_mm
             return points_mm[:, :2] * scale + middle, points_mm[:, 2].copy()
         nearness = 1.0 / (self.eye_mm - points_mm[:, 2])
         if self.camera.distortion.any():
@@ -153,8 +153,8 @@ class Frame:
         """
         height, width = self.size
         if self.camera is None:
-            x = (np.arange(width, dtype=np.float64) - (width - 1) / 2) * self.mm_per_px
-            y = ((height - 1) / 2 - np.arange(height, dtype=np.float64)) * self.mm_per_px
+            x = (np.arange(width, dtype=np.float64) - (width - 1) / 2) * self.pixel_mm
+            y = ((height - 1) / 2 - np.arange(height, dtype=np.float64)) * self.pixel_mm
             return x, y, np.zeros((1, 1, 2))
         if self.camera.distortion.any():
             rays = np.ascontiguousarray(self.camera.pixel_rays()[..., :2])
@@ -175,10 +175,10 @@ class Frame:
         return origin, right - origin, down - origin
 
 
-def fit_frame(
-    low_mm: Double, high_mm: Double, size: tuple[int, int] | None, mm_per_px: float | None
-) -> Frame:
-    """Return the orthographic frame for an image size and a pixel size; None is fitted.
+def fit_raster(
+    low_mm: Double, high_mm: Double, size: tuple[int, int] | None, pixel_mm: float | None
+) -> Raster:
+    """Return the orthographic raster for an image size and a pixel size; None is fitted.
 
     ``low_mm`` and ``high_mm`` are the smallest and largest x, y, z of the object.
 
@@ -188,17 +188,17 @@ def fit_frame(
         If the object has no extent in the image plane, or the image is too large.
     """
     half_x, half_y = (max(-low, high) for low, high in zip(low_mm[:2], high_mm[:2], strict=True))
-    if mm_per_px is None:
+    if pixel_mm is None:
         if not max(half_x, half_y) > 0:
             raise DataError("the object is a point in this view: give a pixel size")
         height, width = size if size is not None else (_DEFAULT_SIDE_PX, _DEFAULT_SIDE_PX)
-        mm_per_px = max(
+        pixel_mm = max(
             2 * half_x / max(width - 2 * _MARGIN_PX, 1),
             2 * half_y / max(height - 2 * _MARGIN_PX, 1),
         )
     if size is None:
         height_px, width_px = (
-            math.ceil(2 * half / mm_per_px - 1e-9) + 2 * _MARGIN_PX for half in (half_y, half_x)
+            math.ceil(2 * half / pixel_mm - 1e-9) + 2 * _MARGIN_PX for half in (half_y, half_x)
         )
         size = height_px, width_px
-    return Frame(size, float(mm_per_px))
+    return Raster(size, float(pixel_mm))

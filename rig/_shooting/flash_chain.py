@@ -6,9 +6,9 @@ import time
 
 from rig._camera import CameraFrame
 from rig._errors import CameraError, FrameLostError
-from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
 from rig._shooting.frame_time import time_ns
 from rig._shooting.shot import led_name
+from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 
 # Drift of the ratio of the two clocks' rates while a rig is open.
 _DRIFT_SHARE = 1e-4
@@ -34,14 +34,14 @@ class FlashChain:
         # Time from the first link to the last on either clock: the ratio of their rates.
         self._frames_us = self._pulses_us = 0.0
 
-    def reaches(self, exposure: Exposure) -> bool:
+    def reaches(self, times: ShotTimes) -> bool:
         """Return whether a flash now would be soon enough after the last one to be verified.
 
         The longer ago the last flash was, the less the two clocks agree; the margin of the light
         has to cover this uncertainty.
         """
-        since_us = (time.monotonic() - self._last_s) * 1e6 + exposure.period_us
-        return self._last_ns is not None and self._open_us(since_us) <= exposure.margin_us
+        since_us = (time.monotonic() - self._last_s) * 1e6 + times.period_us
+        return self._last_ns is not None and self._open_us(since_us) <= times.margin_us
 
     def begin(self, frame: CameraFrame) -> None:
         """Start with a frame that is not proven itself and must not be used otherwise.
@@ -59,7 +59,7 @@ class FlashChain:
         self._last_ns = None
 
     def check(
-        self, frame: CameraFrame, led: int | None, since_us: int | None, exposure: Exposure
+        self, frame: CameraFrame, led: int | None, since_us: int | None, times: ShotTimes
     ) -> None:
         """Check the next frame.
 
@@ -71,8 +71,8 @@ class FlashChain:
             LED of the flash, for the message.
         since_us
             Time from the previous trigger to this one, by the board's clock.
-        exposure
-            Times of the exposure.
+        times
+            Times of the shot.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class FlashChain:
             )
         apart_us = (time_ns(frame, self._camera) - last_ns) / 1000
         off_us = abs(apart_us - self._rate * since_us)
-        if off_us > min(self._open_us(since_us), exposure.margin_us):
+        if off_us > min(self._open_us(since_us), times.margin_us):
             raise FrameLostError(
                 f"{where} was exposed {apart_us:.0f} us after the previous one, but their triggers "
                 f"were {since_us} us apart: something else triggered the camera, and the frame is "

@@ -10,9 +10,9 @@ from rig._board.values import BoardEcho, StepReport
 from rig._camera import CameraFrame
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
 from rig._shooting.alive import SignOfLife
-from rig._shooting.exposure import LONGEST_RUN, Exposure
 from rig._shooting.shooting import Bench, check_light
 from rig._shooting.shot import Shot, led_name
+from rig._shooting.shot_times import LONGEST_RUN, ShotTimes
 from rig._shooting.spacing import Spacing
 
 # How much later than declared the board may report a step.
@@ -31,7 +31,7 @@ def runs(leds: tuple[int | None, ...], most: int) -> Iterator[tuple[int | None, 
         yield leds[start:end]
 
 
-def run(bench: Bench, leds: tuple[int | None, ...], exposure: Exposure) -> Iterator[Shot]:
+def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterator[Shot]:
     """Load one run of two LEDs or more, start it, and yield every shot as soon as it is proven.
 
     Raises
@@ -41,10 +41,10 @@ def run(bench: Bench, leds: tuple[int | None, ...], exposure: Exposure) -> Itera
         are proven.
     """
     board, camera = bench.board, bench.camera
-    exposure.check(board.identity)
-    steps = tuple(exposure.steps(leds))
+    times.check(board.identity)
+    steps = tuple(times.steps(leds))
     board.load(steps)
-    SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.ahead_us / 1e6)
+    SignOfLife(board.ping).sleep_until(bench.ready_s - times.ahead_us / 1e6)
     # In order: no frame may be mistaken for an earlier one.
     ids = [camera.expect() for _ in steps]
     paced = bench.config.exposure_active and camera.info.shutter == "global"
@@ -61,8 +61,8 @@ def run(bench: Bench, leds: tuple[int | None, ...], exposure: Exposure) -> Itera
         except CameraError as error:
             raise _lost(bench, index, led, error) from error
         report = _report(bench, index, lit_s)
-        bench.triggered(exposure, time.monotonic() - exposure.needed_us / 1e6)
-        check_light(bench, led, exposure, report)
+        bench.triggered(times, time.monotonic() - times.needed_us / 1e6)
+        check_light(bench, led, times, report)
         _check_id(bench, led, ids[index], frame)
         spacing.check(frame, led, report.trigger_us)
         # The first frame is proven by its distance from the second.

@@ -12,9 +12,9 @@ from rig._camera import Camera, CameraFrame
 from rig._config import RigConfig
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
 from rig._shooting.alive import SignOfLife
-from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE, Exposure
 from rig._shooting.flash_chain import FlashChain
 from rig._shooting.shot import Shot, led_name
+from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 
 
 @dataclass
@@ -46,12 +46,12 @@ class Bench:
     def __post_init__(self) -> None:
         self.chain = FlashChain(self.camera.info.serial)
 
-    def triggered(self, exposure: Exposure, latest_s: float) -> None:
+    def triggered(self, times: ShotTimes, latest_s: float) -> None:
         """Record that the camera was triggered at ``latest_s`` or earlier."""
-        self.ready_s = latest_s + exposure.period_us / 1e6
+        self.ready_s = latest_s + times.period_us / 1e6
 
 
-def hold_ms(bench: Bench, exposure: Exposure) -> int:
+def hold_ms(bench: Bench, times: ShotTimes) -> int:
     """Return the hold that an ON must declare; its OFF is usually sent much earlier.
 
     The hold covers settling and exposure, the latest allowed frame, and the largest number of
@@ -63,19 +63,19 @@ def hold_ms(bench: Bench, exposure: Exposure) -> int:
         If the board cannot keep an LED on for settling, exposure and repetitions.
     """
     # The board's clock may be too fast.
-    lit_us = exposure.settle_us + exposure.needed_us * (1 + CLOCK_SHARE) + CLOCK_JITTER_US
+    lit_us = times.settle_us + times.needed_us * (1 + CLOCK_SHARE) + CLOCK_JITTER_US
     needed_ms = lit_us / 1000 + ON_OFF_TIMEOUT_S * 1000
     longest_ms = bench.board.identity.max_hold_ms
     if needed_ms > longest_ms:
         raise RigError(
-            f"an exposure of {exposure.needed_us:g} us needs light for {needed_ms:.0f} ms, but the "
+            f"an exposure of {times.needed_us:g} us needs light for {needed_ms:.0f} ms, but the "
             f"LED board on {bench.board.port} allows {longest_ms} ms: expose shorter"
         )
     # A board that cannot wait for the latest allowed frame may still suffice for punctual frames.
     return min(math.ceil(needed_ms + bench.config.frame_timeout_s * 1000), longest_ms)
 
 
-def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
+def by_software(bench: Bench, led: int | None, times: ShotTimes) -> Shot:
     """Turn an LED on, trigger the camera by software, and turn the LED off after the frame arrived.
 
     Raises
@@ -86,19 +86,19 @@ def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
     board, camera = bench.board, bench.camera
     ends_s, begins_s = math.inf, time.monotonic()
     # Wait for the camera before turning the LED on, except for the settling time.
-    SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.settle_us / 1e6)
+    SignOfLife(board.ping).sleep_until(bench.ready_s - times.settle_us / 1e6)
     if led is None:
         board.off()
     else:
-        length_ms = hold_ms(bench, exposure)
+        length_ms = hold_ms(bench, times)
         begins_s = time.monotonic()
         ends_s = begins_s + length_ms / 1000
         board.on(led, length_ms)
     alive = SignOfLife(lambda: _check_lit(board, led, board.status().led, ends_s, alive), begins_s)
-    alive.sleep_until(max(bench.ready_s, time.monotonic() + exposure.settle_us / 1e6))
+    alive.sleep_until(max(bench.ready_s, time.monotonic() + times.settle_us / 1e6))
     frame_id = camera.trigger()
-    bench.triggered(exposure, time.monotonic())
-    timeout_s = exposure.needed_us / 1e6 + bench.config.frame_timeout_s
+    bench.triggered(times, time.monotonic())
+    timeout_s = times.needed_us / 1e6 + bench.config.frame_timeout_s
     frame = _awaited(camera, led, frame_id, camera.fetch(frame_id, timeout_s, alive))
     # No other program uses the port, and an ON is carried out once: an LED that is on now has been
     # on since its ON.
@@ -107,7 +107,7 @@ def by_software(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
     return Shot(frame, led, echo)
 
 
-def by_board(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
+def by_board(bench: Bench, led: int | None, times: ShotTimes) -> Shot:
     """Let the board turn an LED on, trigger the camera by a pulse, and turn the LED off by itself.
 
     After a pause, a dark flash is made first, which gives the first frame to compare with.
@@ -118,24 +118,22 @@ def by_board(bench: Bench, led: int | None, exposure: Exposure) -> Shot:
         If board or camera fail, the LED was not on during the complete exposure, or the frame is
         not that of the board's trigger.
     """
-    exposure.check(bench.board.identity)
-    if not bench.chain.reaches(exposure):
-        shot, _ = _flash(bench, None, exposure, f"no LED, before {led_name(led)}")
+    times.check(bench.board.identity)
+    if not bench.chain.reaches(times):
+        shot, _ = _flash(bench, None, times, f"no LED, before {led_name(led)}")
         bench.chain.begin(shot.frame)
-    shot, report = _flash(bench, led, exposure, led_name(led))
-    bench.chain.check(shot.frame, led, report.since_us, exposure)
+    shot, report = _flash(bench, led, times, led_name(led))
+    bench.chain.check(shot.frame, led, report.since_us, times)
     return shot
 
 
-def _flash(
-    bench: Bench, led: int | None, exposure: Exposure, light: str
-) -> tuple[Shot, FlashReport]:
+def _flash(bench: Bench, led: int | None, times: ShotTimes, light: str) -> tuple[Shot, FlashReport]:
     board, camera = bench.board, bench.camera
-    SignOfLife(board.ping).sleep_until(bench.ready_s - exposure.ahead_us / 1e6)
+    SignOfLife(board.ping).sleep_until(bench.ready_s - times.ahead_us / 1e6)
     frame_id = camera.expect()
-    report = board.flash(led, exposure.ahead_us, exposure.hold_us)
-    bench.triggered(exposure, time.monotonic() - exposure.needed_us / 1e6)
-    check_light(bench, led, exposure, report, light)
+    report = board.flash(led, times.ahead_us, times.hold_us)
+    bench.triggered(times, time.monotonic() - times.needed_us / 1e6)
+    check_light(bench, led, times, report, light)
     pulsed = f"the LED board on {board.port} pulsed its trigger line for {light}"
     check = "check the wire from the board to the camera's line, and trigger_line in the rig file"
     try:
@@ -152,7 +150,7 @@ def _flash(
 def check_light(
     bench: Bench,
     led: int | None,
-    exposure: Exposure,
+    times: ShotTimes,
     report: FlashReport | StepReport,
     light: str = "",
 ) -> None:
@@ -176,13 +174,13 @@ def check_light(
         )
     if led is None:
         return
-    lit_us = report.lit_us - exposure.ahead_us
+    lit_us = report.lit_us - times.ahead_us
     # An exposure that was seen to end before the light is covered, independently of the clocks.
     seen = bench.config.exposure_active and bench.camera.info.shutter == "global"
-    if report.cut_off or (lit_us < exposure.needed_us and not seen):
+    if report.cut_off or (lit_us < times.needed_us and not seen):
         raise BoardError(
             f"{where}: after the trigger the LED was on for {max(0, lit_us)} us of the "
-            f"{exposure.needed_us:g} us that the exposure takes; the frame is discarded, shoot "
+            f"{times.needed_us:g} us that the exposure takes; the frame is discarded, shoot "
             "again"
         )
 

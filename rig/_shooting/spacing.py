@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from rig._camera import CameraFrame
 from rig._errors import FrameLostError
-from rig._shooting.exposure import CLOCK_JITTER_US, CLOCK_SHARE
 from rig._shooting.frame_time import time_ns
 from rig._shooting.shot import led_name
+from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE
 
 
 class Spacing:

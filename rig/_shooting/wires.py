@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass
 
 from rig._errors import FrameTimeoutError
-from rig._shooting.exposure import Exposure
 from rig._shooting.shooting import Bench
+from rig._shooting.shot_times import ShotTimes
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Wires:
     exposure_active: bool
 
 
-def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
+def try_wires(bench: Bench, led: int, times: ShotTimes) -> Wires:
     """Flash once with the camera armed on its line, and return which signals arrived.
 
     Raises
@@ -34,11 +34,11 @@ def try_wires(bench: Bench, led: int, exposure: Exposure) -> Wires:
     RigError
         If the board fails, or if the camera fails for another reason than a missing frame.
     """
-    exposure.check(bench.board.identity)
+    times.check(bench.board.identity)
     time.sleep(max(0.0, bench.ready_s - time.monotonic()))
     frame_id = bench.camera.expect()
-    report = bench.board.flash(led, exposure.ahead_us, exposure.hold_us)
-    bench.triggered(exposure, time.monotonic())
+    report = bench.board.flash(led, times.ahead_us, times.hold_us)
+    bench.triggered(times, time.monotonic())
     try:
         bench.camera.fetch(frame_id, bench.config.frame_timeout_s)
     except FrameTimeoutError:

@@ -56,6 +56,17 @@ class CaptureTalk:
         if error is not None and not isinstance(error, acquisition.SessionInUseError):
             self._report_state(error)
 
+    @property
+    def hooks(self) -> acquisition.RecordingHooks:
+        """The callbacks, for a recording."""
+        return acquisition.RecordingHooks(
+            on_progress=self.on_progress,
+            on_event=self.on_event,
+            on_stop=self.on_stop,
+            on_damage=self.on_damage,
+            before_flats=self.before_flats,
+        )
+
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Report the events that concern the operator."""
         match event:

@@ -57,8 +57,7 @@ class Face(NamedTuple):
             scale=self.scale,
             rotate_deg=self.rotate_deg,
             mirror=self.mirror,
-            w=FACE_W,
-            order=order,
+            shape_filter=processing.ShapeFilter(order=order, w=FACE_W),
             reach_px=reach_px,
         )
 

@@ -104,9 +104,9 @@ class _Meant:
         region: Mask | None,
         w: int,
     ) -> None:
-        self._region, self._w = region, w
-        self._shape = processing.separate(target, order=1, w=w).shape
-        self._detail = processing.separate(source, order=1, w=w).detail
+        self._region, self._filter = region, processing.ShapeFilter(order=1, w=w)
+        self._shape = processing.separate(target, shape_filter=self._filter).shape
+        self._detail = processing.separate(source, shape_filter=self._filter).detail
 
     def likeness(
         self, shape_of: processing.NormalMap, detail_of: processing.NormalMap
@@ -114,8 +114,8 @@ class _Meant:
         """Return the `PLAIN` figures of one map's shape and another's detail."""
         figures: list[float] = []
         for part, reference in (
-            (processing.separate(shape_of, order=1, w=self._w).shape, self._shape),
-            (processing.separate(detail_of, order=1, w=self._w).detail, self._detail),
+            (processing.separate(shape_of, shape_filter=self._filter).shape, self._shape),
+            (processing.separate(detail_of, shape_filter=self._filter).detail, self._detail),
         ):
             protocol: Literal["masked", "paper"] = "paper" if self._region is None else "masked"
             figures.append(processing.angular_error(part, reference, self._region).mae_deg)

@@ -42,7 +42,10 @@ def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Pan
             region: npt.NDArray[np.bool_] = region,
         ) -> processing.NormalMap:
             return processing.transfer_local(
-                one, other, source_mask=region, w=FACE_W, order=1
+                one,
+                other,
+                source_mask=region,
+                shape_filter=processing.ShapeFilter(order=1, w=FACE_W),
             ).normal_map
 
         judged = judge(

@@ -57,10 +57,8 @@ def in_normals(
     source: processing.NormalMap, target: processing.NormalMap, order: int = 1
 ) -> processing.NormalMap:
     """Transfer detail in the normal domain, as the method "normals"."""
-    return processing.combine(
-        processing.separate(target, order=order).shape,
-        processing.separate(source, order=order).detail,
-    )
+    by = processing.ShapeFilter(order=order)
+    return processing.combine(by.shape(target), processing.separate(source, shape_filter=by).detail)
 
 
 IN_NORMALS: Mapping[
@@ -180,9 +178,10 @@ class _Bench:
             peer = self._peers[method](surfaces.target, mesh, self._region, self._w)
             return partial(peer.put, surfaces.source)
         order = _ORDERS[method]
-        shape = processing.ShapeFilter("gaussian", order, self._w).shape(self._target)
+        by = processing.ShapeFilter(order=order, w=self._w)
+        shape = by.shape(self._target)
         return lambda: processing.combine(
-            shape, processing.separate(self._source, order=order, w=self._w).detail
+            shape, processing.separate(self._source, shape_filter=by).detail
         )
 
     def normals(self, result: processing.NormalMap | Float) -> Float:

@@ -33,7 +33,8 @@ def of_textures(
     for order in (1, 8):
         for name, normal_map in textures.items():
             advance(f"properties of {name}, order {order}")
-            parts = processing.separate(normal_map, order=order)
+            by = processing.ShapeFilter(order=order)
+            parts = processing.separate(normal_map, shape_filter=by)
             turn = processing.rotation_similarity(parts.shape)
             for label, value in zip(
                 paper.SHAPE_SIMILARITY,
@@ -107,7 +108,11 @@ def chain(sources: Sources, advance: Advance) -> Table:
     rows: dict[str, list[Number]] = {}
     for order in (1, 8):
         advance(f"owl over a chain of targets, order {order}")
-        steps = processing.transfer_chain(sources.given("owl"), list(targets.values()), order=order)
+        steps = processing.transfer_chain(
+            sources.given("owl"),
+            list(targets.values()),
+            shape_filter=processing.ShapeFilter(order=order),
+        )
         rows |= {
             f"shape error, deg, order {order}": [step.shape_mae_deg for step in steps],
             f"detail to previous, deg, order {order}": [step.to_previous.mae_deg for step in steps],
@@ -143,7 +148,7 @@ def exchange(
     panels: list[Panel] = []
     for order in (1, 8):
         advance(f"details of {name_a} and {name_b} exchanged, order {order}")
-        done = processing.cross_exchange(a, b, order=order)
+        done = processing.cross_exchange(a, b, shape_filter=processing.ShapeFilter(order=order))
         rows[f"detail error, deg, order {order}"] = [one.fidelity.detail_mae_deg for one in done]
         rows[f"shape error, deg, order {order}"] = [one.fidelity.shape_mae_deg for one in done]
         if order == 8:

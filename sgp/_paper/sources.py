@@ -98,9 +98,9 @@ class Sources:
         span = float(np.ptp(mesh.vertices, axis=0)[:2].max())
         step = span / 128
         for _ in range(2):
-            drawn = processing.project(mesh, mm_per_px=step).normal_map
+            drawn = processing.project(mesh, pixel_mm=step).normal_map
             step *= math.sqrt(np.count_nonzero(drawn.mask) / points)
-        return processing.project(mesh, mm_per_px=step).normal_map
+        return processing.project(mesh, pixel_mm=step).normal_map
 
 
 def bowl(points: int) -> processing.NormalMap:

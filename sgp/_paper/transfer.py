@@ -71,7 +71,9 @@ def by_resolution(
 
 def placed_over(source: processing.NormalMap, target: processing.NormalMap) -> processing.NormalMap:
     """Return a source as `transfer` places it over a target: cropped, or repeated."""
-    return processing.transfer(source, target, order=1).placement.place(source, target)
+    return processing.transfer(
+        source, target, shape_filter=processing.ShapeFilter(order=1)
+    ).placement.place(source, target)
 
 
 def _headline(figures: _Figures, points: Sequence[int]) -> Table:
@@ -159,7 +161,11 @@ def _variants(
             advance(f"{texture} onto the targets, {way}")
             done = [
                 processing.transfer(
-                    source, target, order=order, refine=refine, keep_target_detail=raw
+                    source,
+                    target,
+                    shape_filter=processing.ShapeFilter(order=order),
+                    refine=refine,
+                    keep_target_detail=raw,
                 ).fidelity
                 for target in targets.values()
             ]

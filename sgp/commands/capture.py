@@ -103,18 +103,16 @@ def run(
                 opened,
                 chosen,
                 out,
-                operator=operator,
-                object_name=object_name,
-                place=place,
-                notes=notes,
-                rights=rights,
-                camera_model=model,
-                lights=stored_lights,
+                acquisition.Labels(
+                    operator=operator,
+                    object_name=object_name,
+                    place=place,
+                    notes=notes,
+                    rights=rights,
+                ),
                 events=prepared.events,
-                on_progress=talk.on_progress,
-                on_event=talk.on_event,
-                on_stop=talk.on_stop,
-                before_flats=talk.before_flats,
+                calibrations=acquisition.Calibrations(camera_model=model, lights=stored_lights),
+                hooks=talk.hooks,
             )
     return describe(session, prepared.warnings)
 
@@ -185,11 +183,7 @@ def resume(
                 plan=asked,
                 events=prepared.events,
                 retake_damaged=retake_damaged,
-                on_progress=talk.on_progress,
-                on_event=talk.on_event,
-                on_stop=talk.on_stop,
-                on_damage=talk.on_damage,
-                before_flats=talk.before_flats,
+                hooks=talk.hooks,
             )
     text = f"missing shots that have been taken: {len(missing)}"
     taken = rigs.Notice("shots-taken", text, severity="info")

@@ -197,34 +197,21 @@ def import_(
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
-    texts = {
-        "operator": operator,
-        "object": object_name,
-        "place": place,
-        "notes": notes,
-        "rights": rights,
-    }
+    labels = acquisition.Labels(operator, object_name, place, notes, rights)
     if watch:
         if mask is not None:
             raise UsageError("--mask cannot be used with --watch: leave it out")
         asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, max_pixels=max_pixels)
-        return _import_watched(asked, out, lights, texts)
+        return _import_watched(asked, out, lights, labels)
     for option, value in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
         if value is not None:
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
     chosen = None if lights is None else acquisition.read_lights(lights)
     opened = acquisition.read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
-    del texts["object"]
     with Stages() as progress:
-        acquisition.import_frames(
-            opened,
-            out,
-            object_name=object_name,
-            **texts,
-            on_progress=progress,
-        )
+        acquisition.import_frames(opened, out, labels, on_progress=progress)
     result = info(out)
     unused = [not_used(source, opened.ignored)] if opened.ignored else []
     result.warnings[:0] = [*opened.warnings, *unused]
@@ -251,7 +238,7 @@ def _watch(
 
 
 def _import_watched(
-    watch: acquisition.Watch, out: Path, lights: Path | None, texts: dict[str, str]
+    watch: acquisition.Watch, out: Path, lights: Path | None, labels: acquisition.Labels
 ) -> Result:
     if not (out / "session.toml").is_file():
         check_folder(out)
@@ -265,7 +252,7 @@ def _import_watched(
     try:
         with Stages() as progress:
             watched = acquisition.watch_folder(
-                watch, out, lights=chosen, on_message=report, on_progress=progress, texts=texts
+                watch, out, lights=chosen, on_message=report, on_progress=progress, labels=labels
             )
     except BaseException:
         if printed:

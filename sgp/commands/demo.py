@@ -111,11 +111,11 @@ def _capture(
             rig,
             plan,
             folder,
-            operator="sgp demo",
-            object_name=folder.name,
-            camera_model=simulator.bench_camera(),
-            sensor=scene.noise,
-            on_progress=progress,
+            acquisition.Labels(operator="sgp demo", object_name=folder.name),
+            calibrations=acquisition.Calibrations(
+                camera_model=simulator.bench_camera(), sensor=scene.noise
+            ),
+            hooks=acquisition.RecordingHooks(on_progress=progress),
         )
 
 

@@ -56,7 +56,9 @@ def separate(
         Write into an output folder that already contains files.
     """
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    parts = processing.separate(read.normal_map, filter=filter, order=order, w=w)
+    parts = processing.separate(
+        read.normal_map, shape_filter=processing.ShapeFilter(filter, order, w)
+    )
     result = write_separation(claim_folder(out, "detail.json"), parts)
     result.warnings += read.warnings
     result.inputs = list(read.files)

@@ -67,7 +67,7 @@ def properties(
         for path in (normals, *targets)
     ]
     normal_map, *others = (one.normal_map for one in read)
-    parts = processing.separate(normal_map, filter=filter, order=order, w=w)
+    parts = processing.separate(normal_map, shape_filter=processing.ShapeFilter(filter, order, w))
     result = Result(
         warnings=[line for one in read for line in one.warnings],
         inputs=[file for one in read for file in one.files],
@@ -132,7 +132,7 @@ def _of_several(
     """Measure transfers of a map's detail to other maps; add the figures and return pictures."""
     source, *targets = (path.name for path in paths)
     by = parts.shape_filter
-    chain = processing.transfer_chain(normal_map, others, filter=by.kind, order=by.order, w=by.w)
+    chain = processing.transfer_chain(normal_map, others, shape_filter=by)
     result.summary.append(
         f"chain          {chain[0].pixels} pixels; detail error against the previous, the first map"
     )
@@ -143,7 +143,7 @@ def _of_several(
             f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "
             f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
         )
-    both = processing.cross_exchange(normal_map, others[0], filter=by.kind, order=by.order, w=by.w)
+    both = processing.cross_exchange(normal_map, others[0], shape_filter=by)
     errors = [done.fidelity.detail_mae_deg for done in both]
     result.summary.append(
         f"exchange       {errors[0]:.2f} deg on the target, {errors[1]:.2f} deg on the source"

@@ -140,9 +140,7 @@ def transfer(
             rotate_deg=local.rotate_deg,
             mirror=local.mirror,
             amplitude=amplitude,
-            filter=filter,
-            order=order,
-            w=10 if w is None else w,
+            shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
         )
     else:
         done = processing.transfer(
@@ -150,9 +148,7 @@ def transfer(
             keep_target_detail=keep_target_detail,
             amplitude=amplitude,
             refine=refine,
-            filter=filter,
-            order=order,
-            w=5 if w is None else w,
+            shape_filter=processing.ShapeFilter(filter, order, 5 if w is None else w),
             at=None if place is None else _whole(place),
         )
     masks = [path for path in (local.source_mask, local.target_mask) if path is not None]

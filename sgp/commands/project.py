@@ -118,7 +118,7 @@ def project(
         rotation,
         unit_mm=_UNIT_MM[used],
         size=pixels,
-        mm_per_px=pixel_mm,
+        pixel_mm=pixel_mm,
         camera=model,
         centred=not keep_origin,
         smooth=shading == "smooth",
@@ -139,7 +139,7 @@ def project(
     result.metrics = {
         "width": width,
         "height": height,
-        "mm_per_px": seen.mm_per_px,
+        "mm_per_px": seen.pixel_mm,
         "pixels": int(mask.sum()),
         "height_range_mm": float(np.ptp(seen.height[mask])),
         "vertices": len(read.vertices),
@@ -147,7 +147,7 @@ def project(
         "unit": used,
     }
     result.summary = [
-        f"{width} x {height} pixels of {seen.mm_per_px:.4g} mm, {result.metrics['pixels']} on the "
+        f"{width} x {height} pixels of {seen.pixel_mm:.4g} mm, {result.metrics['pixels']} on the "
         f"object, height range {result.metrics['height_range_mm']:.4g} mm"
     ]
     return result

@@ -94,7 +94,7 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
         Time in seconds. As a safeguard the board itself turns the LED off 3 s later, or one second
         after this program died.
     """
-    with rigs.open_lights(rig) as opened:
+    with rigs.open_board(rig) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
@@ -133,7 +133,7 @@ def off(*, rig: str = "simulated") -> Result:
     rig
         Name of a rig, or path of a rig file (.toml).
     """
-    with rigs.open_lights(rig):
+    with rigs.open_board(rig):
         pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rig import Step
-from simulator._bench_state import FULL_LEVEL, NEVER_NS, Exposure
+from simulator._bench_state import FULL_LEVEL, NEVER_NS, ExposurePeriod
 from simulator._board.outputs import ActiveInput, BoardOutputs, Light
 
 WATCHDOG_NS = 900_000_000
@@ -204,7 +204,7 @@ class BoardLight:
         flash.end_ns = end_ns
         self._outputs.end(flash.lights, end_ns)
 
-    def _exposures(self, flash: Flash) -> list[Exposure]:
+    def _exposures(self, flash: Flash) -> list[ExposurePeriod]:
         """Return the exposures of the camera while the LED was on."""
         exposures = self._active.exposures()
         return [e for e in exposures if e.start_ns < flash.end_ns and e.end_ns > flash.start_ns]

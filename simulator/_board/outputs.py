@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from simulator._bench_state import NEVER_NS, BenchState, BenchWriter, Exposure
+from simulator._bench_state import NEVER_NS, BenchState, BenchWriter, ExposurePeriod
 
 TRIGGER_NS = 200_000
 Event = dict[str, int | list[int]]
@@ -135,21 +135,21 @@ class ActiveInput:
 
     def __init__(self, bench: BenchState | None = None) -> None:
         self._bench = bench
-        self._wired: list[Exposure] = []
+        self._wired: list[ExposurePeriod] = []
 
     def set(self, up: bool, now_ns: int) -> None:
         """Set the level of the input; setting its present level makes no edge."""
         was_up = bool(self._wired) and self._wired[-1].end_ns == NEVER_NS
         if was_up and not up:
-            self._wired[-1] = Exposure(self._wired[-1].start_ns, now_ns)
+            self._wired[-1] = ExposurePeriod(self._wired[-1].start_ns, now_ns)
         if up and not was_up:
-            self._wired = [*self._wired[-_KEPT:], Exposure(now_ns, NEVER_NS)]
+            self._wired = [*self._wired[-_KEPT:], ExposurePeriod(now_ns, NEVER_NS)]
 
     def stated(self) -> bool:
         """Return whether a simulated camera writes exposures, perhaps with a delay."""
         return self._bench is not None and bool(self._bench.exposures())
 
-    def exposures(self) -> tuple[Exposure, ...]:
+    def exposures(self) -> tuple[ExposurePeriod, ...]:
         """Return the periods in which the input was high or is known to be high."""
         stated = () if self._bench is None else self._bench.exposures()
         return (*self._wired, *stated)

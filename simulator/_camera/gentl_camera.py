@@ -12,7 +12,6 @@ from typing import Any, Literal, Self, get_args
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import NoiseModel
 from rig import CameraError
 from simulator._camera.gentl_control import (
     AUTOMATICS,
@@ -24,16 +23,15 @@ from simulator._camera.gentl_control import (
     MAX_PATH,
     ControlFile,
 )
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import fixed_pattern
 from simulator._owned_folder import OwnedFolder
-from simulator._scene.lamps import Lamps
 from simulator._scene.lens import CFAS
 from simulator.gentl import build
 
 GentlPlanes = Callable[[int | None], npt.NDArray[Any] | None]
 GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug", "underrun"]
 Automatic = Literal["exposure", "gain", "white", "gamma"]
-_STEADY = Lamps()
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,48 @@ class GentlCounts:
     missed: int
 
 
+@dataclass(frozen=True)
+class GentlDevice:
+    """The device of a virtual GenICam camera: timing, buffers, and what it lacks.
+
+    Parameters
+    ----------
+    serial
+        Serial number, up to 63 characters.
+    frame_rate_hz
+        Maximum frame rate, 0.1 to 1e6: triggers that arrive sooner are missed.
+    readout_us
+        Time between reading the first and the last row, microseconds.
+    shutter
+        ``global``: all rows are exposed together. ``rolling``: rows are exposed one after the
+        other, the last one ``readout_us`` later than the first.
+    first_block_id
+        Block id of the first frame after each start of the acquisition: GigE Vision counts from 1,
+        USB3 Vision from 0.
+    automatics
+        Automatic functions that are on at power-up.
+    stuck
+        Automatic functions that accept a new setting but ignore it.
+    without_nodes
+        Nodes that this camera does not have.
+    most_buffers
+        Maximum number of buffers of its stream, 1 to 256.
+    temperature_c
+        Temperature of the device, degrees Celsius.
+    """
+
+    serial: str = "virtual-camera"
+    frame_rate_hz: float = 1000.0
+    readout_us: float = 0.0
+    shutter: Literal["global", "rolling"] = "global"
+    first_block_id: int = 0
+    automatics: Collection[Automatic] = ()
+    stuck: Collection[Automatic] = ()
+    without_nodes: Collection[str] = ()
+    most_buffers: int = 256
+    temperature_c: float = 40.0
+
+
 class GentlCamera:
     """A virtual GenICam camera: a folder with a GenTL producer and the images it sees.
 
@@ -75,38 +115,17 @@ class GentlCamera:
         (H, W).
     leds
         Number of LEDs that have a plane.
-    noise
-        Model of the sensor.
+    formation
+        How the image forms from the light: sensor, lamps, colour filters. ``shake_px`` is at most
+        8.
+    device
+        Timing, buffers and other properties of the device.
     bench_state_path
         File to which the virtual board writes light and trigger pulses, and the camera writes its
         exposures. None for no board: the camera sees only the ambient light.
-    seed, noisy, cfa, lamps, shake_px, sensor_seed
-        See `VirtualCamera`.
-    serial
-        Serial number, up to 63 characters.
-    frame_rate_hz
-        Maximum frame rate, 0.1 to 1e6: triggers that arrive sooner are missed.
-    readout_us
-        Time between reading the first and the last row, microseconds.
-    shutter
-        ``global``: all rows are exposed together. ``rolling``: rows are exposed one after the
-        other, the last one ``readout_us`` later than the first.
     precomposed
         If True, ``planes`` returns grey values ``(H, W)`` uint16, and the camera delivers those of
         the LED that was on longest without change. This is faster.
-    first_block_id
-        Block id of the first frame after each start of the acquisition: GigE Vision counts from 1,
-        USB3 Vision from 0.
-    automatics
-        Automatic functions that are on at power-up.
-    stuck
-        Automatic functions that accept a new setting but ignore it.
-    without_nodes
-        Nodes that this camera does not have.
-    most_buffers
-        Maximum number of buffers of its stream, 1 to 256.
-    temperature_c
-        Temperature of the device, degrees Celsius.
 
     Attributes
     ----------
@@ -129,27 +148,15 @@ class GentlCamera:
         *,
         size: tuple[int, int],
         leds: int,
-        noise: NoiseModel,
+        formation: ImageFormation,
+        device: GentlDevice = GentlDevice(),
         bench_state_path: Path | None = None,
-        seed: int = 0,
-        noisy: bool = True,
-        cfa: str | None = None,
-        lamps: Lamps = _STEADY,
-        shake_px: float = 0.0,
-        sensor_seed: int = 0,
-        serial: str = "virtual-camera",
-        frame_rate_hz: float = 1000.0,
-        readout_us: float = 0.0,
-        shutter: Literal["global", "rolling"] = "global",
         precomposed: bool = False,
-        first_block_id: int = 0,
-        automatics: Collection[Automatic] = (),
-        stuck: Collection[Automatic] = (),
-        without_nodes: Collection[str] = (),
-        most_buffers: int = 256,
-        temperature_c: float = 40.0,
     ) -> None:
-        self.serial = serial
+        self.serial = device.serial
+        noise, cfa, lamps = formation.noise, formation.cfa, formation.lamps
+        shake_px, readout_us = formation.shake_px, device.readout_us
+        frame_rate_hz, most_buffers = device.frame_rate_hz, device.most_buffers
         self._check(cfa is None or cfa in CFAS, f"cfa {cfa!r} is not one of {', '.join(CFAS)}")
         self._check(0 <= shake_px <= 8, f"shake_px is {shake_px}, it must be within 0..8")
         self._check(0 <= leds <= MAX_LEDS, f"leds is {leds}, it must be within 0..{MAX_LEDS}")
@@ -167,9 +174,9 @@ class GentlCamera:
         )
         bench = b"" if bench_state_path is None else str(bench_state_path.absolute()).encode()
         self._check(len(bench) < MAX_PATH, f"the path of the bench state is too long: {bench!r}")
-        name = serial.encode()
+        name = device.serial.encode()
         self._check(0 < len(name) < 64, "the serial number must have 1 to 63 characters")
-        hidden = "".join(f"{node}," for node in without_nodes).encode()
+        hidden = "".join(f"{node}," for node in device.without_nodes).encode()
         self._check(
             len(hidden) < 256, "without_nodes is too long: at most 255 characters with commas"
         )
@@ -179,7 +186,7 @@ class GentlCamera:
         self.cti = Path(shutil.copy(library, self._folder))
         self._size = size
         self._write_planes(planes, leds, np.uint16 if precomposed else np.float32)
-        pattern = fixed_pattern(noise, size, seed=sensor_seed)
+        pattern = fixed_pattern(noise, size, seed=formation.sensor_seed)
         if pattern is not None:
             pattern.maps.tofile(self._folder / "pattern.f32")
         self._control = ControlFile(self._folder / "camera.control")
@@ -188,14 +195,14 @@ class GentlCamera:
         fields.leds = leds
         fields.content = CONTENT_FRAMES if precomposed else CONTENT_PLANES
         fields.bit_depth = noise.bit_depth
-        fields.noisy = noisy
-        fields.rolling = shutter == "rolling"
-        fields.block_base = first_block_id
-        fields.autos = sum(AUTOMATICS[automatic] for automatic in set(automatics))
-        fields.stuck = sum(AUTOMATICS[automatic] for automatic in set(stuck))
+        fields.noisy = formation.noisy
+        fields.rolling = device.shutter == "rolling"
+        fields.block_base = device.first_block_id
+        fields.autos = sum(AUTOMATICS[automatic] for automatic in set(device.automatics))
+        fields.stuck = sum(AUTOMATICS[automatic] for automatic in set(device.stuck))
         fields.patterned = pattern is not None
         fields.most_buffers = most_buffers
-        fields.seed = seed
+        fields.seed = formation.seed
         fields.cfa = (cfa or "").encode()
         fields.serial = name
         fields.hidden = hidden
@@ -213,7 +220,7 @@ class GentlCamera:
         for led in lamps.dead:
             if led < MAX_LEDS:
                 fields.dead[led] = 1
-        fields.temperature_c = temperature_c
+        fields.temperature_c = device.temperature_c
         fields.plugged = 1
 
     def set_fault(

@@ -10,12 +10,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from acquisition import NoiseModel
 from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
 from simulator._bench_state import BenchState
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import pixel_format
 from simulator._camera.virtual_sensor import Exposure, Planes, VirtualSensor
-from simulator._scene.lamps import Lamps
 from simulator._scene.lens import CFAS
 
 __all__ = ["CameraFault", "Planes", "VirtualCamera"]
@@ -28,7 +27,6 @@ GAIN_MAX_DB = 24.0
 FRAME_PERIOD_US = 1000.0
 LINE = "Line0"
 
-_STEADY = Lamps()
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1
 
@@ -56,27 +54,13 @@ class VirtualCamera:
         (H, W) of the planes.
     bench
         State of light and trigger line; closed with the camera.
-    noise
-        Model of the sensor.
-    seed
-        Seed of noise, flicker, PWM phase and shake.
-    noisy
-        If False, frames have no shot noise and no read noise.
+    formation
+        How the image forms from the light: sensor, lamps, colour filters.
     realtime
         If False, the camera does not wait for the exposure time to pass: the time between software
         trigger and fetch represents the exposure.
     name
         Serial number in ``info``.
-    cfa
-        Colour filters of the first 2 x 2 pixels of the planes row by row, for example ``RGGB``;
-        None for monochrome.
-    lamps
-        Behaviour of the LEDs over time. Their clock is the sum of all exposure times triggered so
-        far, so that the same shots give the same frames at any speed of the host.
-    shake_px
-        Standard deviation, along each axis, of the image's position in a frame.
-    sensor_seed
-        Seed of the sensor's fixed pattern, if ``noise`` has one.
     faults
         Faults by frame id: the frame is lost or late (it arrives after the timeout of its fetch),
         or the camera is unplugged instead of exposing.
@@ -84,8 +68,8 @@ class VirtualCamera:
     Raises
     ------
     CameraError
-        If ``cfa`` or ``shake_px`` is invalid; from all methods once the camera is closed or
-        unplugged.
+        If the formation's ``cfa`` or ``shake_px`` is invalid; from all methods once the camera is
+        closed or unplugged.
     """
 
     def __init__(
@@ -94,17 +78,12 @@ class VirtualCamera:
         *,
         size: tuple[int, int],
         bench: BenchState,
-        noise: NoiseModel,
-        seed: int = 0,
-        noisy: bool = True,
+        formation: ImageFormation,
         realtime: bool = True,
         name: str = "virtual-camera",
-        cfa: str | None = None,
-        lamps: Lamps = _STEADY,
-        shake_px: float = 0.0,
-        sensor_seed: int = 0,
         faults: Mapping[int, CameraFault] | None = None,
     ) -> None:
+        cfa, shake_px = formation.cfa, formation.shake_px
         if cfa is not None and cfa not in CFAS:
             raise CameraError(f"camera {name}: cfa {cfa!r} is not one of {', '.join(CFAS)}")
         if not 0 <= shake_px < math.inf:
@@ -115,8 +94,8 @@ class VirtualCamera:
             serial=name,
             width=size[1],
             height=size[0],
-            pixel_format=pixel_format(cfa, noise.bit_depth),
-            bit_depth=noise.bit_depth,
+            pixel_format=pixel_format(cfa, formation.noise.bit_depth),
+            bit_depth=formation.noise.bit_depth,
             cfa=cfa,
             exposure_min_us=EXPOSURE_MIN_US,
             exposure_max_us=EXPOSURE_MAX_US,
@@ -124,17 +103,7 @@ class VirtualCamera:
         )
         self.faults = dict(faults or {})
         self._bench = bench
-        self._sensor = VirtualSensor(
-            planes,
-            self.info,
-            bench=bench,
-            noise=noise,
-            seed=seed,
-            noisy=noisy,
-            lamps=lamps,
-            shake_px=shake_px,
-            sensor_seed=sensor_seed,
-        )
+        self._sensor = VirtualSensor(planes, self.info, bench, formation)
         self._realtime = realtime
         self._lamps_ns = 0
         self._exposure_us = 10_000.0

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import NoiseModel
 from rig import CameraError, CameraInfo
 from simulator._bench_state import BenchState
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import fixed_pattern, sensor_image
 from simulator._camera.shake import shake_of, shifted
-from simulator._scene.lamps import Lamps
 
 Planes = Callable[[int | None], npt.NDArray[np.float32]]
 
@@ -39,28 +38,20 @@ class VirtualSensor:
         self,
         planes: Planes,
         info: CameraInfo,
-        *,
         bench: BenchState,
-        noise: NoiseModel,
-        seed: int,
-        noisy: bool,
-        lamps: Lamps,
-        shake_px: float,
-        sensor_seed: int,
+        formation: ImageFormation,
     ) -> None:
         self._planes = planes
         self._info = info
         self._bench = bench
-        self._noise = noise
-        self._seed = seed
-        self._noisy = noisy
-        self._lamps = lamps
-        self._shake_px = shake_px
-        self._pattern = fixed_pattern(noise, (info.height, info.width), seed=sensor_seed)
+        self._formation = formation
+        self._pattern = fixed_pattern(
+            formation.noise, (info.height, info.width), seed=formation.sensor_seed
+        )
         self._taken: dict[tuple[int, ...], int] = {}
         # The first call compiles or loads the kernel, which must not take seconds while an LED
         # is on.
-        sensor_image(np.zeros((1, 1), np.float32), noise, key=(0,))
+        sensor_image(np.zeros((1, 1), np.float32), formation.noise, key=(0,))
 
     def pixels(self, exposure: Exposure, end_ns: int) -> npt.NDArray[np.uint16]:
         """Return the grey values of an exposure that ended at ``end_ns``.
@@ -73,10 +64,10 @@ class VirtualSensor:
         key = self._key(self._bench.led(exposure.start_ns), exposure)
         return sensor_image(
             self._photons(exposure, end_ns, key),
-            self._noise,
+            self._formation.noise,
             exposure_us=exposure.exposure_us,
             gain_db=exposure.gain_db,
-            key=key if self._noisy else None,
+            key=key if self._formation.noisy else None,
             pattern=self._pattern,
         )
 
@@ -86,10 +77,10 @@ class VirtualSensor:
         photons = self._plane(None) * np.float32(exposure.exposure_us)
         for led, lit_ns in self._bench.lit_ns(exposure.start_ns, end_ns).items():
             lit_us = exposure.exposure_us * lit_ns / (end_ns - exposure.start_ns)
-            lit_us *= self._lamps.factor(led, exposure.lamps_ns, lit_us, key)
+            lit_us *= self._formation.lamps.factor(led, exposure.lamps_ns, lit_us, key)
             photons += self._plane(led) * np.float32(lit_us)
-        if self._shake_px:
-            shift_px = shake_of(key, self._shake_px)
+        if self._formation.shake_px:
+            shift_px = shake_of(key, self._formation.shake_px)
             photons = shifted(photons, shift_px, mosaic=self._info.cfa is not None)
         return photons
 
@@ -104,7 +95,7 @@ class VirtualSensor:
 
     def _key(self, led: int | None, exposure: Exposure) -> tuple[int, ...]:
         shot = (
-            self._seed,
+            self._formation.seed,
             0 if led is None else led + 1,
             round(exposure.exposure_us * 1000),
             round(exposure.gain_db * 1000),

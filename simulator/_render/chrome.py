@@ -25,7 +25,7 @@ _SAME_POINT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Highlights:
+class MirroredLights:
     """The mirrored lights of a scene.
 
     Parameters
@@ -51,7 +51,7 @@ class Highlights:
     sigma_px: float
 
 
-def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlights:
+def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> MirroredLights:
     """Compute the mirror points of every light, and of points on every LED's disc, in every sphere.
 
     Parameters
@@ -65,7 +65,7 @@ def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlig
 
     Returns
     -------
-    Highlights
+    MirroredLights
         Positions to rounding error; signals to a relative error of 1e-6.
     """
     sigma, middle = scene.lens.psf_sigma_px, np.zeros((1, 2))
@@ -77,7 +77,7 @@ def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlig
         sigma = max(sigma, radius_px / rings)
         spots, total, _ = _mirrored(scene, scene.led_radius_mm * _disc(rings), occluders)
     seen = shares[..., 0] > 0
-    return Highlights(
+    return MirroredLights(
         pixels=np.where(seen[..., None], centres[:, :, 0], np.nan),
         signal=np.where(seen, total.sum(axis=2), np.nan),
         spots=spots,
@@ -86,15 +86,17 @@ def find_highlights(scene: Scene, occluders: Occluders | None = None) -> Highlig
     )
 
 
-def draw_highlights(scene: Scene, highlights: Highlights, planes: npt.NDArray[np.float32]) -> None:
+def draw_mirrored_lights(
+    scene: Scene, mirrored: MirroredLights, planes: npt.NDArray[np.float32]
+) -> None:
     """Add the mirrored lights to the images, in place.
 
     Parameters
     ----------
     scene
         Spheres, lights and lens. Each pixel of a Bayer mosaic uses the intensity of its channel.
-    highlights
-        Highlights of this scene.
+    mirrored
+        Mirrored lights of this scene.
     planes
         ``(N, H, W)`` radiance under each light, before vignetting.
     """
@@ -103,8 +105,8 @@ def draw_highlights(scene: Scene, highlights: Highlights, planes: npt.NDArray[np
     channel = scene.lens.channel(x, y)
     if channel is not None:
         gains = np.asarray(scene.lights.intensities)[:, channel] / scene.irradiance[:, None, None]
-    for spots, shares in zip(highlights.spots, highlights.shares, strict=True):
-        _draw(planes, spots, shares, gains, highlights.sigma_px)
+    for spots, shares in zip(mirrored.spots, mirrored.shares, strict=True):
+        _draw(planes, spots, shares, gains, mirrored.sigma_px)
 
 
 def splat(

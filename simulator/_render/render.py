@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from rig import Progress, no_progress
-from simulator._render.chrome import draw_highlights, find_highlights
+from simulator._render.chrome import draw_mirrored_lights, find_mirrored_lights
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets_sphere, see
 from simulator._render.truth import Truth
@@ -181,8 +181,8 @@ class _Canvas:
     def finish(self) -> Rendering:
         """Add mirrored lights and vignetting, and return the rendering."""
         scene, lens = self._scene, self._scene.lens
-        highlights = find_highlights(scene, self._shader.occluders)
-        draw_highlights(scene, highlights, self._planes)
+        mirrored = find_mirrored_lights(scene, self._shader.occluders)
+        draw_mirrored_lights(scene, mirrored, self._planes)
         height, width = lens.size
         for row in range(height):
             gain = scene.electrons_per_us * lens.vignette(np.arange(width), row)
@@ -197,7 +197,7 @@ class _Canvas:
             sphere_masks=self._sphere == np.arange(len(table))[:, None, None],
             sphere_centres_mm=table[:, :3],
             sphere_radii_mm=table[:, 3],
-            highlights_px=highlights.pixels,
+            highlights_px=mirrored.pixels,
             lights=scene.lights,
             lens=scene.lens,
             noise=scene.noise,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.journal import EventLine
+from acquisition._session.labels import Labels
 from acquisition._session.session import Session
 from rig import (
     Board,
@@ -26,7 +27,7 @@ from rig import (
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
-LABELS: dict[str, Any] = {"operator": "Ada", "object_name": "coin"}
+LABELS = Labels("Ada", "coin")
 
 
 def seen(

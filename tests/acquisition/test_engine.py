@@ -18,12 +18,15 @@ import pytest
 
 from acquisition._engine import recording as _recording
 from acquisition._engine.engine import record
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.rehearsal import rehearse
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.images import read_image
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import writer as _session_writer
+from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
+from acquisition._session.labels import Labels
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
@@ -32,6 +35,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, CameraFrame, RigConfig, RigError
 from rig import Rig as RealRig
+from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 
 
@@ -63,13 +67,9 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
         rig,
         PLAN,
         tmp_path / "s",
-        **LABELS,
-        notes="rim scratched",
-        camera_model=camera,
-        sensor=sensor,
-        lights=lights,
-        on_frame=on_frame,
-        on_progress=lambda *report: steps.append(report),
+        replace(LABELS, notes="rim scratched"),
+        calibrations=Calibrations(camera_model=camera, sensor=sensor, lights=lights),
+        hooks=RecordingHooks(on_frame=on_frame, on_progress=lambda *report: steps.append(report)),
     )
     assert session.complete
     assert bench.shots == [None, None, None, None, 3, 0, 5, 3, 0, 5]
@@ -101,7 +101,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
 
 
 def test_quality_is_of_raw_values(rig: RealRig, tmp_path: Path) -> None:
-    session = record(rig, PLAN, tmp_path / "s", **LABELS)
+    session = record(rig, PLAN, tmp_path / "s", LABELS)
     line = next(f.line for f in session.frames if (f.led, f.bracket) == (5, 0))
     pixels = read_image(tmp_path / "s" / line.file)
     # LED 5 at 200 us: 64 + 1200 * (1 ... 4), above 4095 in the last columns.
@@ -130,7 +130,7 @@ def test_an_error_during_a_shot(
 
     bench.on_trigger = fail
     with pytest.raises(type(error)):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert bench.lit_led is None
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete, found.frames, len(found.missing)) == (True, False, 5, 5)
@@ -153,7 +153,7 @@ def test_an_error_in_the_callback_leaves_the_leds_off(
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **LABELS, on_frame=stop)
+        record(rig, PLAN, tmp_path / "s", LABELS, hooks=RecordingHooks(on_frame=stop))
     assert bench.lit_led is None
     # The frames taken before are kept.
     session = Session.open(tmp_path / "s")
@@ -176,7 +176,7 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     # The last event is written by the shooting thread after the LEDs are off.
     assert set(leds_on) <= {None}
     assert bench.log[-1] == "off"
@@ -196,7 +196,7 @@ def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError, match="frame 1 did not come") as caught:
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
     assert events_of(Session.open(tmp_path / "s"))[0].details["leds_confirmed_off"] is False
 
@@ -206,33 +206,49 @@ def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
     [
         pytest.param({"plan": CapturePlan(leds=(6,), exposures_us=(1,))}, "LED 6", id="no-led"),
         pytest.param({"plan": CapturePlan(leds=(4,), exposures_us=(1,))}, "dead", id="dead-led"),
-        pytest.param({"camera_model": CameraModel(np.eye(3), 9, 7)}, "9 x 7 pixels", id="camera"),
-        pytest.param({"sensor": NoiseModel(1.0, 1.0, 0.0, 10)}, "10 bits", id="sensor"),
-        pytest.param({"operator": None}, "operator", id="no-operator"),
         pytest.param(
-            {"lights": Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))},
+            {"calibrations": Calibrations(camera_model=CameraModel(np.eye(3), 9, 7))},
+            "9 x 7 pixels",
+            id="camera",
+        ),
+        pytest.param(
+            {"calibrations": Calibrations(sensor=NoiseModel(1.0, 1.0, 0.0, 10))},
+            "10 bits",
+            id="sensor",
+        ),
+        pytest.param({"labels": replace(LABELS, operator=None)}, "operator", id="no-operator"),
+        pytest.param(
+            {
+                "calibrations": Calibrations(
+                    lights=Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))
+                )
+            },
             r"lights do not fit the plan: .*L05 does not",
             id="light missing",
         ),
         pytest.param(
-            {"lights": Lights(directions=np.eye(3)[:2])},
+            {"calibrations": Calibrations(lights=Lights(directions=np.eye(3)[:2]))},
             "lights do not fit the plan: 3 images for 2 lights",
             id="too few lights",
         ),
         pytest.param(
-            {"lights": Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))},
+            {
+                "calibrations": Calibrations(
+                    lights=Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))
+                )
+            },
             "lights are named a.0 .* the LEDs of the plan L03",
             id="lights of something else",
         ),
-        pytest.param({"object_name": "\udc80"}, "object", id="no-text"),
+        pytest.param({"labels": Labels("Ada", "\udc80")}, "object", id="no-text"),
     ],
 )
 def test_invalid_arguments_are_refused_before_a_folder_is_created(
     rig: RealRig, bench: Bench, tmp_path: Path, changed: dict[str, Any], said: str
 ) -> None:
-    arguments: dict[str, Any] = {"plan": PLAN, **LABELS, **changed}
+    arguments: dict[str, Any] = {"plan": PLAN, "labels": LABELS, **changed}
     with pytest.raises(DataError, match=said):
-        record(rig, arguments.pop("plan"), tmp_path / "s", **arguments)
+        record(rig, folder=tmp_path / "s", **arguments)
     assert not (tmp_path / "s").exists()
     assert bench.frames == 0
 
@@ -263,17 +279,17 @@ def test_plans_that_the_rig_cannot_run_are_refused_before_a_folder_is_created(
     monkeypatch.setattr(bench, "configure", limited)
     monkeypatch.setattr(bench, "identity", replace(bench.identity, max_hold_ms=900))
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN.changed(**changed), tmp_path / "s", **LABELS)
+        record(rig, PLAN.changed(**changed), tmp_path / "s", LABELS)
     assert not (tmp_path / "s").exists()
     assert bench.frames == 0
 
 
 def test_a_used_folder_is_refused_before_a_shot(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    record(rig, PLAN, tmp_path / "s", **LABELS)
+    record(rig, PLAN, tmp_path / "s", LABELS)
     before = {path: path.read_bytes() for path in (tmp_path / "s").rglob("*") if path.is_file()}
     taken = bench.frames
     with pytest.raises(StorageError, match="not empty"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert bench.frames == taken
     assert {path: path.read_bytes() for path in before} == before
 
@@ -284,13 +300,13 @@ def test_a_camera_that_delivers_frames_of_another_size(
     frame = CameraFrame(np.zeros((7, 9), np.uint16), 1, 0, 200.0, 2.0, None)
     monkeypatch.setattr(bench, "fetch", lambda *_: frame)
     with pytest.raises(DataError, match="this session requires"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
 
 
 def test_rig_errors_are_raised_unchanged(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = lambda number: setattr(bench, "lit_led", None)
     with pytest.raises(RigError, match="LED 3 was requested"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert [frame.led for frame in Session.open(tmp_path / "s").frames] == [None] * 4
 
 
@@ -306,8 +322,12 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
         return np.zeros((6, 8), np.float32) if led is None else base * 0.02 * (led + 1)
 
     plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))
-    with simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False) as rig:
-        session = record(rig, plan, tmp_path / "s", **LABELS, sensor=sensor)
+    with simulated_rig(
+        plane, config, size=(6, 8), formation=ImageFormation(sensor, noisy=False)
+    ) as rig:
+        session = record(
+            rig, plan, tmp_path / "s", LABELS, calibrations=Calibrations(sensor=sensor)
+        )
     assert [frame.led for frame in session.frames] == [None, 2, 0, 3]
     for frame in session.frames:
         expected = plane(frame.led).astype(np.float64) * 500.0
@@ -324,8 +344,8 @@ def test_leds_listed_as_dead_are_left_out_reported_and_recorded(
         rig,
         plan,
         tmp_path / "s",
-        **LABELS,
-        on_event=lambda name, of: reported.append((name, dict(of))),
+        LABELS,
+        hooks=RecordingHooks(on_event=lambda name, of: reported.append((name, dict(of)))),
     )
     assert session.complete
     assert session.manifest.plan is not None
@@ -338,7 +358,7 @@ def test_leds_listed_as_dead_are_left_out_reported_and_recorded(
 def test_an_led_without_light_is_named(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.dead = {0}
     with pytest.raises(RigError, match=r"L00_E0\.tif: LED 0 gave no light at 200 us"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     session = Session.open(tmp_path / "s")
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [line.led for line in rejected] == [0]
@@ -358,7 +378,7 @@ def test_an_led_that_lights_the_second_time_is_retaken(
             bench.dead = set()
 
     plan = PLAN.changed(retakes=1)
-    session = record(rig, plan, tmp_path / "s", **LABELS, on_event=on_event)
+    session = record(rig, plan, tmp_path / "s", LABELS, hooks=RecordingHooks(on_event=on_event))
     assert session.complete
     assert "L00_E0.tif" in reported
     takes = [f.line for f in session.recorded if (f.led, f.bracket) == (0, 0)]
@@ -382,7 +402,7 @@ def test_a_shot_that_fails_once_is_taken_again(
             raise CameraError("frame did not come")
 
     bench.on_trigger = fail
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", LABELS)
     assert session.complete
     assert [line.event for line in events_of(session)] == ["retake"]
     assert events_of(session)[0].details["reason"] == "frame did not come"
@@ -402,7 +422,7 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError) as caught:
-        record(rig, PLAN.changed(retakes=2), tmp_path / "s", **LABELS)
+        record(rig, PLAN.changed(retakes=2), tmp_path / "s", LABELS)
     assert bench.frames == 8
     assert "L00_E0.tif was taken 3 times" in caught.value.__notes__
     session = Session.open(tmp_path / "s")
@@ -413,7 +433,7 @@ def test_a_shot_that_keeps_failing_ends_the_recording(
 def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     plan = PLAN.changed(max_clipped_fraction=0.1)
     with pytest.raises(DataError, match=r"L05_E0\.tif: .* clipped at 200 us, the plan allows 10"):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     assert bench.lit_led is None
     assert ("light", 5, 0, 0) in [shot.key for shot in Session.open(tmp_path / "s").missing]
 
@@ -433,7 +453,7 @@ def test_the_journal_has_the_order_of_the_plan(
         return stored
 
     monkeypatch.setattr(_session_writer, "store_frame", uneven)
-    session = record(rig, PLAN, tmp_path / "s", **LABELS)
+    session = record(rig, PLAN, tmp_path / "s", LABELS)
     assert [frame.path.name for frame in session.frames] == [shot.file for shot in PLAN.shots()]
 
 
@@ -464,7 +484,7 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
             assert bench.log[-1] == "off"
             gate.open.set()
 
-    session = record(rig, PLAN, tmp_path / "s", **LABELS, on_event=on_event)
+    session = record(rig, PLAN, tmp_path / "s", LABELS, hooks=RecordingHooks(on_event=on_event))
     assert taken[0] == _recording.ROOM
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
@@ -477,7 +497,7 @@ def test_a_stuck_disk_is_reported_with_the_leds_off(
 ) -> None:
     gate = _Gate(monkeypatch)
     with pytest.raises(StorageError, match=r"no write has finished for 0.3 s, 6 writes"):
-        record(rig, PLAN, tmp_path / "s", **LABELS, stall_s=0.3)
+        record(rig, PLAN, tmp_path / "s", LABELS, stall_s=0.3)
     assert bench.lit_led is None
     assert bench.frames == _recording.ROOM
     # The stuck writer still holds the lock, and its frame does not count.
@@ -513,7 +533,13 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
     reported: list[str] = []
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match="after a shot"):
-        record(rig, PLAN, tmp_path / "s", **LABELS, on_stop=lambda: reported.append("stopping"))
+        record(
+            rig,
+            PLAN,
+            tmp_path / "s",
+            LABELS,
+            hooks=RecordingHooks(on_stop=lambda: reported.append("stopping")),
+        )
     assert signal.getsignal(signal.SIGINT) is before
     assert reported == ["stopping"]
     assert bench.lit_led is None
@@ -525,7 +551,7 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
 def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     bench.on_trigger = _press_ctrl_c(2)
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert bench.lit_led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == 5
@@ -540,7 +566,7 @@ def test_ctrl_c_twice_ends_at_once_with_any_earlier_handler(
     try:
         bench.on_trigger = _press_ctrl_c(2)
         with pytest.raises(KeyboardInterrupt):
-            record(rig, PLAN, tmp_path / "s", **LABELS)
+            record(rig, PLAN, tmp_path / "s", LABELS)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(Session.open(tmp_path / "s").frames) == 5
@@ -558,7 +584,7 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
 
     bench.on_trigger = press_soon
     with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert bench.lit_led is None
     gate.open.set()
 
@@ -567,14 +593,18 @@ def test_ctrl_c_at_the_last_shot_finds_a_complete_recording(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.on_trigger = lambda n: os.kill(os.getpid(), signal.SIGINT) if n == 10 else None
-    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
+    assert record(rig, PLAN, tmp_path / "s", LABELS).complete
 
 
 def test_flats_wait_for_the_card(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     shots_before: list[int] = []
     plan = PLAN.changed(flats=2)
     session = record(
-        rig, plan, tmp_path / "s", **LABELS, before_flats=lambda: shots_before.append(bench.frames)
+        rig,
+        plan,
+        tmp_path / "s",
+        LABELS,
+        hooks=RecordingHooks(before_flats=lambda: shots_before.append(bench.frames)),
     )
     assert shots_before == [10]
     assert bench.shots[10:] == [3, 0, 3, 0]
@@ -597,7 +627,9 @@ def test_retakes_are_taken_before_the_white_card(
     bench.on_trigger = light_again
     plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
     session = record(
-        *(rig, plan, tmp_path / "s"), **LABELS, before_flats=lambda: card.append(bench.frames)
+        *(rig, plan, tmp_path / "s"),
+        LABELS,
+        hooks=RecordingHooks(before_flats=lambda: card.append(bench.frames)),
     )
     assert session.complete
     assert card == [5]
@@ -614,8 +646,8 @@ def test_ctrl_c_while_waiting_for_the_card_takes_no_flat(
             rig,
             PLAN.changed(flats=2),
             tmp_path / "s",
-            **LABELS,
-            before_flats=lambda: os.kill(os.getpid(), signal.SIGINT),
+            LABELS,
+            hooks=RecordingHooks(before_flats=lambda: os.kill(os.getpid(), signal.SIGINT)),
         )
     assert bench.frames == 10
     session = Session.open(tmp_path / "s")
@@ -627,7 +659,7 @@ def test_ctrl_c_while_waiting_for_the_card_takes_no_flat(
 def test_a_sequence_that_the_rig_cannot_run_is_reported(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
-    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", **LABELS)
+    session = record(rig, PLAN.changed(sequence=True), tmp_path / "s", LABELS)
     assert [line.event for line in events_of(session)] == ["not_sequenced"]
     assert "trigger = 'software'" in str(events_of(session)[0].details["reason"])
 
@@ -649,7 +681,9 @@ def _sequenced_rig() -> RealRig:
 
     config = RigConfig(name="sim", driver="simulated", leds=12, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
-    return simulated_rig(_plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+    return simulated_rig(
+        _plane, config, size=(6, 8), camera="inside", formation=ImageFormation(sensor, noisy=False)
+    )
 
 
 SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), sequence=True)
@@ -657,7 +691,7 @@ SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), seque
 
 def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS)
+        session = record(rig, SEQUENCE, tmp_path / "s", LABELS)
     files = [frame.path.name for frame in session.frames]
     assert files == [shot.file for shot in SEQUENCE.shots()]
     assert events_of(session) == []
@@ -678,7 +712,9 @@ def test_a_sequence_too_fast_for_the_disk_is_ended_and_restarted(
             gate.open.set()
 
     with _sequenced_rig() as rig:
-        session = record(rig, SEQUENCE, tmp_path / "s", **LABELS, on_event=on_event)
+        session = record(
+            rig, SEQUENCE, tmp_path / "s", LABELS, hooks=RecordingHooks(on_event=on_event)
+        )
     assert session.complete
     assert [line.event for line in session.events][:2] == ["paused", "resumed"]
     files = [frame.path.name for frame in session.frames]

@@ -41,9 +41,9 @@ def recorded(folder: Path, call: str, nth: int, forever: bool) -> tuple[int, Ben
         patch.setattr(os, call, refusing)
         if nth:
             with pytest.raises(StorageError, match="No space left"):
-                record(rig_on(bench), SHORT, folder, **LABELS)
+                record(rig_on(bench), SHORT, folder, LABELS)
         else:
-            record(rig_on(bench), SHORT, folder, **LABELS)
+            record(rig_on(bench), SHORT, folder, LABELS)
     return refusing.calls, bench
 
 
@@ -59,7 +59,7 @@ def test_no_recorded_frame_is_lost_whichever_call_the_disk_refuses(
         _, bench = recorded(folder, call, nth, forever)
         assert bench.lit_led is None
         if not (folder / "session.toml").exists():
-            record(rig_on(Bench()), SHORT, folder, **LABELS)  # the folder counts as empty
+            record(rig_on(Bench()), SHORT, folder, LABELS)  # the folder counts as empty
             continue
         found = verify_session(folder)
         assert found.problems == ()

@@ -19,11 +19,12 @@ from scipy.io import loadmat
 
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._export.caption import Caption
+from acquisition._export.captioned_images import write_captioned_png
 from acquisition._export.export import Layout, prepare_export
-from acquisition._export.images import write_captioned_png
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_exr, write_png
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.compact import compact_session
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
@@ -107,7 +108,11 @@ def session(
     with SessionWriter.create(folder, manifest) as writer:
         for number, shot in enumerate(shots):
             largest = 100 if shot.role != "light" else 4095
-            writer.write_frame(shot, picture(number, manifest.camera.shape, largest), gain_db=3.0)
+            writer.write_frame(
+                shot,
+                picture(number, manifest.camera.shape, largest),
+                report=CameraReport(gain_db=3.0),
+            )
         if maps:
             make_folder(folder / "derived" / "truth")
             mask = np.zeros(upright, np.uint8)

@@ -15,9 +15,10 @@ from acquisition._export.export import prepare_export
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_exr, write_png, write_tiff
 from acquisition._pixels.raw import read_raw
+from acquisition._session.labels import Labels
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
-from acquisition._source.images import images_source
+from acquisition._source.image_folder import images_source
 from acquisition._source.reader import read_source
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
@@ -47,11 +48,9 @@ def test_samples_lights_and_camera_are_kept(
     session = import_frames(
         source,
         tmp_path / "out",
-        operator="op",
-        object_name="owl",
-        notes="from elsewhere",
-        place="Rome",
-        rights="CC0",
+        Labels(
+            operator="op", object_name="owl", notes="from elsewhere", place="Rome", rights="CC0"
+        ),
         on_progress=lambda *report: done.append(report),
     )
     assert session.complete
@@ -80,16 +79,16 @@ def test_samples_lights_and_camera_are_kept(
 def test_refused_imports(tmp_path: Path) -> None:
     write_exr(tmp_path / "a.0.exr", np.ones((4, 6), np.float32))
     with pytest.raises(DataError, match=r"a\.0\.exr: a session holds whole numbers"):
-        import_frames(read_source(tmp_path), tmp_path / "out", operator="", object_name="")
+        import_frames(read_source(tmp_path), tmp_path / "out")
     assert not (tmp_path / "out").exists()
     write_png(tmp_path / "b.png", PIXELS[0])
     one = read_source(tmp_path / "b.png")
-    import_frames(one, tmp_path / "out", operator="", object_name="")
+    import_frames(one, tmp_path / "out")
     with pytest.raises(DataError, match="already a session"):
-        import_frames(read_source(tmp_path / "out"), tmp_path / "2", operator="", object_name="")
+        import_frames(read_source(tmp_path / "out"), tmp_path / "2")
     before = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
     with pytest.raises(StorageError, match="not empty"):
-        import_frames(one, tmp_path / "out", operator="", object_name="")
+        import_frames(one, tmp_path / "out")
     after = sorted(path.read_bytes() for path in (tmp_path / "out").rglob("*") if path.is_file())
     assert after == before
 
@@ -100,7 +99,7 @@ def test_mask_and_true_normals_are_imported(tmp_path: Path) -> None:
         mask=PIXELS[0, ..., 0] > 30000,
         normals_truth=np.random.default_rng(9).normal(size=(4, 6, 3)).astype(np.float32),
     )
-    import_frames(source, tmp_path / "out", operator="", object_name="")
+    import_frames(source, tmp_path / "out")
     assert verify_session(tmp_path / "out").ok
     again = read_source(tmp_path / "out")
     assert again.mask is not None
@@ -111,7 +110,7 @@ def test_mask_and_true_normals_are_imported(tmp_path: Path) -> None:
 
 def test_a_source_without_a_mask_gives_a_session_without_a_mask(tmp_path: Path) -> None:
     source = read_source(fill(tmp_path / "in"))
-    import_frames(source, tmp_path / "out", operator="", object_name="")
+    import_frames(source, tmp_path / "out")
     assert not (tmp_path / "out" / "derived").exists()
     assert read_source(tmp_path / "out").mask is None
 
@@ -131,7 +130,7 @@ def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
     (tmp_path / "in" / "a.2.png").write_bytes(data[:-40])
     source = read_source(tmp_path / "in")
     with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short") as caught:
-        import_frames(source, tmp_path / "out", operator="", object_name="")
+        import_frames(source, tmp_path / "out")
     assert caught.value.__notes__ == [
         f"{tmp_path / 'out'}: an incomplete session remains: delete it, then import again"
     ]
@@ -211,7 +210,7 @@ def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
     source = replace(
         source, frames=source.frames[:5], lights=source.lights and source.lights.take(range(5))
     )
-    session = import_frames(source, tmp_path / "out", object_name="cat")
+    session = import_frames(source, tmp_path / "out", Labels(object_name="cat"))
     assert verify_session(tmp_path / "out").ok
     for frame, original in zip(session.frames, source.frames, strict=True):
         np.testing.assert_array_equal(frame.read(), original.read())
@@ -232,7 +231,7 @@ def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
 def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> None:
     path = Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
     session = import_frames(
-        read_source(path), tmp_path / "out", operator="op", object_name="street"
+        read_source(path), tmp_path / "out", Labels(operator="op", object_name="street")
     )
     (frame,) = session.frames
     np.testing.assert_array_equal(frame.read(), read_raw(path).pixels)
@@ -248,7 +247,7 @@ def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> No
 @needs_data
 def test_real_captures_become_a_session(tmp_path: Path) -> None:
     source = read_source(Path(DATA or "") / "uw" / "buddha")
-    session = import_frames(source, tmp_path / "out", operator="op", object_name="buddha")
+    session = import_frames(source, tmp_path / "out", Labels(operator="op", object_name="buddha"))
     assert verify_session(tmp_path / "out").ok
     assert len(session.frames) == 12
     np.testing.assert_array_equal(session.frames[10].read(), source.frames[10].read())

@@ -21,6 +21,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
+from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
 
 
@@ -57,7 +58,9 @@ def sequenced_rig(light: dict[int, float]) -> Rig:
 
     config = RigConfig(name="sim", driver="simulated", leds=3, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
-    return simulated_rig(plane, config, size=(6, 8), noise=sensor, noisy=False, camera="inside")
+    return simulated_rig(
+        plane, config, size=(6, 8), camera="inside", formation=ImageFormation(sensor, noisy=False)
+    )
 
 
 @pytest.fixture
@@ -86,7 +89,7 @@ def test_a_rejected_dark_frame_is_not_a_reference(
         max_clipped_fraction=0.5,
     )
     spoil(bench, 1)
-    session = record(rig, plan, tmp_path / "s", **LABELS)
+    session = record(rig, plan, tmp_path / "s", LABELS)
     assert bench.shots == [None, None, None, 3, 0, 3, 0]
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [line.role for line in rejected] == [role]
@@ -104,7 +107,7 @@ def test_a_long_exposure_is_retaken_before_a_short_one_is_judged_by_it(
     bench.albedo = 0.02
     plan = CapturePlan(leds=(0, 3), exposures_us=(10.0, 200.0), retakes=1, max_clipped_fraction=0.5)
     spoil(bench, 3)  # the first shot of LED 0
-    session = record(rig, plan, tmp_path / "s", **LABELS)
+    session = record(rig, plan, tmp_path / "s", LABELS)
     assert bench.shots == [None, None, 0, 3, 0, 0, 3]
     rejected = [frame.line for frame in session.recorded if frame.line.status == "rejected"]
     assert [(line.led, line.bracket) for line in rejected] == [(0, 1)]
@@ -121,7 +124,7 @@ def test_a_sequence_has_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> Non
         sequence=True,
     )
     with sequenced_rig({0: 0.009, 1: 1.0, 2: 1.0}) as sequenced:
-        session = record(sequenced, plan, tmp_path / "s", **LABELS)
+        session = record(sequenced, plan, tmp_path / "s", LABELS)
     assert session.complete
     reported = [line.details for line in session.events if line.event == "no_light_seen"]
     assert reported == [{"led": 0, "exposure_us": 50.0}]
@@ -133,7 +136,7 @@ def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> N
     )
     with sequenced_rig({0: 1.0, 1: 1.0, 2: 1.0}) as sequenced:
         spoil(sequenced.camera, 1)
-        session = record(sequenced, plan, tmp_path / "s", **LABELS)
+        session = record(sequenced, plan, tmp_path / "s", LABELS)
     takes = [(frame.path.name, frame.line.status) for frame in session.recorded]
     lights = [(f"L{led:02d}_E0.tif", "ok") for led in plan.leds]
     assert takes == [("D_500us.tif", "rejected"), ("D_500us_R1.tif", "ok"), *lights]
@@ -156,7 +159,7 @@ def test_frames_that_another_process_added_are_references_too(
 
     unplug_at(1)
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     real = _engine._fitting
 
     def looked_at_early(*words: Any, **more: Any) -> Any:

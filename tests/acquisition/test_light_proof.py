@@ -120,7 +120,7 @@ def test_a_frame_of_another_led_is_not_kept(
 ) -> None:
     lying(rig, monkeypatch, at, change)
     with pytest.raises(RigError, match=said):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     assert len(Session.open(tmp_path / "s").recorded) == at - 1
     assert bench.lit_led is None
     assert resume(rig, tmp_path / "s").complete
@@ -130,7 +130,7 @@ def test_it_is_taken_again_if_the_plan_allows(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lying(rig, monkeypatch, 5, {"led": 0})
-    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", **LABELS)
+    session = record(rig, PLAN.changed(retakes=1), tmp_path / "s", LABELS)
     assert session.complete
     assert bench.shots.count(3) == 3  # one per bracket, and a retake in the first
     assert [line.details["led"] for line in session.events if line.event == "retake"] == [3]
@@ -155,7 +155,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
     plan = CapturePlan(leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1)
     monkeypatch.setattr(rig, "_arm", lambda trigger: None)
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
-    session = record(rig, plan, tmp_path / "s", **LABELS)
+    session = record(rig, plan, tmp_path / "s", LABELS)
     assert session.complete
     # The dark frame and that of LED 3 are kept, the next is not; the others are taken again.
     assert (runs[0], runs[1]) == ([None, 3, 1, 5, 2], [1, 5, 2])
@@ -165,7 +165,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
 def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
     camera = {"width": 8, "height": 6, "bit_depth": 12}
     plan = CapturePlan(leds=(3, 7), exposures_us=(100.0,), flats=1)
-    manifest = Manifest.begin(tmp_path, operator="", object="", plan=plan, camera=camera)
+    manifest = Manifest.begin(tmp_path, plan=plan, camera=camera)
     pixels = np.zeros((6, 8), np.uint16)
     with SessionWriter.create(tmp_path / "s", manifest) as writer:
         dark, light, _, flat = writer.missing
@@ -217,7 +217,7 @@ def test_every_reader_names_the_line(
     folder = tmp_path / "s"
     bench.on_trigger = fail
     try:
-        record(rig, PLAN.changed(flats=1), folder, **LABELS)
+        record(rig, PLAN.changed(flats=1), folder, LABELS)
     except CameraError:
         bench.on_trigger = lambda number: None
     rows = rows_of(folder)
@@ -242,7 +242,7 @@ def test_every_reader_names_the_line(
 
 def test_imported_sessions_and_old_ones_have_no_echo(tmp_path: Path) -> None:
     camera = {"width": 8, "height": 6, "bit_depth": 12}
-    manifest = Manifest.begin(tmp_path, operator="", object="", camera=camera)
+    manifest = Manifest.begin(tmp_path, camera=camera)
     with SessionWriter.create(tmp_path / "s", manifest) as writer:
         for shot in (LIGHT, DARK, SOME_FLAT):
             writer.write_frame(shot, np.zeros((6, 8), np.uint16))

@@ -14,6 +14,7 @@ import pytest
 
 from acquisition._engine import carry_out as _carry_out
 from acquisition._engine.engine import record, resume
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.recording import LOST_RETAKES
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.session import Session
@@ -26,6 +27,7 @@ from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
 from simulator.gentl import CompilerError
 from tests.acquisition.fake_bench import LABELS
+from tests.simulator.camera_options import grouped
 
 LEDS = 8
 SIZE = (4, 6)
@@ -58,13 +60,15 @@ class _Bench:
             self.camera = self._opened.enter_context(
                 GentlCamera(
                     _plane,
-                    size=SIZE,
-                    leds=LEDS,
-                    noise=NoiseModel(1.0, 0.0, 0.0, 12),
-                    noisy=False,
-                    bench_state_path=self.board.bench_state_path,
-                    frame_rate_hz=1000.0,
-                    **options,
+                    **grouped(
+                        size=SIZE,
+                        leds=LEDS,
+                        noise=NoiseModel(1.0, 0.0, 0.0, 12),
+                        noisy=False,
+                        bench_state_path=self.board.bench_state_path,
+                        frame_rate_hz=1000.0,
+                        **options,
+                    ),
                 )
             )
         except CompilerError as error:
@@ -122,7 +126,7 @@ def test_a_sequence_is_recorded_completely_despite_lost_frames(
     rig = bench.rig(most_buffers=most_buffers)
     for frame in at:
         bench.camera.set_fault(frame, kind)
-    session = record(rig, PLAN, tmp_path / "s", **LABELS)
+    session = record(rig, PLAN, tmp_path / "s", LABELS)
     _check(session)
     lost = _events(session, "frames_lost")
     assert kind == "doubled" or lost
@@ -133,7 +137,11 @@ def test_a_loss_is_journalled_with_the_counters(bench: _Bench, tmp_path: Path) -
     bench.camera.set_fault(3, "underrun")
     reported: list[tuple[str, Any]] = []
     session = record(
-        rig, PLAN, tmp_path / "s", **LABELS, on_event=lambda *event: reported.append(event)
+        rig,
+        PLAN,
+        tmp_path / "s",
+        LABELS,
+        hooks=RecordingHooks(on_event=lambda *event: reported.append(event)),
     )
     (lost,) = _events(session, "frames_lost")
     started = lost.pop("started")
@@ -156,7 +164,7 @@ def test_single_shots_are_taken_again_too(
     rig = bench.rig(trigger)
     for at in (2, 4, 6):
         bench.camera.set_fault(at, kind)
-    session = record(rig, plan, tmp_path / "s", **LABELS)
+    session = record(rig, plan, tmp_path / "s", LABELS)
     _check(session, plan)
     assert len(_events(session, "frames_lost")) == 3
 
@@ -168,7 +176,7 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
     for at in range(5, 80):
         bench.camera.set_fault(at, "lost")
     with pytest.raises(RigError) as error:
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     assert isinstance(error.value, FrameLostError)
     assert any("was taken 4 times" in note for note in error.value.__notes__)
     session = Session.open(tmp_path / "s")
@@ -189,7 +197,7 @@ def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, seque
     rig = bench.rig()
     bench.board.set_faults(BoardFault(kind="lose-trigger", times=10_000))
     with pytest.raises(RigError, match="check the wire"):
-        record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", **LABELS)
+        record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", LABELS)
     session = Session.open(tmp_path / "s")
     assert len(_events(session, "frames_lost")) == 1
     assert _events(session, "retake") == []
@@ -214,7 +222,7 @@ def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
 ) -> None:
     rig = bench.rig()
     bench.board.set_faults(*faults)
-    session = record(rig, PLAN, tmp_path / "s", **LABELS)
+    session = record(rig, PLAN, tmp_path / "s", LABELS)
     _check(session)
     assert _events(session, "frames_lost")
 
@@ -233,7 +241,7 @@ def test_rejected_frames_stay_with_the_plan(
 
     monkeypatch.setattr(rig.camera, "fetch", without_led_3)
     with pytest.raises(RigError, match="LED 3 gave no light"):
-        record(rig, PLAN, tmp_path / "s", **LABELS)
+        record(rig, PLAN, tmp_path / "s", LABELS)
     # The lost shot was taken again, the one without light was not.
     session = Session.open(tmp_path / "s")
     assert [details["file"] for details in _events(session, "retake")] == ["L01_E0.tif"]

@@ -20,7 +20,9 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._preflight import rig as _check_rig
 from acquisition._preflight.check import Check
 from acquisition._preflight.disk import check_disk
-from acquisition._preflight.images import (
+from acquisition._preflight.preflight import Preflight, preflight
+from acquisition._preflight.rig import check_camera
+from acquisition._preflight.trial_frames import (
     Trials,
     check_exposure,
     check_focus,
@@ -29,8 +31,6 @@ from acquisition._preflight.images import (
     check_steadiness,
     detail,
 )
-from acquisition._preflight.preflight import Preflight, preflight
-from acquisition._preflight.rig import check_camera
 from rig import BoardError, RigConfig
 from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera
@@ -190,8 +190,8 @@ def test_automatic_functions_that_were_on_are_named(
         build()
     except CompilerError as error:
         pytest.skip(str(error))
-    made = partial(_simulated_rig.GentlCamera, automatics=automatics)
-    monkeypatch.setattr(_simulated_rig, "GentlCamera", made)
+    made = partial(_simulated_rig.GentlDevice, automatics=automatics)
+    monkeypatch.setattr(_simulated_rig, "GentlDevice", made)
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(1000.0,))
     with rig_for(rendering, seed=2, camera="gentl") as rig:
         check = check_camera(rig, plan)

@@ -93,7 +93,7 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int) -> None:
 
     bench.on_trigger = trigger
     with pytest.raises(CameraError):
-        record(rig, PLAN.changed(retakes=0), folder, **LABELS)
+        record(rig, PLAN.changed(retakes=0), folder, LABELS)
     bench.on_trigger = lambda number: cap(bench, number)
 
 
@@ -146,7 +146,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     bench.dead = {5}
     plan = PLAN.changed(leds=(3, 0, 1, 2, 5), max_clipped_fraction=0.5)
     with pytest.raises(RigError, match="LED 5 gave no light"):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     names = [frame.path.name for frame in Session.open(tmp_path / "s").recorded]
     assert names[:2] == ["D_200us.tif", "A_200us.tif"]
     assert names.index("D_200us_R1.tif") < names.index("L05_E0.tif")

@@ -14,8 +14,10 @@ import pytest
 import tomli_w
 
 from acquisition._engine.engine import check_resume, record, resume
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.calibrations import Calibrations
 from acquisition._session.compact import compact_session
 from acquisition._session.manifest import _ADDED_2, CameraRecord, Manifest
 from acquisition._session.session import Session
@@ -40,7 +42,9 @@ def rig(bench: Bench) -> Iterator[Rig]:
     rig.close()
 
 
-def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> Session:
+def interrupted(
+    rig: Rig, bench: Bench, folder: Path, at: int, sensor: NoiseModel | None = None
+) -> Session:
     """Record until the camera fails at a given frame."""
 
     def fail(number: int) -> None:
@@ -49,7 +53,7 @@ def interrupted(rig: Rig, bench: Bench, folder: Path, at: int, **more: Any) -> S
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, PLAN, folder, **{**LABELS, **more})
+        record(rig, PLAN, folder, LABELS, calibrations=Calibrations(sensor=sensor))
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return Session.open(folder)
@@ -62,7 +66,9 @@ def test_exactly_the_missing_shots_are_taken(
     before = interrupted(rig, bench, tmp_path / "s", at)
     assert len(before.frames) == at - 1
     steps: list[tuple[str, int, int]] = []
-    session = resume(rig, tmp_path / "s", on_progress=lambda *report: steps.append(report))
+    session = resume(
+        rig, tmp_path / "s", hooks=RecordingHooks(on_progress=lambda *report: steps.append(report))
+    )
     assert session.complete
     assert bench.shots == [shot.lit_led for shot in PLAN.shots()[at - 1 :]]
     recorded = [step for step in steps if step[0] == "recording"]
@@ -245,12 +251,10 @@ def test_sessions_that_cannot_be_resumed(rig: Rig, bench: Bench, tmp_path: Path)
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="not a session"):
         resume(rig, tmp_path / "empty")
-    record(rig, PLAN, tmp_path / "whole", **LABELS)
+    record(rig, PLAN, tmp_path / "whole", LABELS)
     with pytest.raises(DataError, match="is complete"):
         resume(rig, tmp_path / "whole")
-    manifest = Manifest.begin(
-        tmp_path, operator="", object="", camera=vars(CameraRecord(width=8, height=6, bit_depth=12))
-    )
+    manifest = Manifest.begin(tmp_path, camera=vars(CameraRecord(width=8, height=6, bit_depth=12)))
     SessionWriter.create(tmp_path / "imported", manifest).close()
     with pytest.raises(DataError, match="was not recorded on a rig"):
         resume(rig, tmp_path / "imported")
@@ -265,7 +269,7 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
         with rig_on(other) as other_rig:
             for attempt in (
                 lambda: resume(other_rig, tmp_path / "s"),
-                lambda: record(other_rig, PLAN, tmp_path / "s", **LABELS),
+                lambda: record(other_rig, PLAN, tmp_path / "s", LABELS),
             ):
                 try:
                     attempt()
@@ -279,7 +283,7 @@ def test_a_second_recorder_is_refused(rig: Rig, bench: Bench, tmp_path: Path) ->
             thread.join(30)
 
     bench.on_trigger = at
-    assert record(rig, PLAN, tmp_path / "s", **LABELS).complete
+    assert record(rig, PLAN, tmp_path / "s", LABELS).complete
     assert len(refused) == 2
     assert all("another process is recording into this session" in text for text in refused)
     assert other.frames == 0
@@ -339,7 +343,7 @@ def test_an_led_that_died_since_is_left_out(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     bench.on_trigger = lambda number: None
     taken = len(bench.shots)
     bench.dead = {0}
@@ -351,8 +355,10 @@ def test_an_led_that_died_since_is_left_out(
             knowing,
             tmp_path / "s",
             plan=plan,
-            on_event=lambda name, details: reported.append((name, dict(details))),
-            on_progress=lambda *report: counted.append(report),
+            hooks=RecordingHooks(
+                on_event=lambda name, details: reported.append((name, dict(details))),
+                on_progress=lambda *report: counted.append(report),
+            ),
         )
     assert 0 not in bench.shots[taken:]
     assert [shot.lit_led for shot in missing] == bench.shots[taken:]
@@ -461,8 +467,6 @@ def two_lights(folder: Path) -> SessionWriter:
     """Start a session of two lights and write the first."""
     manifest = Manifest.begin(
         folder,
-        operator="",
-        object="",
         plan=CapturePlan(leds=(0, 1), exposures_us=(10.0,), dark=False),
         camera=vars(CameraRecord(width=8, height=6, bit_depth=12)),
     )
@@ -510,7 +514,13 @@ def test_the_difference_from_the_dark_is_in_each_lit_line(
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **LABELS, sensor=NoiseModel(2.0, 5.0, 60.0, 12))
+        record(
+            rig,
+            plan,
+            tmp_path / "s",
+            LABELS,
+            calibrations=Calibrations(sensor=NoiseModel(2.0, 5.0, 60.0, 12)),
+        )
     bench.on_trigger = lambda number: None
     session = resume(rig, tmp_path / "s")
     means = {frame.line.key: frame.read().mean() for frame in session.frames}
@@ -530,5 +540,5 @@ def test_without_a_dark_frame_there_is_no_difference_from_it(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     plan = PLAN.changed(ambient=False, dark=False)
-    session = record(rig, plan, tmp_path / "s", **LABELS)
+    session = record(rig, plan, tmp_path / "s", LABELS)
     assert {frame.line.above_dark for frame in session.frames} == {None}

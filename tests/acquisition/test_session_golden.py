@@ -24,6 +24,7 @@ import pytest
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import Echo
 from acquisition._session.manifest import (
     FORMAT_VERSION,
@@ -118,20 +119,27 @@ def write(folder: Path) -> None:
             writer.write_frame(
                 shot,
                 pixels_of(number),
-                exposure_us=99.5 if shot.exposure_us == 100 else shot.exposure_us,
-                gain_db=1.5,
-                frame_id=number,
-                timestamp_ns=10**9 * number,
-                temperature_c=40.25,
+                report=CameraReport(
+                    exposure_us=99.5 if shot.exposure_us == 100 else shot.exposure_us,
+                    gain_db=1.5,
+                    frame_id=number,
+                    timestamp_ns=10**9 * number,
+                    temperature_c=40.25,
+                ),
                 echo=Echo(seq=number, led=shot.lit_led, lit_us=120, active_us=99),
                 above_dark=None if shot.lit_led is None else 0.125,
             )
         writer.write_event("retake", reason="someone walked by", led=3)
-        writer.write_frame(shots[3], pixels_of(40), frame_id=5)
-        writer.write_frame(shots[4], pixels_of(50), frame_id=6, status="rejected")
+        writer.write_frame(shots[3], pixels_of(40), report=CameraReport(frame_id=5))
+        writer.write_frame(
+            shots[4], pixels_of(50), report=CameraReport(frame_id=6), status="rejected"
+        )
         for number, shot in enumerate(shots[4:], 5):
             writer.write_frame(
-                shot, pixels_of(number), frame_id=number + 2, echo=Echo(seq=9, led=shot.lit_led)
+                shot,
+                pixels_of(number),
+                report=CameraReport(frame_id=number + 2),
+                echo=Echo(seq=9, led=shot.lit_led),
             )
     # One bit changes, and a frame is lost.
     damaged = folder / "frames" / "L03_E1.tif"
@@ -145,7 +153,7 @@ def write(folder: Path) -> None:
         SessionWriter.reopen(folder, set_aside_damaged=True) as writer,
     ):
         for number, shot in enumerate(writer.missing, 60):
-            writer.write_frame(shot, pixels_of(number), frame_id=number)
+            writer.write_frame(shot, pixels_of(number), report=CameraReport(frame_id=number))
         writer.complete()
 
 

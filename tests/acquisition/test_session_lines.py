@@ -14,6 +14,7 @@ import pytest
 
 from acquisition._engine.engine import record
 from acquisition._errors import DataError
+from acquisition._session.calibrations import Calibrations
 from acquisition._session.event_details import details_complaint
 from acquisition._session.journal import GENESIS, parse_journal
 from acquisition._session.session import Session
@@ -334,7 +335,14 @@ def recorded(folder: Path, *, cut: bool) -> Path:
     events = [("checked", {"checks": checks})]
     with rig_on(bench) as rig:
         try:
-            record(rig, PLAN.changed(flats=1), folder, lights=lights, events=events, **LABELS)
+            record(
+                rig,
+                PLAN.changed(flats=1),
+                folder,
+                LABELS,
+                events=events,
+                calibrations=Calibrations(lights=lights),
+            )
         except CameraError:
             assert cut
     return folder

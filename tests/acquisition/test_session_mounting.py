@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import CapturePlan, DataError, Session, read_image, read_source, record
+from acquisition import (
+    Calibrations,
+    CapturePlan,
+    DataError,
+    Labels,
+    Session,
+    read_image,
+    read_source,
+    record,
+)
 from acquisition._pixels.images import write_png
 from acquisition._session.manifest import Manifest, parse_manifest
 from calibration import linear_stack
@@ -37,10 +46,10 @@ def recorded(rendering, folder, mounting):
             rig,
             PLAN,
             folder,
-            operator="Ada",
-            object_name="coin",
-            camera_model=rendering.truth.camera,
-            sensor=rendering.truth.noise,
+            Labels(operator="Ada", object_name="coin"),
+            calibrations=Calibrations(
+                camera_model=rendering.truth.camera, sensor=rendering.truth.noise
+            ),
         )
     save_truth(folder / "derived" / "truth", rendering, exposures_us=PLAN.exposures_us)
     return session
@@ -109,5 +118,11 @@ def test_a_camera_model_of_the_rotated_image_is_refused(tmp_path, renderings):
         rig_for(rendering, config, noisy=False, realtime=False) as rig,
         pytest.raises(DataError, match=r"for 38 x 47 pixels, .* upright images of 47 x 38"),
     ):
-        record(rig, PLAN, tmp_path / "s", operator="a", object_name="b", camera_model=lying)
+        record(
+            rig,
+            PLAN,
+            tmp_path / "s",
+            Labels(operator="a", object_name="b"),
+            calibrations=Calibrations(camera_model=lying),
+        )
     assert not (tmp_path / "s").exists()

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from acquisition._engine.engine import check_resume, record, resume
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._errors import DataError, StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import frame_proofs as _frame_proofs
@@ -54,7 +55,7 @@ def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN)
 
     bench.on_trigger = fail
     with pytest.raises(CameraError):
-        record(rig, plan, folder, **LABELS)
+        record(rig, plan, folder, LABELS)
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return folder
@@ -157,7 +158,7 @@ def test_damage_is_named_and_retaken_only_on_request(
 ) -> None:
     folder = tmp_path / "s"
     if at > 10:
-        record(rig, PLAN, folder, **LABELS)
+        record(rig, PLAN, folder, LABELS)
         (folder / "COMPLETE").unlink()  # killed just before
         bench.shots.clear()
     else:
@@ -169,7 +170,7 @@ def test_damage_is_named_and_retaken_only_on_request(
     assert {one.frame.path.name for one in damaged_frames(folder)} == set(names)
     reported: list[str] = []
     with pytest.raises(DataError) as caught:
-        resume(rig, folder, on_damage=reported.append)
+        resume(rig, folder, hooks=RecordingHooks(on_damage=reported.append))
     assert any(name in str(caught.value) for name in names)
     assert "\n" not in str(caught.value)
     assert not (folder / "COMPLETE").exists()
@@ -187,7 +188,7 @@ def test_damage_is_named_and_retaken_only_on_request(
         rig,
         folder,
         retake_damaged=True,
-        on_event=lambda name, details: events.append((name, details)),
+        hooks=RecordingHooks(on_event=lambda name, details: events.append((name, details))),
     )
     assert session.complete
     assert len(bench.shots) == left + len(names)
@@ -218,7 +219,7 @@ def test_a_complete_session_is_reopened_only_for_damage(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     folder = tmp_path / "s"
-    record(rig, PLAN, folder, **LABELS)
+    record(rig, PLAN, folder, LABELS)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     with pytest.raises(DataError, match="is complete"):
         resume(rig, folder, retake_damaged=True)
@@ -240,7 +241,7 @@ def test_frames_that_do_not_count_are_set_aside_and_not_retaken(
     folder = tmp_path / "s"
     bench.albedo = 30.0
     bench.on_trigger = lambda number: setattr(bench, "albedo", 1.0 if number > 5 else 30.0)
-    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, **LABELS)
+    record(rig, PLAN.changed(retakes=1, max_clipped_fraction=0.2), folder, LABELS)
     (folder / "COMPLETE").unlink()
     session = Session.open(folder)
     (rejected,) = (f for f in session.recorded if f.line.status == "rejected")
@@ -261,7 +262,7 @@ def test_a_replaced_take_stays_replaced(tmp_path: Path) -> None:
     """Its replacement is damaged, but the first take stays replaced."""
     camera = {"width": 10, "height": 7, "bit_depth": 12}
     plan = CapturePlan(leds=(0,), exposures_us=(100.0,), dark=False)
-    manifest = Manifest.begin(tmp_path, operator="", object="", plan=plan, camera=camera)
+    manifest = Manifest.begin(tmp_path, plan=plan, camera=camera)
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest) as writer:
         (shot,) = writer.missing
@@ -463,7 +464,13 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
     bench.on_trigger = lambda number: time.sleep(0.05)
     with pytest.raises(DataError, match=r"D_50us\.tif: was changed since it was recorded"):
-        resume(rig, folder, on_damage=lambda text: reported.append(f"{len(bench.shots)} {text}"))
+        resume(
+            rig,
+            folder,
+            hooks=RecordingHooks(
+                on_damage=lambda text: reported.append(f"{len(bench.shots)} {text}")
+            ),
+        )
     # It is reported while shots are taken, and the recording continues.
     assert len(reported) == 1
     assert int(reported[0].partition(" ")[0]) < len(bench.shots) == 3
@@ -533,7 +540,7 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
 ) -> None:
     """A changed and a lost frame of a complete session of version 2."""
     model = tmp_path / "model"
-    record(rig, PLAN, model, **LABELS)
+    record(rig, PLAN, model, LABELS)
     toml = model / "session.toml"
     toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
     seal(model, rows_of(model))

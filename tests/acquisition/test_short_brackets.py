@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from acquisition._engine.engine import record, resume
+from acquisition._engine.hooks import RecordingHooks
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError
@@ -36,8 +37,8 @@ def test_a_bracket_too_short_to_show_its_light_is_kept_and_reported(
         rig,
         CapturePlan(leds=leds, exposures_us=exposures_us),
         tmp_path / "s",
-        **LABELS,
-        on_event=lambda event, details: reported.append(event),
+        LABELS,
+        hooks=RecordingHooks(on_event=lambda event, details: reported.append(event)),
     )
     assert session.complete
     short = exposures_us.index(10.0)
@@ -60,7 +61,7 @@ def test_an_led_that_dies_between_brackets_is_detected(
 
     bench.on_trigger = die
     with pytest.raises(RigError, match=r"L00_E1\.tif: LED 0 gave no light at 50 us"):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     assert not Session.open(tmp_path / "s").complete
 
 
@@ -76,6 +77,6 @@ def test_the_light_of_an_led_is_known_after_a_resume(
 
     bench.on_trigger = unplug
     with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", **LABELS)
+        record(rig, plan, tmp_path / "s", LABELS)
     bench.on_trigger = lambda number: None
     assert resume(rig, tmp_path / "s").complete

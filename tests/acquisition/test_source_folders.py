@@ -10,7 +10,7 @@ import pytest
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._pixels.images import write_exr, write_png, write_tiff
-from acquisition._source.images import numbered_series
+from acquisition._source.image_folder import numbered_series
 from acquisition._source.reader import read_source
 from acquisition._value_files.lights import read_lights
 from acquisition._values.camera_model import CameraModel

@@ -20,6 +20,7 @@ from acquisition._import.watch import WatchResult, watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import write_exr, write_png, write_tiff
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.labels import Labels
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
@@ -84,7 +85,7 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
         lights=lights,
         on_message=lines.append,
         on_progress=lambda *report: steps.append(report),
-        texts={"operator": "Ada", "place": "Rome"},
+        labels=Labels(operator="Ada", place="Rome"),
     )
     assert result.missing == ()
     assert result.session.complete
@@ -287,7 +288,7 @@ def test_a_watch_killed_before_its_first_frame_is_continued(folder: Path, out: P
     for number in range(3):
         shoot(folder, number, 2.0 * number)
     camera = {"width": SHAPE[1], "height": SHAPE[0], "bit_depth": 16}
-    manifest = Manifest.begin(out, operator="", object="", camera=camera)
+    manifest = Manifest.begin(out, camera=camera)
     SessionWriter.create(out, manifest).close()
     assert watch_folder(watch(folder, leds=3), out).session.complete
     assert verify_session(out).ok

@@ -44,13 +44,13 @@ PLANTED = (
     ),
     Planted(
         "LED on too short for a fast clock",
-        "rig/_shooting/exposure.py",
+        "rig/_shooting/shot_times.py",
         "self.needed_us * (1 + CLOCK_SHARE) + self.margin_us",
         "self.needed_us * (1 - CLOCK_SHARE) + self.margin_us",
     ),
     Planted(
         "the clock's share is ignored",
-        "rig/_shooting/exposure.py",
+        "rig/_shooting/shot_times.py",
         "self.needed_us * (1 + CLOCK_SHARE) + self.margin_us",
         "self.needed_us + self.margin_us",
     ),

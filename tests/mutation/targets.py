@@ -33,7 +33,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "acquisition/_session/verify.py": _SESSION,
     "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
     "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
-    "rig/_shooting/exposure.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/shot_times.py": ("rig/test_shooting_values.py",),
     "rig/_shooting/flash_chain.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
     "rig/_shooting/frame_time.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
     "rig/_shooting/sequence.py": _SHOOTING,

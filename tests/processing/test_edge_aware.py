@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from processing._detail.filter_kind import FilterKind
-from processing._detail.separation import separate, separate_by
+from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
@@ -70,7 +70,7 @@ def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float
 
 def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, float, float]:
     """Return mean residual angles in the band, by both filters, and the detail angle elsewhere."""
-    parts = separate_by(by, normal_map)
+    parts = separate(normal_map, shape_filter=by)
     own = parts.separability_map_deg[band].mean()
     paper = angle_deg(PAPER.shape(parts.detail).normals[band], UP).mean()
     away = angle_deg(parts.detail.normals[normal_map.mask & ~band], UP).mean()
@@ -116,8 +116,8 @@ def test_there_is_no_seam_between_two_slopes(kind: FilterKind) -> None:
     vectors = np.zeros((40, 60, 3))
     vectors[:, :30], vectors[:, 30:] = (0.6, 0, 0.8), (-0.6, 0, 0.8)
     roof = NormalMap.from_vectors(vectors)
-    seam = separate(roof, filter=kind).detail.normals[:, 28:32]
-    gauss = separate(roof, order=1).detail.normals[:, 28:32]
+    seam = separate(roof, shape_filter=ShapeFilter(kind=kind)).detail.normals[:, 28:32]
+    gauss = separate(roof, shape_filter=ShapeFilter(order=1)).detail.normals[:, 28:32]
     assert angle_deg(seam, UP).mean() < 0.4 * angle_deg(gauss, UP).mean()
 
 
@@ -125,7 +125,7 @@ def test_there_is_no_seam_between_two_slopes(kind: FilterKind) -> None:
 def test_the_background_does_not_affect_the_rim(kind: FilterKind) -> None:
     mask = np.hypot(*np.mgrid[-20:21, -20:21]) < 15
     plane = NormalMap.from_vectors(np.broadcast_to((0.48, -0.6, 0.64), (41, 41, 3)), mask)
-    parts = separate(plane, filter=kind)
+    parts = separate(plane, shape_filter=ShapeFilter(kind=kind))
     assert angle_deg(parts.shape.normals, plane.normals)[mask].max() < 1e-3
     assert not parts.shape.normals[~mask].any()
     assert not parts.detail.normals[~mask].any()

@@ -14,6 +14,7 @@ from acquisition import DataError
 from processing._detail.local_transfer import transfer_local
 from processing._detail.seam import _membrane, blend_detail, seam_of, seam_steps
 from processing._detail.separation import separate
+from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Similarity
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
@@ -173,7 +174,9 @@ def test_blending_a_detail_into_itself_changes_nothing_poles_included() -> None:
 
 def test_a_part_that_covers_the_target_has_no_seam() -> None:
     target = ball(60)
-    result = transfer_local(relief(6, (100, 100)), target, at=(30, 30), w=4)
+    result = transfer_local(
+        relief(6, (100, 100)), target, at=(30, 30), shape_filter=ShapeFilter(w=4)
+    )
     np.testing.assert_array_equal(result.region, target.mask)
     assert np.isnan(result.seam.ratio)
     assert np.isfinite(result.fidelity.detail_mae_deg)
@@ -201,7 +204,9 @@ def test_the_seam_step_of_a_fold() -> None:
 def test_a_part_is_complete_and_the_rest_does_not_change() -> None:
     source, target = relief(2, (90, 90)), ball()
     mask = ellipse((90, 90), 45, 45, 36, 30)
-    result = transfer_local(source, target, source_mask=mask, at=(60, 62), w=5, reach_px=3.0)
+    result = transfer_local(
+        source, target, source_mask=mask, at=(60, 62), shape_filter=ShapeFilter(w=5), reach_px=3.0
+    )
     expected = np.zeros(target.size, bool)
     expected[17:107, 15:105] = mask
     expected &= target.mask
@@ -212,8 +217,8 @@ def test_a_part_is_complete_and_the_rest_does_not_change() -> None:
     # Far from the seam the detail is the source's, on the shape of the target.
     deep = cv2.erode(expected.astype(np.uint8), np.ones((35, 35), np.uint8)) > 0
     assert deep.sum() > 50
-    shape = separate(target, w=5).shape.normals
-    detail = separate(source, w=5).detail.normals
+    shape = separate(target, shape_filter=ShapeFilter(w=5)).shape.normals
+    detail = separate(source, shape_filter=ShapeFilter(w=5)).detail.normals
     there = np.argwhere(deep)
     for r, c in there[::7]:
         along = got[r, c] @ shape[r, c]
@@ -233,7 +238,7 @@ def test_a_part_inserted_at_its_own_position_changes_nothing() -> None:
 def test_a_target_mask_limits_and_positions_the_part() -> None:
     source, target = relief(3, (60, 60)), ball()
     room = ellipse(target.size, 50, 70, 15, 12)
-    result = transfer_local(source, target, target_mask=room, w=4)
+    result = transfer_local(source, target, target_mask=room, shape_filter=ShapeFilter(w=4))
     np.testing.assert_array_equal(result.region, room)
     assert result.placement.at == (50, 70)
 
@@ -258,7 +263,11 @@ def test_the_membrane_removes_the_step() -> None:
         pytest.param({"at": (np.inf, 60)}, "place of", id="infinitely far"),
         pytest.param({"at": (60, 60), "amplitude": np.inf}, "amplitude of inf", id="amplitude"),
         pytest.param({"at": (60, 60), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
-        pytest.param({"at": (60, 60), "w": 60}, "larger than the normal map", id="w too large"),
+        pytest.param(
+            {"at": (60, 60), "shape_filter": ShapeFilter(w=60)},
+            "larger than the normal map",
+            id="w too large",
+        ),
         pytest.param({"source_mask": np.ones((3, 3), bool)}, "source mask of bool", id="mask size"),
         pytest.param(
             {"target_mask": np.zeros((120, 120), bool)}, "target's normals do not", id="empty"

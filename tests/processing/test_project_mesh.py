@@ -79,7 +79,7 @@ def _plane(slope_x, slope_y, half=60.0, lift=0.0):
 
 @pytest.mark.parametrize("slopes", [(0.0, 0.0), (0.5, -0.2), (-3.0, 2.0)])
 def test_a_tilted_plane_is_exact(slopes):
-    view = project(_plane(*slopes), size=(41, 61), mm_per_px=0.7, centred=False)
+    view = project(_plane(*slopes), size=(41, 61), pixel_mm=0.7, centred=False)
     x = (np.arange(61) - 30) * 0.7
     y = (20 - np.arange(41)) * 0.7
     np.testing.assert_allclose(
@@ -101,12 +101,12 @@ def test_the_depth_of_a_plane_in_perspective(camera, slopes):
     tolerance = 1e-6 if camera is CAMERA else 2e-4
     np.testing.assert_allclose(view.depth, expected, rtol=tolerance)
     np.testing.assert_allclose(view.height, 500.0 - expected, atol=500 * tolerance)
-    assert view.mm_per_px == pytest.approx(500 / np.sqrt(900 * 880))
+    assert view.pixel_mm == pytest.approx(500 / np.sqrt(900 * 880))
 
 
 def test_a_ball_in_closed_form():
     ball = trimesh.creation.icosphere(subdivisions=6, radius=10.0)
-    view = project(Geometry(ball.vertices, ball.faces), size=(200, 200), mm_per_px=0.11)
+    view = project(Geometry(ball.vertices, ball.faces), size=(200, 200), pixel_mm=0.11)
     x, y = np.meshgrid((np.arange(200) - 99.5) * 0.11, (99.5 - np.arange(200)) * 0.11)
     z2 = 100 - x**2 - y**2
     assert not view.normal_map.mask[z2 < 0].any()
@@ -151,7 +151,7 @@ def test_agrees_with_a_ray_caster(name, camera, smooth):
     points *= 100 / np.ptp(points, axis=0).max()
     faces = mesh.faces
     if camera is None:
-        view = project(Geometry(points, faces), size=(240, 300), mm_per_px=0.45, smooth=smooth)
+        view = project(Geometry(points, faces), size=(240, 300), pixel_mm=0.45, smooth=smooth)
         x, y = np.meshgrid((np.arange(300) - 149.5) * 0.45, (119.5 - np.arange(240)) * 0.45)
         origins = np.stack([x, y, np.full_like(x, 200.0)], axis=-1).reshape(-1, 3)
         rays = np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
@@ -207,7 +207,7 @@ def test_faces_without_area_are_reported_and_left_out():
 
 def test_a_mesh_of_only_degenerate_faces_is_refused():
     with pytest.raises(EstimateError, match=r"no face can be drawn: .*no area: 1 of 1"):
-        project(Geometry([[0, 0, 0], [1, 1, 0], [2, 2, 0]], [[0, 1, 2]]), mm_per_px=0.1)
+        project(Geometry([[0, 0, 0], [1, 1, 0], [2, 2, 0]], [[0, 1, 2]]), pixel_mm=0.1)
 
 
 def test_the_back_of_a_face_has_an_inverted_normal_and_is_reported():
@@ -236,16 +236,16 @@ def test_faces_behind_the_camera_are_reported_and_left_out():
     ("options", "kind", "words"),
     [
         pytest.param({"unit_mm": 0.0}, DataError, "unit of 0.0 mm", id="unit"),
-        pytest.param({"mm_per_px": np.nan}, DataError, "pixel of nan mm", id="pixel"),
-        pytest.param({"mm_per_px": 1e-4}, DataError, "too large", id="huge"),
+        pytest.param({"pixel_mm": np.nan}, DataError, "pixel of nan mm", id="pixel"),
+        pytest.param({"pixel_mm": 1e-4}, DataError, "too large", id="huge"),
         pytest.param({"size": (70_000, 1)}, DataError, "too large", id="long"),
-        pytest.param({"camera": CAMERA, "mm_per_px": 1.0}, DataError, "only one", id="two scales"),
+        pytest.param({"camera": CAMERA, "pixel_mm": 1.0}, DataError, "only one", id="two scales"),
         pytest.param({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9", id="two sizes"),
         pytest.param(
             {"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working", id="no distance"
         ),
         pytest.param(
-            {"size": (1, 2), "mm_per_px": 300.0}, EstimateError, "120 x 120 mm", id="nothing seen"
+            {"size": (1, 2), "pixel_mm": 300.0}, EstimateError, "120 x 120 mm", id="nothing seen"
         ),
     ],
 )

@@ -49,7 +49,7 @@ def test_orientations_are_propagated_from_the_front():
 
 
 def test_the_rim_of_a_ball_does_not_show_its_inside():
-    view = project(Geometry(_sphere(30_000)), size=(200, 200), mm_per_px=0.21, centred=False)
+    view = project(Geometry(_sphere(30_000)), size=(200, 200), pixel_mm=0.21, centred=False)
     mask = view.normal_map.mask
     x, y = np.meshgrid((np.arange(200) - 99.5), (99.5 - np.arange(200)))
     rim = mask & (np.hypot(x, y) * 0.21 > 19.3)
@@ -64,7 +64,7 @@ def test_a_ball_of_points_in_closed_form(camera, given):
     points = _sphere(30_000)
     cloud = Geometry(points, normals=-points / 20.0 if given else None)
     if camera is None:
-        view = project(cloud, size=(200, 200), mm_per_px=0.21, centred=False)
+        view = project(cloud, size=(200, 200), pixel_mm=0.21, centred=False)
         x, y = np.meshgrid((np.arange(200) - 99.5) * 0.21, (99.5 - np.arange(200)) * 0.21)
         z = np.sqrt(np.maximum(400 - x**2 - y**2, 0))
         inner = x**2 + y**2 < 380
@@ -101,7 +101,7 @@ def test_points_on_a_mesh_give_its_normal_map(name):
     points, _ = trimesh.sample.sample_surface(whole, 100_000, seed=1)
     truth = project(mesh, size=(600, 600))
     view = project(
-        Geometry(np.asarray(points)), size=(600, 600), mm_per_px=truth.mm_per_px, centred=False
+        Geometry(np.asarray(points)), size=(600, 600), pixel_mm=truth.pixel_mm, centred=False
     )
     mask = truth.normal_map.mask
     # Discs extend beyond the outline by about the distance between two points and leave no hole.
@@ -144,7 +144,7 @@ def test_isolated_lines_of_points_are_reported():
 )
 def test_points_without_a_surface_are_refused(points, words):
     with pytest.raises(EstimateError, match=words):
-        project(Geometry(points), mm_per_px=0.1)
+        project(Geometry(points), pixel_mm=0.1)
 
 
 def test_points_behind_the_camera_are_reported():

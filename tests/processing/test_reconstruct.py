@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import CapturePlan, DataError, Lights, read_source, record
+from acquisition import Calibrations, CapturePlan, DataError, Labels, Lights, read_source, record
 from calibration import EstimateError
 from processing import reconstruct
 from rig import Mounting, RigConfig
@@ -30,9 +30,16 @@ def session(tmp_path_factory):
     )
     with rig_for(rendering, config, noisy=False, realtime=False) as rig:
         record(
-            rig, PLAN, folder, operator="Ada", object_name="coin", lights=rendering.truth.lights,
-            camera_model=rendering.truth.camera, sensor=rendering.truth.noise,
-        )  # fmt: skip
+            rig,
+            PLAN,
+            folder,
+            Labels(operator="Ada", object_name="coin"),
+            calibrations=Calibrations(
+                lights=rendering.truth.lights,
+                camera_model=rendering.truth.camera,
+                sensor=rendering.truth.noise,
+            ),
+        )
     save_truth(folder / "derived" / "truth", rendering, exposures_us=PLAN.exposures_us)
     return folder
 

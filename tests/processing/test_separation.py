@@ -71,7 +71,7 @@ def test_combine_restores_the_map(
     seed: int, kind: FilterKind, order: int, w: int, holes: float
 ) -> None:
     normal_map = random_map(seed, holes=holes)
-    parts = separate(normal_map, filter=kind, order=order, w=w)
+    parts = separate(normal_map, shape_filter=ShapeFilter(kind=kind, order=order, w=w))
     back = combine(parts.shape, parts.detail)
     np.testing.assert_array_equal(back.mask, normal_map.mask)
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
@@ -94,7 +94,7 @@ def test_combine_is_exact_around_the_lower_pole(
     vectors[:, 20:] = 0
     vectors[..., 2] -= 1
     normal_map = NormalMap.from_vectors(vectors, rng.random((30, 40)) >= holes)
-    parts = separate(normal_map, filter=kind, order=order, w=3)
+    parts = separate(normal_map, shape_filter=ShapeFilter(kind=kind, order=order, w=3))
     back = combine(parts.shape, parts.detail)
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
 
@@ -108,7 +108,7 @@ def test_the_lower_pole_remains_the_lower_pole() -> None:
 @pytest.mark.parametrize("kind", get_args(FilterKind))
 def test_combine_from_files(kind: FilterKind, tmp_path: Path) -> None:
     normal_map = random_map(4)
-    parts = separate(normal_map, filter=kind)
+    parts = separate(normal_map, shape_filter=ShapeFilter(kind=kind))
     write_normals(tmp_path, parts.shape, "shape")
     write_normals(tmp_path, parts.detail, "detail")
 
@@ -200,10 +200,11 @@ def test_higher_orders_are_steeper() -> None:
 def test_the_default_filter() -> None:
     """The default is that of `sgp detail separate` and docs/detail.md: Gaussian, order 8, w 5."""
     normal_map = random_map(4)
-    parts, explicit = separate(normal_map), separate(normal_map, filter="gaussian", order=8, w=5)
+    parts = separate(normal_map)
+    explicit = separate(normal_map, shape_filter=ShapeFilter("gaussian", 8, 5))
     np.testing.assert_array_equal(parts.shape.normals, explicit.shape.normals)
-    for other in ({"order": 7}, {"w": 6}, {"filter": "box"}):
-        assert (separate(normal_map, **other).shape.normals != parts.shape.normals).any()
+    for other in (ShapeFilter(order=7), ShapeFilter(w=6), ShapeFilter("box")):
+        assert (other.shape(normal_map).normals != parts.shape.normals).any()
 
 
 def test_a_plane_has_no_detail() -> None:
@@ -216,12 +217,12 @@ def test_a_plane_has_no_detail() -> None:
 
 def test_the_surroundings_of_an_object_do_not_matter() -> None:
     small = random_map(3, (40, 50))
-    parts = separate(small, order=1, w=3)
+    parts = separate(small, shape_filter=ShapeFilter(order=1, w=3))
     vectors = np.zeros((120, 150, 3), np.float32)
     vectors[50:90, 60:110] = small.normals
     mask = np.zeros((120, 150), bool)
     mask[50:90, 60:110] = small.mask
-    big = separate(NormalMap(vectors, mask), order=1, w=3)
+    big = separate(NormalMap(vectors, mask), shape_filter=ShapeFilter(order=1, w=3))
     inner = (slice(53, 87), slice(63, 107))
     part = (slice(3, 37), slice(3, 47))
     np.testing.assert_allclose(big.shape.normals[inner], parts.shape.normals[part], atol=1e-6)
@@ -236,7 +237,7 @@ def test_normals_that_cancel_keep_themselves() -> None:
     mask[5, 5:7] = True
     normal_map = NormalMap.from_vectors(vectors, mask)
     # Two opposite normals under a wide box: the mean is 0 and has no direction.
-    parts = separate(normal_map, filter="box", w=5)
+    parts = separate(normal_map, shape_filter=ShapeFilter(kind="box", w=5))
     np.testing.assert_array_equal(parts.shape.normals, normal_map.normals)
     np.testing.assert_allclose(parts.detail.normals[mask], [[0, 0, 1]] * 2, atol=1e-7)
 
@@ -248,12 +249,12 @@ def test_normals_that_cancel_keep_themselves() -> None:
         pytest.param({"w": 0}, "w must be a whole number above 0", id="w zero"),
         pytest.param({"order": 0}, "order must be a whole number above 0", id="order zero"),
         pytest.param({"order": 1.5}, "order must be a whole number", id="order broken"),
-        pytest.param({"filter": "median"}, "unknown shape filter 'median'", id="unknown filter"),
+        pytest.param({"kind": "median"}, "unknown shape filter 'median'", id="unknown filter"),
     ],
 )
 def test_separate_refuses(options: dict[str, object], text: str) -> None:
     with pytest.raises(DataError, match=text):
-        separate(random_map(0), **options)  # type: ignore[arg-type]
+        separate(random_map(0), shape_filter=ShapeFilter(**options))  # type: ignore[arg-type]
 
 
 def test_combine_refuses_components_that_do_not_fit() -> None:
@@ -287,4 +288,7 @@ def test_separability_of_real_maps(name: str, bar: float) -> None:
     back = combine(parts.shape, parts.detail)
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
     # The detail contains less shape than with the paper's filter.
-    assert parts.separability_deg < 0.75 * separate(normal_map, order=1).separability_deg
+    assert (
+        parts.separability_deg
+        < 0.75 * separate(normal_map, shape_filter=ShapeFilter(order=1)).separability_deg
+    )

@@ -89,9 +89,9 @@ def test_fill_crops_and_tiles_but_never_resizes(
 
 def test_a_tiled_detail_repeats_pixel_by_pixel() -> None:
     source, target = relief(1, (30, 40)), ball()
-    result = transfer(source, target, w=3)
+    result = transfer(source, target, shape_filter=ShapeFilter(w=3))
     rows, columns = np.flatnonzero(target.mask.any(1))[0], np.flatnonzero(target.mask.any(0))[0]
-    expected = separate(source, w=3).detail.normals
+    expected = separate(source, shape_filter=ShapeFilter(w=3)).detail.normals
     for r, c in np.argwhere(target.mask)[::37]:
         np.testing.assert_array_equal(
             result.fidelity.detail.normals[r, c], expected[(r - rows) % 30, (c - columns) % 40]
@@ -163,7 +163,9 @@ def test_amplitude_zero_of_a_horizontal_detail_is_z() -> None:
     mask[15, 15] = True
     mask[0:12] = True
     source = NormalMap.from_vectors(vectors, mask)
-    result = transfer(source, relief(5, (31, 31)), amplitude=0.0, at=(0, 0), w=3)
+    result = transfer(
+        source, relief(5, (31, 31)), amplitude=0.0, at=(0, 0), shape_filter=ShapeFilter(w=3)
+    )
     received = result.fidelity.detail.mask
     np.testing.assert_array_equal(received, mask)
     np.testing.assert_array_equal(
@@ -207,7 +209,11 @@ def test_refinement_approaches_the_targets_shape() -> None:
         pytest.param({"refine": -1}, "cannot be negative", id="refine"),
         pytest.param({"at": (500, 0)}, "does not reach the mask", id="outside the target"),
         pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on the empty corner"),
-        pytest.param({"w": 20}, "larger than the normal map of 30 x 30", id="w too large"),
+        pytest.param(
+            {"shape_filter": ShapeFilter(w=20)},
+            "larger than the normal map of 30 x 30",
+            id="w too large",
+        ),
     ],
 )
 def test_transfer_refuses(options: dict[str, object], text: str) -> None:
@@ -243,7 +249,10 @@ def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> No
     given_map = read(source)
     found_deg = [
         transfer(
-            given_map, read(f"diligent/{name}"), keep_target_detail=True, order=1
+            given_map,
+            read(f"diligent/{name}"),
+            keep_target_detail=True,
+            shape_filter=ShapeFilter(order=1),
         ).fidelity.detail_mae_deg
         for name in printed_deg
     ]

@@ -9,8 +9,10 @@ from acquisition import NoiseModel
 from rig import open_genicam
 from simulator._bench_state import BenchState, BenchWriter
 from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError
+from tests.simulator.camera_options import grouped
 
 SIZE = (6, 10)
 LEDS = 12
@@ -79,9 +81,13 @@ class InsideBench(Bench):
 
     def _open(self):
         return VirtualCamera(
-            plane, size=SIZE, bench=BenchState(self.path), noise=NOISE, noisy=False,
-            name="c7", faults=self._faults,
-        )  # fmt: skip
+            plane,
+            size=SIZE,
+            bench=BenchState(self.path),
+            name="c7",
+            faults=self._faults,
+            formation=ImageFormation(NOISE, noisy=False),
+        )
 
 
 class GenICamBench(Bench):
@@ -92,9 +98,9 @@ class GenICamBench(Bench):
         options = {"planes": plane, "size": SIZE, "leds": LEDS, "noise": NOISE, **options}
         try:
             self.device = GentlCamera(
-                options.pop("planes"), bench_state_path=self.path, noisy=False, serial="c7",
-                **options,
-            )  # fmt: skip
+                options.pop("planes"),
+                **grouped(bench_state_path=self.path, noisy=False, serial="c7", **options),
+            )
         except CompilerError as error:
             pytest.skip(str(error))
 

@@ -10,6 +10,7 @@ from acquisition import NoiseModel
 from rig import Board, CameraFrame, Rig, RigConfig
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 
 SIZE = (4, 6)
@@ -42,10 +43,9 @@ class Bench:
             code_plane,
             size=SIZE,
             bench=BenchState(self.virtual.bench_state_path),
-            # 10 electrons per grey value: the LED's code at 1000 us is 100 DN per LED.
-            noise=NoiseModel(10.0, 0.0, 0.0, 12),
-            noisy=False,
             faults=faults,
+            # 10 electrons per grey value: the LED's code at 1000 us is 100 DN per LED.
+            formation=ImageFormation(NoiseModel(10.0, 0.0, 0.0, 12), noisy=False),
         )
         return Rig(
             Board(self.virtual.port),

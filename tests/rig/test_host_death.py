@@ -43,13 +43,14 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import Rig, RigConfig
 from simulator._bench_state import BenchState
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 
 camera = VirtualCamera(
     lambda led: np.zeros((2, 2), np.float32),
     size=(2, 2),
     bench=BenchState(virtual.bench_state_path),
-    noise=NoiseModel(1.0, 1.0, 0.0, 12),
+    formation=ImageFormation(NoiseModel(1.0, 1.0, 0.0, 12)),
 )
 rig = Rig(board, camera, RigConfig(name="test", driver="test"), on_close=virtual.close)
 rig.board.on(7, 60_000)

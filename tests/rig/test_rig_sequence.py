@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from rig import BoardError, CameraError, CameraInfo, RigConfig, RigError
 from rig._camera import CameraFrame
-from rig._shooting.exposure import Exposure
 from rig._shooting.sequence import runs
+from rig._shooting.shot_times import ShotTimes
 from rig._shooting.spacing import Spacing
 from simulator._board.faults import BoardFault
 from tests.rig.conftest import led_on, led_seen
@@ -198,7 +198,7 @@ def test_runs_are_complete_and_avoid_single_shots(count, most):
     st.integers(2, 48),
 )
 def test_the_first_gap_is_longer_on_any_clock(settle_ms, exposure_us, period_us, count):
-    exposure = Exposure(
+    exposure = ShotTimes(
         round(settle_ms * 1000), exposure_us, period_us, max(period_us, exposure_us) * 1.01 + 300
     )
     steps = list(exposure.steps(tuple(range(count))))
@@ -228,7 +228,7 @@ def test_the_light_outlasts_the_exposure_on_any_clock(
         trigger_delay_us=delay_us, readout_us=30_000.0, frame_period_us=frame_period_us,
     )  # fmt: skip
     config = RigConfig(name="r", driver="fake", leds=1, settle_ms=settle_ms)
-    exposure = Exposure.of(info, config, exposure_us)
+    exposure = ShotTimes.of(info, config, exposure_us)
     last_row_us = delay_us + exposure_us + 30_000.0
     lit_us = exposure.hold_us / (1 + rate)
     # Clocks that differ by 1 % change the margin itself by 1 %.

@@ -10,8 +10,8 @@ import pytest
 
 import rig._shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
-from rig._shooting.exposure import Exposure
 from rig._shooting.flash_chain import FlashChain
+from rig._shooting.shot_times import ShotTimes
 from simulator._board.faults import BoardFault
 from simulator._camera.virtual_camera import VirtualCamera
 from tests.rig.conftest import led_on, led_seen
@@ -204,7 +204,7 @@ def frame_at(time_us, frame_id=0):
     ],
 )
 def test_flashes_are_compared_on_both_clocks(times_us, since_us, said):
-    chain, exposure = FlashChain("c"), Exposure(2000, 5000.0, 45_000.0, 50_000.0)
+    chain, exposure = FlashChain("c"), ShotTimes(2000, 5000.0, 45_000.0, 50_000.0)
     chain.begin(frame_at(times_us[0]))
     expected = pytest.raises(CameraError, match=said) if said else contextlib.nullcontext()
     with expected:

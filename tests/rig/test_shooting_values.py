@@ -13,11 +13,11 @@ from rig._board.values import BoardIdentity, FlashReport
 from rig._errors import FrameTimeoutError
 from rig._shooting import alive, flash_chain, wires
 from rig._shooting.alive import SignOfLife
-from rig._shooting.exposure import Exposure
 from rig._shooting.flash_chain import FlashChain
 from rig._shooting.sequence import runs
 from rig._shooting.shooting import Bench, check_light, hold_ms
 from rig._shooting.shot import led_name
+from rig._shooting.shot_times import ShotTimes
 from rig._shooting.spacing import Spacing
 from rig._shooting.wires import Wires, try_wires
 
@@ -122,7 +122,7 @@ def test_other_earlier_frames_do_not_count() -> None:
         spacing.check(frame(50_000 * number + off_us, number), number, 50_000 * number)
 
 
-EXPOSURE = Exposure(2000, 5000.0, 45_000.0, 50_000.0)  # a margin of 1400 us
+EXPOSURE = ShotTimes(2000, 5000.0, 45_000.0, 50_000.0)  # a margin of 1400 us
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_runs_are_few_and_even(count: int, most: int, lengths: list[int]) -> Non
 def test_the_first_gap_of_a_run_is_longer() -> None:
     """It is longer by 5 % and at least 5 ms: steps of 60 ms and of 400 ms."""
     for run_us, longer_us in ((60_000.0, 5000), (400_000.0, 20_000)):
-        exposure = Exposure(2000, 5000.0, 45_000.0, run_us)
+        exposure = ShotTimes(2000, 5000.0, 45_000.0, run_us)
         steps = list(exposure.steps((3, None, 5, 0)))
         lit_us = exposure.ahead_us + exposure.hold_us
         assert [step.led for step in steps] == [3, None, 5, 0]
@@ -212,14 +212,14 @@ def test_the_first_gap_of_a_run_is_longer() -> None:
         gap_us = run_us - lit_us
         assert [step.gap_us for step in steps] == [gap_us + longer_us, gap_us, gap_us, 0]
     # A light longer than the period leaves no gap but the first.
-    longest = Exposure(2000, 90_000.0, 45_000.0, 50_000.0)
+    longest = ShotTimes(2000, 90_000.0, 45_000.0, 50_000.0)
     assert [step.gap_us for step in longest.steps((1, 2, 3))] == [5000, 0, 0]
 
 
 @pytest.mark.parametrize(("run_us", "slow"), [(950_000.0, False), (970_000.0, True)])
 def test_a_camera_too_slow_for_a_sequence_is_refused(run_us: float, slow: bool) -> None:
     """A gap is at most a second, the first one 5 % longer than the others."""
-    exposure = Exposure(0, 10.0, 20.0, run_us)
+    exposure = ShotTimes(0, 10.0, 20.0, run_us)
     if not slow:
         assert len(list(exposure.steps((0, 1)))) == 2
         return
@@ -247,20 +247,20 @@ def test_the_times_of_an_exposure(
         readout_us=readout_us, trigger_delay_us=100.0, frame_period_us=period_us,
     )  # fmt: skip
     config = RigConfig(name="r", driver="fake", leds=1, settle_ms=3.2, frame_period_ms=config_ms)
-    exposure = Exposure.of(info, config, 1000.0)
+    exposure = ShotTimes.of(info, config, 1000.0)
     needed_us, least_us, run_us = expected
     assert exposure.needed_us == needed_us
     assert exposure.period_us == least_us
     assert exposure.run_us == pytest.approx(1.01 * run_us + 300)
     assert exposure.settle_us == 3200
     assert exposure.ahead_us == max(3200, math.ceil(exposure.margin_us))
-    assert Exposure(2_000_000, 1.0, 1.0, 1.0).ahead_us == 1_000_000
+    assert ShotTimes(2_000_000, 1.0, 1.0, 1.0).ahead_us == 1_000_000
     # A margin of 1400.67 us, in whole microseconds.
-    assert Exposure(0, 1.0, 45_033.3, 1.0).ahead_us == 1401
+    assert ShotTimes(0, 1.0, 45_033.3, 1.0).ahead_us == 1401
 
 
 def test_a_flash_that_is_too_long_for_the_board_is_refused() -> None:
-    exposure = Exposure(0, 9_000_000.0, 45_000.0, 50_000.0)
+    exposure = ShotTimes(0, 9_000_000.0, 45_000.0, 50_000.0)
     most_ms = math.ceil((exposure.ahead_us + exposure.hold_us) / 1000)
     exposure.check(BoardIdentity("fake", 2, "1", 6, most_ms, 1000, 48))
     with pytest.raises(RigError, match=r"needs light for 9093 ms .* 9092 ms"):
@@ -321,10 +321,10 @@ def test_the_light_is_checked_by_the_boards_report(
 def test_a_hold_that_is_too_long_for_the_board_is_refused() -> None:
     """Settling, 101 % of the exposure, 300 us for the clocks, and 4000 ms for repetitions."""
     longest_us = (10_000 - 4000 - 0.3 - 2) * 1000 / 1.01
-    assert hold_ms(bench(), Exposure(2000, longest_us - 1, 1.0, 1.0)) == 10_000
+    assert hold_ms(bench(), ShotTimes(2000, longest_us - 1, 1.0, 1.0)) == 10_000
     with pytest.raises(RigError, match=r"10000 ms, but the LED board on fake allows 10000"):
-        hold_ms(bench(), Exposure(2000, longest_us + 1, 1.0, 1.0))
-    assert hold_ms(bench(), Exposure(2000, 1000.0, 1.0, 1.0)) == math.ceil(
+        hold_ms(bench(), ShotTimes(2000, longest_us + 1, 1.0, 1.0))
+    assert hold_ms(bench(), ShotTimes(2000, 1000.0, 1.0, 1.0)) == math.ceil(
         2 + 1.01 + 0.3 + 4000 + 2000
     )
 

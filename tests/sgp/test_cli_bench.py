@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing import NormalMap, angle_deg, combine, separate
+from processing import NormalMap, ShapeFilter, angle_deg, combine, separate
 from sgp._paper import figures as paper
 from sgp._paper import run as _paper_run
 from sgp._paper.faces import FACES
@@ -212,7 +212,10 @@ def test_a_measured_transfer_is_the_transfer(method):
     assert (measured.normal_map.mask == target.mask).all()
     order = 8 if "8" in method else 1
     inside = NormalMap(np.where(target.mask[..., None], source.normals, 0), target.mask)
-    meant = combine(separate(target, order=order).shape, separate(inside, order=order).detail)
+    meant = combine(
+        separate(target, shape_filter=ShapeFilter(order=order)).shape,
+        separate(inside, shape_filter=ShapeFilter(order=order)).detail,
+    )
     error = angle_deg(measured.normal_map.normals, meant.normals)[target.mask]
     # The meshes lose detail that triangles one pixel wide cannot represent.
     assert error.mean() < (1e-3 if method.startswith("normals") else 7)

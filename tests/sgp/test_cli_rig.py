@@ -22,6 +22,7 @@ from simulator import VirtualBoard
 from simulator._bench_state import BenchState
 from simulator._board.faults import BoardFault
 from simulator._camera.gentl_camera import GentlCamera
+from tests.simulator.camera_options import grouped
 
 SIZE = (24, 32)
 NOISE = NoiseModel(10.0, 0.0, 64.0, 12)
@@ -45,15 +46,17 @@ class Bench:
     def camera(self, **options):
         self._camera = GentlCamera(
             plane,
-            **{
-                "size": SIZE,
-                "leds": 36,
-                "noise": NOISE,
-                "noisy": False,
-                "serial": "cam-7",
-                "bench_state_path": self.board.bench_state_path,
-                **options,
-            },
+            **grouped(
+                **{
+                    "size": SIZE,
+                    "leds": 36,
+                    "noise": NOISE,
+                    "noisy": False,
+                    "serial": "cam-7",
+                    "bench_state_path": self.board.bench_state_path,
+                    **options,
+                }
+            ),
         )
         self.options["cti"] = str(self._camera.cti)
         return self._camera

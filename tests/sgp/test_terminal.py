@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from acquisition import CapturePlan, Manifest, SessionWriter
+from acquisition import CapturePlan, Labels, Manifest, SessionWriter
 from sgp._printable import printable, printable_json, printable_lines
 
 STEERING = re.compile(
@@ -51,11 +51,9 @@ def session(tmp_path):
     folder = tmp_path / "session"
     manifest = Manifest.begin(
         folder,
-        operator=EVIL,
-        object=f"vase {EVIL}",
-        notes=EVIL,
         plan=CapturePlan(leds=(0,), exposures_us=(5000.0,), dark=False),
         camera={"width": 4, "height": 3, "bit_depth": 12, "model": EVIL},
+        labels=Labels(operator=EVIL, object_name=f"vase {EVIL}", notes=EVIL),
     )
     with SessionWriter.create(folder, manifest):
         pass

@@ -9,6 +9,7 @@ import numpy as np
 
 from simulator._bench_state import BenchWriter
 from simulator._camera.gentl_camera import GentlCamera
+from tests.simulator.camera_options import grouped
 
 NOT_IMPLEMENTED = -1003
 RESOURCE_IN_USE = -1004
@@ -35,7 +36,7 @@ class GentlError(Exception):
 
 
 @dataclass(frozen=True)
-class Frame:
+class DeliveredFrame:
     block: int
     start_ns: int
     width: int
@@ -182,12 +183,12 @@ class Device:
         self.library.call("EventGetData", self.event, data, ctypes.byref(size), timeout)
         return data[0]
 
-    def fetch(self, timeout_s: float = 5.0) -> Frame:
+    def fetch(self, timeout_s: float = 5.0) -> DeliveredFrame:
         buffer = self.take(timeout_s)
         about = {name: self._info(buffer, what) for name, what in _FRAME_INFOS.items()}
         data = self._buffers[buffer].raw
         incomplete = bool(self._info(buffer, _INCOMPLETE) & 0xFF)
-        frame = Frame(**about, incomplete=incomplete, data=data)
+        frame = DeliveredFrame(**about, incomplete=incomplete, data=data)
         self.queue(buffer)
         return frame
 
@@ -198,7 +199,7 @@ class Device:
             return error.code == TIMEOUT
         return False
 
-    def shoot(self) -> Frame:
+    def shoot(self) -> DeliveredFrame:
         self.execute("TriggerSoftware")
         return self.fetch()
 
@@ -238,7 +239,7 @@ class Bench:
         self.opened: list[tuple[Library, GentlCamera]] = []
 
     def open(self, planes, *, buffers: int = 4, **options) -> Device:
-        camera = GentlCamera(planes, bench_state_path=self.path, **options)
+        camera = GentlCamera(planes, **grouped(bench_state_path=self.path, **options))
         library = Library(camera.cti)
         self.opened.append((library, camera))
         return Device(library, buffers)

@@ -15,11 +15,11 @@ from simulator import (
     SphericalCap,
     bench_camera,
     dome_lights,
-    find_highlights,
+    find_mirrored_lights,
     render,
     scene_named,
 )
-from simulator._render.chrome import draw_highlights, splat
+from simulator._render.chrome import draw_mirrored_lights, splat
 from simulator._render.mirror import mirror_points
 from simulator._render.shadow import Occluders
 from simulator._scene.lens import Lens
@@ -103,14 +103,14 @@ def test_led_behind_the_sphere_is_not_seen():
 def test_another_sphere_hides_the_highlight():
     low = Lights(positions_mm=np.array([[300.0, 0, 30.0], [-300.0, 0, 300.0]]))
     pair = (ChromeSphere((-60.0, 0, 20.0), 20.0), ChromeSphere((40.0, 0, 20.0), 20.0))
-    seen = np.isfinite(find_highlights(replace(SCENE, lights=low, spheres=pair)).signal)
+    seen = np.isfinite(find_mirrored_lights(replace(SCENE, lights=low, spheres=pair)).signal)
     assert seen.tolist() == [[False, True], [True, True]]
 
 
 def test_a_light_on_the_right_is_mirrored_right_of_the_centre():
     lights = Lights(positions_mm=np.array([[300.0, 0, 300.0], [0.0, 300, 300]]))
     sphere = (ChromeSphere((0, 0, 20.0), 20.0),)
-    x, y = find_highlights(replace(SCENE, lights=lights, spheres=sphere)).pixels[0].T
+    x, y = find_mirrored_lights(replace(SCENE, lights=lights, spheres=sphere)).pixels[0].T
     centre_x, centre_y = SCENE.camera.K[0, 2], SCENE.camera.K[1, 2]
     assert x[0] > centre_x + 5
     assert y[0] == pytest.approx(centre_y)
@@ -140,7 +140,7 @@ def test_rendered_highlight_is_at_its_true_position():
 
 def test_rendered_highlight_has_its_energy():
     dark = replace(SCENE, board=Even(0.0), surroundings=0.0, ambient=0.0)
-    signal = find_highlights(dark).signal * dark.electrons_per_us
+    signal = find_mirrored_lights(dark).signal * dark.electrons_per_us
     planes = render(dark).planes
     for s, mask in enumerate(RENDERING.truth.sphere_masks):
         total = planes[:, _wider(mask)].sum(axis=1)
@@ -199,7 +199,7 @@ def _reflected(lens, sphere, pixels):
 @pytest.mark.parametrize("lens", LENSES)
 def test_ray_of_the_highlight_hits_the_led_with_every_lens(lens):
     bench = _bench(lens)
-    result = find_highlights(bench).pixels
+    result = find_mirrored_lights(bench).pixels
     for sphere, pixels in zip(bench.spheres, result, strict=True):
         start, way = _reflected(lens, sphere, pixels)
         toward = bench.lights.positions_mm - start
@@ -221,7 +221,7 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
     dome = dome_lights(9, seed=3)
     lights = replace(dome, axes=dome.axes + turn, mu=np.full(9, mu))
     bench = _bench(lens, lights=lights, led_radius_mm=radius)
-    result, fine = find_highlights(bench), 120
+    result, fine = find_mirrored_lights(bench), 120
     for s, n in ((0, 5), (3, 0), (3, 7)):
         sphere, led, axis = bench.spheres[s], lights.positions_mm[n], lights.axes[n]
         spots = result.spots[s, n]
@@ -248,8 +248,8 @@ def test_energy_and_centroid_agree_with_counting_rays(lens, turn, mu, radius):
 @pytest.mark.parametrize("lens", LENSES)
 def test_drawn_centroid_is_at_the_mirror_point_with_every_lens(lens):
     bench = _bench(lens)
-    result, planes = find_highlights(bench), np.zeros((9, *lens.size), np.float32)
-    draw_highlights(bench, result, planes)
+    result, planes = find_mirrored_lights(bench), np.zeros((9, *lens.size), np.float32)
+    draw_mirrored_lights(bench, result, planes)
     y, x = np.mgrid[: lens.size[0], : lens.size[1]]
     for s, sphere in enumerate(bench.spheres):
         window = lens.window(sphere.centre_mm, sphere.radius_mm)
@@ -278,7 +278,7 @@ def test_orthographic_view_of_distant_lights_in_closed_form():
     directions = np.array([[0.0, 0, 1], [0.3, -0.5, 0.6], [-0.9, 0.1, 0.1], [0.5, 0.5, 0.05]])
     lights = Lights(directions=directions, intensities=np.array([1.0, 2, 3, 4]))
     sphere = ChromeSphere((12.0, -7.0, 30.0), 25.0, reflectance=0.7)
-    result = find_highlights(
+    result = find_mirrored_lights(
         _bench(Lens.orthographic(401, 301, 0.25, 99.0), lights=lights, spheres=(sphere,))
     )
     half = lights.directions + np.array([0, 0, 1])
@@ -291,8 +291,8 @@ def test_orthographic_view_of_distant_lights_in_closed_form():
 
 def test_distant_lights_are_the_limit_of_far_leds():
     lens, directions = Lens.of(DISTORTED), dome_lights(9, seed=3).unit_directions
-    distant = find_highlights(_bench(lens, lights=Lights(directions=directions)))
-    far = find_highlights(_bench(lens, lights=Lights(positions_mm=1e7 * directions)))
+    distant = find_mirrored_lights(_bench(lens, lights=Lights(directions=directions)))
+    far = find_mirrored_lights(_bench(lens, lights=Lights(positions_mm=1e7 * directions)))
     np.testing.assert_allclose(distant.pixels, far.pixels, atol=1e-3)
     np.testing.assert_allclose(distant.signal, far.signal, rtol=1e-4)
 
@@ -303,7 +303,7 @@ def test_bayer_pixels_use_the_intensity_of_their_channel():
     planes = np.zeros((2, 1, *grey.size), np.float32)
     for plane, lens in zip(planes, (grey, mosaic), strict=True):
         bench = _bench(lens, lights=lights)
-        draw_highlights(bench, find_highlights(bench), plane)
+        draw_mirrored_lights(bench, find_mirrored_lights(bench), plane)
     seen = planes[0, 0] > 1e-3 * planes[0].max()
     ratio = np.where(seen, planes[1, 0] / np.where(seen, planes[0, 0], 1), np.nan)
     assert seen.sum() > 400
@@ -322,8 +322,8 @@ def test_a_hill_hides_the_highlights_of_the_leds_behind_it():
     scene = replace(
         SCENE, body=hill, spheres=(sphere,), lights=Lights(positions_mm=low), led_radius_mm=1e-3
     )
-    free = find_highlights(scene)
-    result = find_highlights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
+    free = find_mirrored_lights(scene)
+    result = find_mirrored_lights(scene, Occluders(scene.sphere_table, hill.shadow_caster(0.2)))
     points, _ = mirror_points(scene.lens, sphere, low, near=True)
     way = (low - points) / np.linalg.norm(low - points, axis=1)[:, None]
     to_middle = np.array([0, 0, 45.0 - ball]) - points
@@ -346,24 +346,24 @@ def test_a_highlight_that_the_distortion_folds_into_the_image_is_omitted():
     place = lens.project(np.array([away.centre_mm]))[0]
     assert 100 < place[0] < 540
     planes = np.zeros((1, *lens.size), np.float32)
-    draw_highlights(bench, find_highlights(bench), planes)
-    assert np.isnan(find_highlights(bench).signal).all()
+    draw_mirrored_lights(bench, find_mirrored_lights(bench), planes)
+    assert np.isnan(find_mirrored_lights(bench).signal).all()
     assert not planes.any()
 
 
 def test_energy_depends_on_the_radiance_and_hardly_on_the_disc():
-    base = find_highlights(SCENE)
+    base = find_mirrored_lights(SCENE)
     lights = replace(SCENE.lights, intensities=2 * SCENE.lights.intensities)
-    brighter = find_highlights(replace(SCENE, lights=lights))
-    wider = find_highlights(replace(SCENE, led_radius_mm=20.0))
+    brighter = find_mirrored_lights(replace(SCENE, lights=lights))
+    wider = find_mirrored_lights(replace(SCENE, led_radius_mm=20.0))
     np.testing.assert_allclose(brighter.signal, 2 * base.signal, rtol=1e-12)
     # The effect is of second order in the angle of the disc, (20 / 450)^2.
     np.testing.assert_allclose(wider.signal, base.signal, rtol=4e-3)
 
 
 def test_energy_in_pixels_is_proportional_to_the_square_of_the_resolution():
-    fine = find_highlights(scene_named("spheres", width=1280, height=1024, seed=11))
-    np.testing.assert_allclose(fine.signal, 16 * find_highlights(SCENE).signal, rtol=1e-4)
+    fine = find_mirrored_lights(scene_named("spheres", width=1280, height=1024, seed=11))
+    np.testing.assert_allclose(fine.signal, 16 * find_mirrored_lights(SCENE).signal, rtol=1e-4)
 
 
 @pytest.mark.parametrize(

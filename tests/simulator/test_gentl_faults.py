@@ -8,9 +8,11 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
 from simulator._camera.gentl_control import FAULTS
+from simulator._camera.image_formation import ImageFormation
 from tests.simulator import gentl_client as gentl
+from tests.simulator.camera_options import grouped
 
 SIZE = (8, 6)
 NOISE = NoiseModel(1.0, 0.0, 20.0, 12)
@@ -23,7 +25,7 @@ def open_camera():
     def make(*, buffers=4, armed=True, size=SIZE, **options):
         options = {"frame_rate_hz": 1e5, "noisy": False, "noise": NOISE, **options}
         camera = GentlCamera(
-            lambda led: np.full(size, 0.1, np.float32), size=size, leds=0, **options
+            lambda led: np.full(size, 0.1, np.float32), **grouped(size=size, leds=0, **options)
         )
         library = gentl.Library(camera.cti)
         opened.append((library, camera))
@@ -143,7 +145,13 @@ def test_the_number_of_buffers_is_limited(open_camera):
 @pytest.mark.parametrize("most_buffers", [0, 257])
 def test_most_buffers_must_be_within_1_to_256(most_buffers):
     with pytest.raises(CameraError, match=r"within 1\.\.256"):
-        GentlCamera(lambda led: None, size=SIZE, leds=0, noise=NOISE, most_buffers=most_buffers)
+        GentlCamera(
+            lambda led: None,
+            size=SIZE,
+            leds=0,
+            formation=ImageFormation(NOISE),
+            device=GentlDevice(most_buffers=most_buffers),
+        )
 
 
 def test_a_missed_trigger_uses_no_id(open_camera):

@@ -9,9 +9,11 @@ from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState
 from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._scene.lamps import Lamps
 from tests.simulator import gentl_client as gentl
+from tests.simulator.camera_options import grouped
 
 SIZE = (96, 130)
 LEDS = 3
@@ -43,7 +45,7 @@ class Bench(gentl.Bench):
         return device
 
     def reference(self, **options):
-        camera = VirtualCamera(plane, size=SIZE, bench=BenchState(self.path), **options)
+        camera = VirtualCamera(plane, **grouped(size=SIZE, bench=BenchState(self.path), **options))
         camera.arm()
         return camera
 
@@ -263,12 +265,12 @@ def test_the_black_level_can_be_set(bench):
 def test_invalid_arguments_are_refused(options, message):
     options = {"size": SIZE, "leds": LEDS, "noise": PLAIN, **options}
     with pytest.raises(CameraError, match=message) as caught:
-        GentlCamera(plane, **options)
+        GentlCamera(plane, **grouped(**options))
     assert "\n" not in str(caught.value)
 
 
 def test_close_removes_the_folder_of_a_camera():
-    camera = GentlCamera(plane, size=SIZE, leds=LEDS, noise=PLAIN)
+    camera = GentlCamera(plane, size=SIZE, leds=LEDS, formation=ImageFormation(PLAIN))
     folder = camera.cti.parent
     assert camera.cti.exists()
     camera.close()

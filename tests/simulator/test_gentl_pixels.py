@@ -9,7 +9,8 @@ from harvesters.core import Harvester
 from harvesters.util.pfnc import symbolics
 
 from acquisition import NoiseModel
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
+from simulator._camera.image_formation import ImageFormation
 from tests.simulator import gentl_client as gentl
 
 SIZE = (12, 20)
@@ -22,7 +23,11 @@ MOSAICS = {None: "Mono", "RGGB": "BayerRG", "GRBG": "BayerGR", "GBRG": "BayerGB"
 def camera(frame, bits, cfa=None):
     noise = NoiseModel(1.0, 0.0, 0.0, bits)
     return GentlCamera(
-        lambda led: frame, size=frame.shape, leds=0, noise=noise, precomposed=True, cfa=cfa
+        lambda led: frame,
+        size=frame.shape,
+        leds=0,
+        precomposed=True,
+        formation=ImageFormation(noise, cfa=cfa),
     )
 
 
@@ -142,9 +147,13 @@ def test_frames_of_five_megapixels_arrive_at_the_rate_of_the_camera():
     frame = np.random.default_rng(7).integers(0, 2**12, (2048, 2448), np.uint16)
     noise = NoiseModel(1.0, 0.0, 0.0, 12)
     opened = GentlCamera(
-        lambda led: frame, size=frame.shape, leds=0, noise=noise, precomposed=True,
-        frame_rate_hz=20.0,
-    )  # fmt: skip
+        lambda led: frame,
+        size=frame.shape,
+        leds=0,
+        precomposed=True,
+        formation=ImageFormation(noise),
+        device=GentlDevice(frame_rate_hz=20.0),
+    )
     with opened, gentl.Library(opened.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 5000.0)
         device.start()

@@ -10,8 +10,9 @@ import harvesters.test
 import pytest
 
 from acquisition import NoiseModel
-from simulator._camera.gentl_camera import GentlCamera
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
 from simulator._camera.gentl_control import SIZE
+from simulator._camera.image_formation import ImageFormation
 from simulator.gentl import build
 from tests.simulator import gentl_client as gentl
 
@@ -249,7 +250,13 @@ def test_memory_stays_flat_over_a_thousand_times_open_and_close():
 
 def test_memory_stays_flat_over_thousands_of_frames():
     noise = NoiseModel(2.5, 4.0, 64.0, 12)
-    virtual = GentlCamera(lambda led: None, size=(48, 64), leds=0, noise=noise, frame_rate_hz=1e4)
+    virtual = GentlCamera(
+        lambda led: None,
+        size=(48, 64),
+        leds=0,
+        formation=ImageFormation(noise),
+        device=GentlDevice(frame_rate_hz=1e4),
+    )
     with virtual as camera, gentl.Library(camera.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 100.0)
         device.start()
@@ -289,7 +296,9 @@ def spoil(path: Path, at: int, data: bytes) -> None:
 )
 def test_a_damaged_camera_is_listed_and_opening_it_names_the_reason(file, at, data, message):
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
-    with GentlCamera(lambda led: None, size=(1, 3), leds=0, noise=noise) as camera:
+    with GentlCamera(
+        lambda led: None, size=(1, 3), leds=0, formation=ImageFormation(noise)
+    ) as camera:
         spoil(camera.cti.parent / file, at, data)
         with gentl.Library(camera.cti) as library:
             assert library.devices() == 1
@@ -304,7 +313,11 @@ def test_missing_planes_and_bench_state_are_named(tmp_path):
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
     bench = tmp_path / "bench.state"
     with GentlCamera(
-        lambda led: None, size=(1, 3), leds=0, noise=noise, bench_state_path=bench
+        lambda led: None,
+        size=(1, 3),
+        leds=0,
+        bench_state_path=bench,
+        formation=ImageFormation(noise),
     ) as camera:
         with gentl.Library(camera.cti) as library:
             with pytest.raises(gentl.GentlError, match=r"bench\.state: .* is the virtual board"):
@@ -327,7 +340,13 @@ def test_two_cameras_in_one_process_are_independent():
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
 
     def make(serial, width):
-        return GentlCamera(lambda led: None, size=(2, width), leds=0, noise=noise, serial=serial)
+        return GentlCamera(
+            lambda led: None,
+            size=(2, width),
+            leds=0,
+            formation=ImageFormation(noise),
+            device=GentlDevice(serial=serial),
+        )
 
     with (
         make("one", 3) as one,
@@ -345,7 +364,9 @@ def test_two_cameras_in_one_process_are_independent():
 
 def test_a_camera_that_another_process_has_open_is_in_use():
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
-    with GentlCamera(lambda led: None, size=(2, 3), leds=0, noise=noise) as camera:
+    with GentlCamera(
+        lambda led: None, size=(2, 3), leds=0, formation=ImageFormation(noise)
+    ) as camera:
         script = (
             "import sys; from tests.simulator import gentl_client as gentl\n"
             "library = gentl.Library(sys.argv[1]); device = gentl.Device(library)\n"
@@ -369,7 +390,7 @@ def test_a_camera_that_another_process_has_open_is_in_use():
 
 def test_a_camera_whose_folder_was_removed_is_not_replaced_by_the_bare_one():
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
-    camera = GentlCamera(lambda led: None, size=(2, 3), leds=0, noise=noise)
+    camera = GentlCamera(lambda led: None, size=(2, 3), leds=0, formation=ImageFormation(noise))
     library = gentl.Library(camera.cti)
     camera.close()
     with pytest.raises(gentl.GentlError, match=r"camera\.control: cannot be opened"):
@@ -379,7 +400,13 @@ def test_a_camera_whose_folder_was_removed_is_not_replaced_by_the_bare_one():
 
 def test_a_library_loaded_by_a_relative_path_finds_its_camera(monkeypatch, tmp_path):
     noise = NoiseModel(1.0, 0.0, 20.0, 12)
-    with GentlCamera(lambda led: None, size=(2, 3), leds=0, noise=noise, serial="here") as camera:
+    with GentlCamera(
+        lambda led: None,
+        size=(2, 3),
+        leds=0,
+        formation=ImageFormation(noise),
+        device=GentlDevice(serial="here"),
+    ) as camera:
         monkeypatch.chdir(camera.cti.parent)
         library = gentl.Library("./sgp.cti")
         monkeypatch.chdir(tmp_path)

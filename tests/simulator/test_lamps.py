@@ -11,6 +11,7 @@ from acquisition import DataError, NoiseModel
 from simulator._bench_state import BenchState, BenchWriter
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._scene.lamps import Lamps, gate_share
+from tests.simulator.camera_options import grouped
 
 S = 10**9
 
@@ -126,12 +127,14 @@ def frames(tmp_path, shots, **options):
     writer = BenchWriter(tmp_path / "bench.state")
     camera = VirtualCamera(
         lambda led: np.full(SIZE, 0.5 if led is None else 4.0, np.float32),
-        size=SIZE,
-        bench=BenchState(tmp_path / "bench.state"),
-        noise=SENSOR,
-        noisy=False,
-        realtime=False,
-        **options,
+        **grouped(
+            size=SIZE,
+            bench=BenchState(tmp_path / "bench.state"),
+            noise=SENSOR,
+            noisy=False,
+            realtime=False,
+            **options,
+        ),
     )
     camera.arm()
     taken = []

@@ -12,7 +12,7 @@ from simulator._bench_state import (
     SIZE,
     BenchState,
     BenchWriter,
-    Exposure,
+    ExposurePeriod,
     LitPeriod,
     TriggerPulse,
 )
@@ -77,7 +77,9 @@ def test_the_camera_records_its_exposures(room):
     for k in range(RING + 5):
         other.expose(10 * k, 10 * k + 7)
         writer.light(k, 10 * k, 10 * k + 5)
-    assert reader.exposures() == tuple(Exposure(10 * k, 10 * k + 7) for k in range(5, RING + 5))
+    assert reader.exposures() == tuple(
+        ExposurePeriod(10 * k, 10 * k + 7) for k in range(5, RING + 5)
+    )
     assert reader.changes == RING + 5
     other.close()
 
@@ -97,7 +99,7 @@ def test_a_camera_that_died_in_the_middle_of_a_change_does_not_block_the_next(ro
         file.seek(48)
         file.write(struct.pack("<Q", 7))
     reader.expose(10, 20)
-    assert reader.exposures() == (Exposure(10, 20),)
+    assert reader.exposures() == (ExposurePeriod(10, 20),)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ from scipy import optimize
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
+from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import fixed_pattern
 from simulator._camera.virtual_camera import VirtualCamera
+from tests.simulator.camera_options import grouped
 
 SIZE = (3, 5)
 US = 1000
@@ -31,7 +33,7 @@ class Room:
 
     def camera(self, **options):
         options = {"noisy": False, "noise": NOISE, **options}
-        camera = VirtualCamera(plane, size=SIZE, bench=BenchState(self.path), **options)
+        camera = VirtualCamera(plane, **grouped(size=SIZE, bench=BenchState(self.path), **options))
         self.cameras.append(camera)
         return camera
 
@@ -240,7 +242,10 @@ def test_a_trigger_before_arming(room):
 def test_a_plane_of_the_wrong_size_or_type_is_refused(room):
     for wrong in (np.zeros((4, 5), np.float32), np.zeros(SIZE)):
         camera = VirtualCamera(
-            lambda led, wrong=wrong: wrong, size=SIZE, bench=BenchState(room.path), noise=NOISE
+            lambda led, wrong=wrong: wrong,
+            size=SIZE,
+            bench=BenchState(room.path),
+            formation=ImageFormation(NOISE),
         )
         room.cameras.append(camera)
         with pytest.raises(CameraError, match="expected float32 of"):
@@ -331,7 +336,8 @@ class Picture:
         y, x = np.mgrid[: self.SIZE[0], : self.SIZE[1]]
         plane = self.value(x, y).astype(np.float32)
         camera = VirtualCamera(
-            lambda led: plane, size=self.SIZE, bench=BenchState(self.path), **self.options
+            lambda led: plane,
+            **grouped(size=self.SIZE, bench=BenchState(self.path), **self.options),
         )
         self.room.cameras.append(camera)
         return [shoot(camera, 1000).pixels.astype(float) - 20 for _ in range(count)]
@@ -373,8 +379,10 @@ def test_shake_depends_only_on_the_seed(room):
 def test_shake_does_not_mix_the_colours_of_a_mosaic(room):
     filters = np.tile(np.float32([[1, 2], [3, 60]]), (8, 8))
     camera = VirtualCamera(
-        lambda led: filters, size=(16, 16), bench=BenchState(room.path), noise=NOISE, cfa="RGGB",
-        shake_px=0.3, noisy=False,
-    )  # fmt: skip
+        lambda led: filters,
+        size=(16, 16),
+        bench=BenchState(room.path),
+        formation=ImageFormation(NOISE, cfa="RGGB", shake_px=0.3, noisy=False),
+    )
     room.cameras.append(camera)
     np.testing.assert_allclose(shoot(camera, 1000).pixels, 20 + 1000 * filters, atol=1)

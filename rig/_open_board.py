@@ -13,7 +13,7 @@ from rig._errors import BoardError, close_after, note
 from rig._shooting.dark import watch
 
 
-class Lights:
+class OpenBoard:
     """The open LED board of a rig; all LEDs are off after opening and after closing.
 
     It is closed at the end of its ``with`` block, by `close`, or at interpreter exit. While it is

@@ -29,8 +29,8 @@ _UNKNOWN_PERIOD_US = 100_000.0
 
 
 @dataclass(frozen=True)
-class Exposure:
-    """The times of one exposure, microseconds.
+class ShotTimes:
+    """The times of one shot, microseconds.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Exposure:
     run_us: float
 
     @classmethod
-    def of(cls, info: CameraInfo, config: RigConfig, exposure_us: float) -> Exposure:
+    def of(cls, info: CameraInfo, config: RigConfig, exposure_us: float) -> ShotTimes:
         """Return the times for a camera, a rig and an exposure time."""
         needed_us = info.trigger_delay_us + exposure_us + info.readout_us
         stated_us = max(info.frame_period_us, config.frame_period_ms * 1000)
