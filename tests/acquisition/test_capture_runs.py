@@ -48,6 +48,7 @@ def test_flips_are_detected() -> None:
     assert "90 flips, 0 not detected" in run("capture_flips.py", "--flips", "90")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 @pytest.mark.parametrize(
     "fault",
@@ -120,6 +121,7 @@ def _may_mount() -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not _may_mount(), reason="user namespaces are not allowed (unshare -rm)")
 @pytest.mark.parametrize(
     "fault",

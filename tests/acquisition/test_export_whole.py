@@ -132,6 +132,7 @@ def server() -> Iterator[Callable[..., int]]:
     process.wait(10)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 @pytest.mark.parametrize("layout", ["diligent", "lp"])
 @pytest.mark.parametrize("before", ["none", "empty", "earlier"])

@@ -83,6 +83,7 @@ FAULTS: dict[str, tuple[str, str, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
 def test_a_fault_in_the_firmware_is_a_difference(
     tmp_path: Path, fault: tuple[str, str, str]

@@ -215,6 +215,7 @@ def failures(
         return run_checks(board, [fault.check])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
 def test_a_planted_fault_is_noticed(tmp_path: Path, fault: Fault) -> None:
     assert failures(builds.host, HOST_LATE_US, tmp_path, fault)
@@ -225,6 +226,7 @@ def test_a_fault_at_the_pins_is_noticed(tmp_path: Path, fault: Fault) -> None:
     assert failures(builds.avr, AVR_LATE_US, tmp_path, fault)
 
 
+@pytest.mark.slow
 def test_without_a_fault_the_same_checks_pass(tmp_path: Path) -> None:
     for build, late_us, faults in (
         (builds.host, HOST_LATE_US, FAULTS),

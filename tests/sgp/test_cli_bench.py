@@ -109,6 +109,7 @@ def small(monkeypatch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeypatch):
     monkeypatch.delenv("SGP_DATA", raising=False)

@@ -54,6 +54,7 @@ sys.exit(fuzz_readers.run(list(READERS), 6, 0))
 """
 
 
+@pytest.mark.slow
 def test_the_harness_detects_bad_readers(tmp_path: Path) -> None:
     """Readers that fail in all ways that the harness detects, and one that does not fail."""
     (tmp_path / "planted.py").write_text(PLANTED)

@@ -43,6 +43,7 @@ def test_the_sources_compile_without_a_warning(cache, monkeypatch):
     assert build().exists()
 
 
+@pytest.mark.slow
 def test_another_compiler_builds_another_library(cache, tmp_path, monkeypatch):
     before = build()
     monkeypatch.setenv("CC", compiler(tmp_path, 'exec cc "$@"'))
@@ -92,6 +93,7 @@ def test_a_cache_that_cannot_be_written_is_named(tmp_path, monkeypatch):
         build()
 
 
+@pytest.mark.slow
 def test_processes_that_build_at_the_same_time_get_the_same_complete_file(cache):
     command = [sys.executable, "-m", "simulator.gentl"]
     both = [

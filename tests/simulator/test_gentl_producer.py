@@ -43,6 +43,7 @@ def resident_kb() -> int:
     return int(text.split()[1]) * 4
 
 
+@pytest.mark.slow
 def test_the_test_suite_of_harvesters_passes(tmp_path):
     tests = Path(harvesters.test.__file__).parent
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "/dev/null"]
@@ -231,6 +232,7 @@ def test_an_answer_that_does_not_fit_is_refused(library):
         library.call("IFGetDeviceID", library.interface, 0, text, code.byref(size))
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_a_thousand_times_open_and_close():
     def cycle():
         with gentl.Library(build()) as library, gentl.Device(library) as device:
