@@ -38,9 +38,9 @@ def declared(path: Path) -> Iterator[None]:
     """
     try:
         yield
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}") from error
     except SgpError:
         raise
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: {error}") from error

@@ -371,5 +371,6 @@ def test_no_changed_value_breaks_a_reader(models: list[Path], tmp_path: Path) ->
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_no_changed_value_breaks_a_reader_many_seeds(models: list[Path], tmp_path: Path) -> None:
     assert [line for seed in range(1000) for line in attacked(models, tmp_path, seed)] == []

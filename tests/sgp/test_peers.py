@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from processing import ShapeFilter, height_mesh, integrate
-from sgp._paper import bilaplacian
 from sgp._paper.sources import bowl
+from sgp._peers import bilaplacian
 from sgp._peers.bilaplacian import Bilaplacian
 from sgp._peers.displacement import Displacement
 from sgp._peers.laplacian import LaplacianEditing, superlu
