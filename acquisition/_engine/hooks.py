@@ -15,7 +15,7 @@ OnEvent = Callable[[str, Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class RecordingHooks:
-    """Callbacks that report progress.
+    """Callbacks of a recording.
 
     All except ``on_stop`` are called on the thread that takes the shots, between two shots.
 
@@ -31,8 +31,8 @@ class RecordingHooks:
     on_stop
         Called inside the signal handler when Ctrl-C is pressed once.
     on_damage
-        Called when one of these frames is damaged, with a description in one line. The missing
-        shots are still taken; then the recording ends with this error.
+        Called when a frame that was recorded earlier turns out to be damaged, with a description in
+        one line. The missing shots are still taken; then the recording ends with this error.
     before_flats
         Called once before the first flat. When it returns, the white card must be under the camera,
         unless Ctrl-C was pressed meanwhile.
