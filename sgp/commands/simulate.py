@@ -135,15 +135,11 @@ def simulate(
             )
 
     if layout == "diligent":
-        with acquisition.staged(out) as building:
-            with watch.stage("record"):
-                session = recorded(building / "recording")
-            place = session.folder / _TRUTH
-            saved = {name: path.relative_to(place) for name, path in save_truth(place).items()}
-            written = _export_diligent(session, building, truth.lights, result)
-            place.rename(building / "truth")
+        with acquisition.staged(out) as building, watch.stage("record"):
+            session = recorded(building / "recording")
+            written = _export_diligent(session, building, truth, result)
             shutil.rmtree(session.folder)
-        saved = {name: out / "truth" / path for name, path in saved.items()}
+        saved = save_truth(out / "truth")
         result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
         result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
     else:
@@ -176,10 +172,17 @@ def _scene(
 
 
 def _export_diligent(
-    session: acquisition.Session, folder: Path, lights: acquisition.Lights, result: Result
+    session: acquisition.Session, folder: Path, truth: simulator.Truth, result: Result
 ) -> tuple[Path, ...]:
     """Export a recording with its true mask and normals, and report what the layout loses."""
-    export = acquisition.prepare_export(session.folder, "diligent", values="linear", lights=lights)
+    if truth.mask.any():
+        place = session.folder / _TRUTH
+        acquisition.make_folder(place)
+        acquisition.write_mask(place / "mask.png", truth.mask)
+        acquisition.write_exr(place / "normals.exr", truth.normals)
+    export = acquisition.prepare_export(
+        session.folder, "diligent", values="linear", lights=truth.lights
+    )
     result.warnings += export.warnings
     with Stages() as progress:
         return export.write_into(folder, on_progress=progress)
