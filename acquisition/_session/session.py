@@ -208,6 +208,7 @@ def _examine(folder: Path) -> Examination:
     recorded = recorded_frames(folder, manifest, planned, journal)
     problems += recorded.problems
     counted = recorded.counted()
+    problems += _unmatched_lights(folder, manifest, counted.values())
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
     dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
@@ -245,6 +246,19 @@ def _dead_leds(events: Iterable[EventLine], manifest: Manifest) -> frozenset[int
     # Version 1 does not have the event left_out.
     lines = events if manifest.format_version > 1 else ()
     return frozenset[int]().union(*(line.left_out for line in lines))
+
+
+def _unmatched_lights(
+    folder: Path, manifest: Manifest, frames: Iterable[SessionFrame]
+) -> Iterator[str]:
+    """Report stored lights that are not those of the frames: no reader could use them."""
+    ids = dict.fromkeys(frame.light_id for frame in frames if frame.role == "light")
+    if manifest.lights is None or not ids:
+        return
+    try:
+        manifest.lights.value().match(tuple(ids))
+    except DataError as error:
+        yield f"{folder / MANIFEST}: lights: {error}"
 
 
 def _links(folder: Path) -> Iterator[str]:
