@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Self
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from typing import TYPE_CHECKING, Self
 
 from sgp._printable import printable
 from sgp._stderr import STDERR
 
-Advance = Callable[[int, int], None]
+if TYPE_CHECKING:
+    from rich.console import Console
 
-_stderr = Console(file=STDERR, highlight=False, emoji=False)
+Advance = Callable[[int, int], None]
 
 # Interval between lines of progress if stderr is not a terminal.
 _LINE_EVERY_S = 10.0
@@ -23,7 +22,17 @@ _LINE_EVERY_S = 10.0
 
 def note(text: str) -> None:
     """Print one line to stderr."""
-    _stderr.print(printable(text), markup=False, soft_wrap=True)
+    if STDERR.isatty():  # a bar may be on display, above which the console inserts the line
+        _terminal().print(printable(text), markup=False, soft_wrap=True)
+    else:
+        print(printable(text), file=STDERR)
+
+
+@functools.cache
+def _terminal() -> Console:
+    from rich.console import Console
+
+    return Console(file=STDERR, highlight=False, emoji=False)
 
 
 @contextmanager
@@ -32,13 +41,21 @@ def _progress(what: str) -> Iterator[Advance]:
     if not STDERR.isatty():
         yield _Lines(what)
         return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
     columns = (
         TextColumn("{task.description:<24}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=_stderr, transient=True) as bar:
+    with Progress(*columns, console=_terminal(), transient=True) as bar:
         task = bar.add_task(printable(what), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 

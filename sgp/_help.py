@@ -4,20 +4,39 @@ from __future__ import annotations
 
 import difflib
 import re
-from typing import TYPE_CHECKING, Any
+import shutil
+import textwrap
+from collections.abc import Iterator
+from typing import Any
 
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError
-from cyclopts.help import DefaultFormatter, HelpPanel, InlineText
-
-if TYPE_CHECKING:
-    from rich.console import Console, ConsoleOptions
+from cyclopts.help import HelpEntry, HelpPanel
 
 # Defaults that a help page does not show, since they only mean that nothing was given.
 _NOTHING = ("()", '""', "False")
+# Texts start in this column, or on a line of their own below a long name.
+_TEXT_COLUMN = 22
+_WIDEST = 100
+_OF_EVERY_COMMAND = {"--json", "--debug", "--help", "--version"}
 
 
-class HelpPage(DefaultFormatter):
-    """A help page that is wrapped to the width of the terminal.
+class PlainConsole:
+    """The part of ``rich.console.Console`` that help pages need, without its slow import."""
+
+    options = None
+
+    @property
+    def width(self) -> int:
+        """Number of columns to fill."""
+        return min(shutil.get_terminal_size().columns, _WIDEST)
+
+    def print(self, text: Any = "") -> None:
+        """Print a text to stdout."""
+        print(getattr(text, "primary_renderable", text))
+
+
+class HelpPage:
+    """A formatter of help pages: plain text, wrapped to the width of the terminal.
 
     Parameters
     ----------
@@ -26,24 +45,69 @@ class HelpPage(DefaultFormatter):
     """
 
     def __init__(self, optional: str = "") -> None:
-        super().__init__()
         self._optional = optional
 
-    def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
-        """Print one panel."""
-        entries = [
-            entry.copy(
-                description=InlineText.from_format(_one_line(entry.description), "plaintext"),
-                default=None if entry.default in _NOTHING else entry.default,
-            )
-            for entry in panel.entries
-        ]
-        super().__call__(console, options, panel.copy(entries=entries))
-
-    def render_usage(self, console: Console, options: ConsoleOptions, usage: Any) -> None:
+    def render_usage(self, console: Any, options: object, usage: Any) -> None:
         """Print the usage line."""
-        named = re.sub(r"\[ARGS(\.\.\.)?\]", self._optional, str(usage))
-        super().render_usage(console, options, named)
+        named = re.sub(r"\[ARGS(\.\.\.)?\]", self._optional, str(usage)).strip()
+        console.print(_wrapped(f"Usage: {named}", console.width, indent=7))
+        console.print()
+
+    def render_description(self, console: Any, options: object, description: Any) -> None:
+        """Print the text above the panels; lines that are indented stay as they are."""
+        for line in str(description.primary_renderable).splitlines():
+            console.print(line if line.startswith(" ") else _wrapped(line, console.width))
+        console.print()
+
+    def __call__(self, console: Any, options: object, panel: HelpPanel) -> None:
+        """Print one panel: a title, then names on the left and texts on the right."""
+        if not panel.entries:
+            return
+        console.print(f"{panel.title}:")
+        for entry in sorted(panel.entries, key=_rank):
+            for line in _entry_lines(entry, console.width):
+                console.print(line)
+        console.print()
+
+
+def _rank(entry: HelpEntry) -> int:
+    """Return a sort key: arguments, options, options of every command."""
+    if entry.positional_label:
+        return 0
+    return 2 if set(entry.positive_names) & _OF_EVERY_COMMAND else 1
+
+
+def _entry_lines(entry: HelpEntry, width: int) -> Iterator[str]:
+    names = "  " + (entry.positional_label or ", ".join(entry.display_labels_with_metavar))
+    text = _wrapped(_entry_text(entry), width, first=_TEXT_COLUMN, indent=_TEXT_COLUMN)
+    if len(names) + 2 <= _TEXT_COLUMN:
+        yield names + text[len(names) :]
+    else:
+        yield names
+        yield text
+
+
+def _entry_text(entry: HelpEntry) -> str:
+    text = getattr(entry.description, "primary_renderable", entry.description)
+    parts = [" ".join(str(text or "").split())]
+    if entry.choices:
+        parts.append(f"[choices: {', '.join(entry.choices)}]")
+    if entry.default is not None and entry.default not in _NOTHING:
+        parts.append(f"[default: {entry.default}]")
+    if entry.required:
+        parts.append("[required]")
+    return " ".join(part for part in parts if part)
+
+
+def _wrapped(text: str, width: int, *, first: int = 0, indent: int = 0) -> str:
+    return textwrap.fill(
+        text,
+        max(width, indent + 20),
+        initial_indent=" " * first,
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def flowing(text: str) -> str:
@@ -89,7 +153,3 @@ def _complaint(error: CycloptsError, words: str) -> str:
         named = error.token.keyword is not None
         return str(error) if named else f"{argument.name.lstrip('-').upper()}: {error}"
     return str(error)
-
-
-def _one_line(description: Any) -> str:
-    return " ".join(str(description.primary_renderable).split())

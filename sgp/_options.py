@@ -12,6 +12,7 @@ from typing import Annotated
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
+import acquisition
 import processing
 import rig
 from sgp._exit import UsageError
@@ -43,6 +44,12 @@ def _finite(text: str) -> float:
     return value
 
 
+def _exists(kind: object, path: Path) -> None:
+    """Refuse a missing input now: to import the readers takes a second."""
+    if not path.exists():
+        raise acquisition.MissingPathError(f"{path}: no such file or folder")
+
+
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
@@ -50,6 +57,8 @@ def _short(text: str) -> str:
 # Longest part of a command line that a message quotes, in characters.
 _LONGEST = 40
 
+Input = Annotated[Path, Parameter(validator=_exists)]
+OptionalInput = Annotated[Path | None, Parameter(validator=_exists)]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
@@ -91,9 +100,9 @@ class SourceOptions:
         Refuse images with more pixels than this, before decoding them.
     """
 
-    lights: Path | None = None
-    camera: Path | None = None
-    mask: Path | None = None
+    lights: OptionalInput = None
+    camera: OptionalInput = None
+    mask: OptionalInput = None
     method: processing.Method = "cauchy"
     distant: bool = False
     gamma: Gamma | None = None

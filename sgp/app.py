@@ -8,21 +8,29 @@ import io
 import os
 import signal
 import sys
-from importlib.resources import files
-from typing import Annotated, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
-from sgp._help import HelpPage, flowing, page, usage_complaint
+from sgp._help import HelpPage, PlainConsole, flowing, page, usage_complaint
 from sgp._printable import printable, printable_lines
 from sgp._stderr import STDERR
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 # Idle threads of numba's OpenMP pool would spin and use several times the CPU time of the work.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
+_CONSOLE = cast("Console", PlainConsole())
+_PARAMETERS = Group("Parameters")
+
 # Added to a signal's number, this is the exit code of a program that the signal ended.
 _SIGNALLED = 128
+_COMMANDS = Path(__file__).with_name("commands")
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
 _TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
 # For each group: its help page, and its commands by module.
@@ -84,6 +92,10 @@ def _app(name: str, text: str) -> App:
         version=__version__,
         help_format="plaintext",
         help_formatter=HelpPage(),
+        group_arguments=_PARAMETERS,
+        group_parameters=_PARAMETERS,
+        console=_CONSOLE,
+        error_console=_CONSOLE,
         default_parameter=Parameter(negative=()),
         suppress_keyboard_interrupt=False,
     )
@@ -91,7 +103,7 @@ def _app(name: str, text: str) -> App:
 
 def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
     """Register commands, with help texts from their docstrings, without importing the module."""
-    source = files("sgp.commands").joinpath(f"{module}.py").read_text(encoding="utf-8")
+    source = (_COMMANDS / f"{module}.py").read_text(encoding="utf-8")
     nodes = ast.parse(source).body
     commands = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
     for function in functions:
@@ -116,16 +128,26 @@ def _optional(arguments: ast.arguments) -> str:
     return " ".join(names)
 
 
-def _group(name: str) -> App:
+def _group(name: str, command: str | None = None) -> App:
+    """Return a group with its commands, or with those of the module that has the named one."""
     text, modules = _GROUPS[name]
     app = _app(name, text)
-    for module, functions in modules.items():
-        _add(app, module, functions)
+    having = [module for module, functions in modules.items() if command in _names(functions)]
+    for module in having or modules:
+        _add(app, module, modules[module])
     return app
 
 
-def build() -> App:
-    """Return the complete command tree of ``sgp``."""
+def _names(functions: tuple[str, ...]) -> list[str]:
+    return [function.rstrip("_") for function in functions]
+
+
+def build(tokens: Sequence[str] | None = None) -> App:
+    """Return the command tree of ``sgp``.
+
+    With the words of a command line, the tree has only what this command line needs: to read the
+    help texts of all commands takes as long as to start Python.
+    """
     app = _app(
         "sgp",
         page(
@@ -135,11 +157,21 @@ def build() -> App:
             "sgp run photographs/ --lights lights.json --out result",
         ),
     )
-    for name in _TOP:
-        _add(app, name, (name,))
-    for name in _GROUPS:
-        app.command(_group(name))
+    first, second, *_ = [*_words(tokens or ()), None, None]
+    if first in _TOP:
+        _add(app, first, (first,))
+    elif first in _GROUPS:
+        app.command(_group(first, second))
+    else:
+        for name in _TOP:
+            _add(app, name, (name,))
+        for name, (text, _) in _GROUPS.items():
+            app.command(_group(name) if tokens is None else _app(name, text))
     return app
+
+
+def _words(tokens: Sequence[str]) -> list[str]:
+    return [token for token in tokens if not token.startswith("-")]
 
 
 def run(app: App, tokens: list[str]) -> int:
@@ -233,9 +265,10 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
 
 def main() -> None:
     """Entry point of ``sgp``."""
-    raise SystemExit(run(build(), sys.argv[1:]))
+    raise SystemExit(run(build(sys.argv[1:]), sys.argv[1:]))
 
 
 def capture() -> None:
     """Entry point of ``capture``, the same as ``sgp capture``."""
-    raise SystemExit(run(_group("capture"), sys.argv[1:]))
+    command, *_ = [*_words(sys.argv[1:]), None]
+    raise SystemExit(run(_group("capture", command), sys.argv[1:]))

@@ -13,18 +13,18 @@ import calibration
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Pixels, Positive, numbers
+from sgp._options import Input, OptionalInput, Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
 from sgp._stages import open_source
 
 
 def spheres(
-    source: Path,
+    source: Input,
     *,
     out: Path,
     radius_mm: tuple[Positive, ...] = (),
-    camera: Path | None = None,
+    camera: OptionalInput = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
     max_pixels: Pixels = rig.MAX_PIXELS,
@@ -122,12 +122,12 @@ def spheres(
 
 
 def intensities(
-    source: Path,
+    source: Input,
     *,
-    lights: Path,
+    lights: Input,
     out: Path,
-    camera: Path | None = None,
-    mask: Path | None = None,
+    camera: OptionalInput = None,
+    mask: OptionalInput = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:

@@ -15,6 +15,7 @@ from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
+from sgp._options import Input, OptionalInput
 from sgp._output import check_file, check_folder
 from sgp._result import Result
 from sgp.commands.capture_plan import chosen_plan
@@ -26,15 +27,15 @@ def run(
     out: Path,
     *,
     rig: str = "simulated",
-    plan: Path | None = None,
+    plan: OptionalInput = None,
     metering: MeterOptions = _UNMETERED,
     object_name: str = "",
     operator: str = "",
     place: str = "",
     notes: str = "",
     rights: str = "",
-    camera: Path | None = None,
-    lights: Path | None = None,
+    camera: OptionalInput = None,
+    lights: OptionalInput = None,
     skip_check: bool = False,
     dry_run: bool = False,
 ) -> Result:
@@ -118,10 +119,10 @@ def run(
 
 
 def resume(
-    session: Path,
+    session: Input,
     *,
     rig: str = "simulated",
-    plan: Path | None = None,
+    plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
     dry_run: bool = False,
@@ -190,7 +191,7 @@ def resume(
     return describe(finished, [*begun.warnings, taken, *_left_out(finished), *prepared.warnings])
 
 
-def verify(session: Path) -> Result:
+def verify(session: Input) -> Result:
     """Verify all hashes of a session and list damaged and missing frames.
 
     For example:
@@ -247,7 +248,7 @@ def verify(session: Path) -> Result:
     return result
 
 
-def info(session: Path, *, sheet: Path | None = None, force: bool = False) -> Result:
+def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> Result:
     """Describe the contents of a session.
 
     For example:

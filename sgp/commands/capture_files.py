@@ -13,7 +13,7 @@ import acquisition
 import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
-from sgp._options import Leds, Pixels, Positive, Whole
+from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
@@ -24,7 +24,7 @@ _RECORD = "export.json"
 Bracket = Annotated[Whole, Parameter(validator=Number(gte=0, lte=1000))]
 
 
-def compact(session: Path) -> Result:
+def compact(session: Input) -> Result:
     """Compress the frames of a session without changing a pixel.
 
     Each frame is compressed, read back and compared before its old file is deleted. If the command
@@ -63,14 +63,14 @@ def compact(session: Path) -> Result:
 
 @writes_folder(_RECORD)
 def export(
-    session: Path,
+    session: Input,
     *,
     layout: Annotated[Literal["diligent", "lp", "exr", "alicevision"], Parameter(name="format")],
     out: Path,
     values: Literal["raw", "linear"] = "raw",
     bracket: Bracket = 0,
-    lights: Path | None = None,
-    mask: Path | None = None,
+    lights: OptionalInput = None,
+    mask: OptionalInput = None,
     force: bool = False,
 ) -> Result:
     """Export a session for other programs; `capture import` reads all formats except exr.
@@ -131,11 +131,11 @@ def export(
 
 
 def import_(
-    source: Path,
+    source: Input,
     *,
     out: Path,
-    lights: Path | None = None,
-    mask: Path | None = None,
+    lights: OptionalInput = None,
+    mask: OptionalInput = None,
     object_name: str = "",
     operator: str = "",
     place: str = "",
@@ -143,7 +143,7 @@ def import_(
     rights: str = "",
     watch: bool = False,
     leds: Leds | None = None,
-    plan: Path | None = None,
+    plan: OptionalInput = None,
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
     timeout_s: Positive = 600.0,

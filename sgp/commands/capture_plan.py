@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 import acquisition
 import rig as rigs
 from sgp._console import Stages
-from sgp._options import Count, Leds, Real
+from sgp._options import Count, Leds, OptionalInput, Real
 from sgp._result import Result
 
 _DEFAULT_EXPOSURE_US = 20_000.0
@@ -24,7 +24,7 @@ Milliseconds = Annotated[Real, Parameter(validator=Number(gte=0, lte=60_000))]
 
 
 def plan(
-    plan: Path | None = None,
+    plan: OptionalInput = None,
     *,
     rig: Path | None = None,
     leds: Leds = 36,

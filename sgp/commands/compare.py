@@ -10,17 +10,17 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._options import Pixels
+from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
 
 @writes_folder("compare.json")
 def compare(
-    a: Path,
-    b: Path,
+    a: Input,
+    b: Input,
     *,
-    mask: Path | None = None,
+    mask: OptionalInput = None,
     green: Literal["up", "down"] = "up",
     out: Path | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,

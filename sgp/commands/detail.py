@@ -7,7 +7,7 @@ from typing import Literal
 
 import processing
 import rig
-from sgp._options import Count, Order, Pixels
+from sgp._options import Count, Input, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_separation
@@ -17,7 +17,7 @@ Green = Literal["up", "down"]
 
 @writes_folder("detail.json")
 def separate(
-    normals: Path,
+    normals: Input,
     *,
     out: Path,
     filter: processing.FilterKind = "gaussian",  # noqa: A002
@@ -67,8 +67,8 @@ def separate(
 
 @writes_folder("normals.json")
 def combine(
-    shape: Path,
-    detail: Path,
+    shape: Input,
+    detail: Input,
     *,
     out: Path,
     max_pixels: Pixels = rig.MAX_PIXELS,

@@ -11,7 +11,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._options import Count, Order, Pixels
+from sgp._options import Count, Input, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
 from sgp._result import Result
@@ -19,8 +19,8 @@ from sgp._result import Result
 
 @writes_folder("properties.json")
 def properties(
-    normals: Path,
-    *targets: Path,
+    normals: Input,
+    *targets: Input,
     out: Path,
     filter: processing.FilterKind = "gaussian",  # noqa: A002
     order: Order = 8,

@@ -14,7 +14,18 @@ import acquisition
 import processing
 import rig
 from sgp._exit import UsageError
-from sgp._options import Count, Degrees, Factor, Order, Pixels, Positive, Steps, numbers
+from sgp._options import (
+    Count,
+    Degrees,
+    Factor,
+    Input,
+    OptionalInput,
+    Order,
+    Pixels,
+    Positive,
+    Steps,
+    numbers,
+)
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import map_panel, normals_panel, write_overview
 from sgp._result import Result
@@ -46,8 +57,8 @@ class LocalOptions:
         Mirror the source region left to right.
     """
 
-    source_mask: Path | None = None
-    target_mask: Path | None = None
+    source_mask: OptionalInput = None
+    target_mask: OptionalInput = None
     scale: Positive = 1.0
     rotate_deg: Degrees = 0.0
     mirror: bool = False
@@ -55,8 +66,8 @@ class LocalOptions:
 
 @writes_folder("normals.json")
 def transfer(
-    source: Path,
-    target: Path,
+    source: Input,
+    target: Input,
     *,
     out: Path,
     keep_target_detail: bool = False,

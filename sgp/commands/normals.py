@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._options import SourceOptions
+from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stages import compute_normals, open_source
@@ -15,7 +15,7 @@ _DEFAULTS = SourceOptions()
 
 @writes_folder("normals.json")
 def normals(
-    source: Path, *, out: Path, options: SourceOptions = _DEFAULTS, force: bool = False
+    source: Input, *, out: Path, options: SourceOptions = _DEFAULTS, force: bool = False
 ) -> Result:
     """Estimate a normal map from images under known lights.
 

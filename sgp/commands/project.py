@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 import acquisition
 import processing
 from sgp._exit import UsageError
-from sgp._options import Positive, Whole, image_size, numbers
+from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
@@ -27,7 +27,7 @@ _UNIT_MM: dict[Unit, float] = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "
 
 @writes_folder("project.json")
 def project(
-    geometry: Path,
+    geometry: Input,
     *,
     out: Path,
     view: processing.View | None = None,
@@ -37,7 +37,7 @@ def project(
     size: str | None = None,
     pixel_mm: Positive | None = None,
     unit: Unit | None = None,
-    camera: Path | None = None,
+    camera: OptionalInput = None,
     distance_mm: Positive | None = None,
     keep_origin: bool = False,
     shading: Literal["smooth", "flat"] = "smooth",

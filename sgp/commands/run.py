@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._options import SourceOptions
+from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview
 from sgp._pipeline import overview_panels, process
@@ -16,7 +16,7 @@ _DEFAULTS = SourceOptions()
 
 @writes_folder("summary.json")
 def run(
-    source: Path,
+    source: Input,
     *,
     out: Path = Path("result"),
     options: SourceOptions = _DEFAULTS,

@@ -8,7 +8,7 @@ from typing import Literal
 import acquisition
 import processing
 import rig
-from sgp._options import Pixels, Positive
+from sgp._options import Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._write import write_surface
@@ -16,11 +16,11 @@ from sgp._write import write_surface
 
 @writes_folder("surface.json")
 def surface(
-    normals: Path,
+    normals: Input,
     *,
     out: Path,
-    mask: Path | None = None,
-    camera: Path | None = None,
+    mask: OptionalInput = None,
+    camera: OptionalInput = None,
     pixel_mm: Positive | None = None,
     green: Literal["up", "down"] = "up",
     glb: bool = False,
