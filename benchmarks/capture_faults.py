@@ -189,14 +189,21 @@ def interrupt(process):
 
 
 def run(fault, command, folder, at_frame=None):
-    """Run a command with a fault in a process; ``at_frame`` is called after some frames.
+    """Run a command with a fault in a process; ``at_frame`` is called after some frames,
+    while the recording waits.
 
     Returns the exit code, the error line, the time from the end of the last light to that line
     (None if no LED was on), and one line for each problem with the output. Earlier notes do not
     count, because the recording continues after them.
     """
     words = [sys.executable, str(STRUCK), fault, command, str(folder)]
-    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(
+        words,
+        stdin=subprocess.DEVNULL if at_frame is None else subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     watch = threading.Timer(TIMEOUT_S, process.kill)
     watch.start()
     lines, line_ns, state, path, frames = [], [], None, None, 0
@@ -209,6 +216,7 @@ def run(fault, command, folder, at_frame=None):
                 frames += 1
                 if frames == FAULT_AT and at_frame is not None:
                     at_frame(process)
+                    process.stdin.close()  # the recording continues
             else:
                 line_ns.append(time.monotonic_ns())
                 lines.append(line.rstrip())

@@ -3,7 +3,8 @@
 python benchmarks/capture_struck.py FAULT run|resume FOLDER, started only by capture_faults.py.
 
 FAULT is a key of `PLANTS`, or "none". In addition to the messages for the operator, stderr has a
-line with the bench state and one for each frame that is safe.
+line with the bench state and one for each frame that is safe; it waits for the end of stdin after
+frame `FAULT_AT`.
 """
 
 import os
@@ -13,6 +14,7 @@ import time
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from itertools import count
 
 from capture_bench import PLAN, bench_of, open_planes
 
@@ -38,8 +40,12 @@ def main(fault, command, folder):
         print(f"{BENCH}{bench_of(bench)}", file=sys.stderr, flush=True)
         return bench
 
+    frames = count(1)
+
     def on_frame(line):
         print(f"{SHOT}{line.file}", file=sys.stderr, flush=True)
+        if next(frames) == FAULT_AT:
+            sys.stdin.read()  # until the benchmark has planted its fault
 
     rig.open_rig = opened
     acquisition.record = reporting(acquisition.record, on_frame)

@@ -44,9 +44,9 @@ def _finite(text: str) -> float:
     return value
 
 
-def _exists(kind: object, path: Path) -> None:
+def _exists(kind: object, path: Path | None) -> None:
     """Refuse a missing input now: to import the readers takes a second."""
-    if not path.exists():
+    if path is not None and not path.exists():
         raise acquisition.MissingPathError(f"{path}: no such file or folder")
 
 

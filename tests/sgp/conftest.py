@@ -33,7 +33,8 @@ def sgp(capsys) -> Callable[..., Answer]:
 
     def call(*words: object) -> Answer:
         capsys.readouterr()
-        code = run(build(), [str(word) for word in words])
+        tokens = [str(word) for word in words]
+        code = run(build(tokens), tokens)
         printed = capsys.readouterr()
         return Answer(code, printed.out, printed.err)
 
