@@ -17,7 +17,7 @@ from acquisition._engine.rejection import SeenLight, rejection
 from acquisition._engine.stop_request import StopRequest
 from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import DataError
-from acquisition._pixels.quality import FrameQuality, above_dark
+from acquisition._pixels.frame_quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
 from acquisition._session.camera_report import CameraReport

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from acquisition._engine.rejection import SeenLight
-from acquisition._pixels.quality import FrameQuality
+from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot, Role
 from acquisition._session.journal import FrameLine
 from acquisition._session.manifest import CameraRecord

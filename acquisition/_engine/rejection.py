@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from acquisition._errors import DataError
-from acquisition._pixels.quality import FrameQuality
+from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
 

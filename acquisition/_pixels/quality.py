@@ -1,42 +1,15 @@
-"""Quality figures of raw frames: clipping, percentiles, sharpness and mean."""
+"""Measurement of clipping, percentiles, sharpness and mean of raw frames."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from acquisition._pixels.frame_quality import FrameQuality
+
 # In per mille, so that ranks are computed with integers.
 _PERCENTILES = {"1": 10, "50": 500, "99": 990, "99.9": 999}
-PERCENTILE_NAMES = ("0", *_PERCENTILES, "100")
-
-
-@dataclass(frozen=True)
-class FrameQuality:
-    """Quality figures of one frame, computed from the raw values of the full frame.
-
-    Parameters
-    ----------
-    clipped_fraction
-        Share of samples at or above the white level, 0 to 1.
-    percentiles_dn
-        Smallest grey value that at least this percentage of samples does not exceed; ``0`` and
-        ``100`` are the minimum and the maximum.
-    sharpness
-        Mean squared difference of samples two apart, along rows and columns, over the squared mean
-        grey value above black (Brenner et al. 1976). Samples two apart have the same colour under
-        a Bayer filter. Comparable only between frames of the same scene and exposure; 0 for a
-        black frame.
-    mean_dn
-        Mean grey value; None for a frame of a session that does not record it.
-    """
-
-    clipped_fraction: float
-    percentiles_dn: dict[str, int]
-    sharpness: float
-    mean_dn: float | None
 
 
 def measure_quality(
@@ -77,16 +50,6 @@ def measure_quality(
     sharpness = energy / mean**2 if mean > 0 else 0.0
     sharpness = float(f"{sharpness:.6g}")
     return FrameQuality(float(clipped / total), percentiles, sharpness, round(mean_dn, 4))
-
-
-def above_dark(lit: FrameQuality, dark: FrameQuality | None, range_dn: float) -> float | None:
-    """Return how far the mean of a frame is above that of a dark frame, relative to the range.
-
-    The result is rounded to a millionth, or None if one of the means is not known.
-    """
-    if dark is None or lit.mean_dn is None or dark.mean_dn is None:
-        return None
-    return round((lit.mean_dn - dark.mean_dn) / range_dn, 6)
 
 
 # Without the GIL, because the thread that controls the light must not wait for this; on one core,

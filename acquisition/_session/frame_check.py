@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.quality import FrameQuality, measure_quality
+from acquisition._pixels.frame_quality import FrameQuality
+from acquisition._pixels.quality import measure_quality
 from acquisition._session.manifest import CameraRecord
 
 

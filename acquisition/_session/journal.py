@@ -25,7 +25,7 @@ from pydantic import (
     model_validator,
 )
 
-from acquisition._pixels.quality import PERCENTILE_NAMES
+from acquisition._pixels.frame_quality import PERCENTILE_NAMES
 from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
 from rig import complaints

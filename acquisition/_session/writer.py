@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.quality import FrameQuality
+from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.camera_report import CameraReport
 from acquisition._session.creation import begin

@@ -14,7 +14,7 @@ import pytest
 
 from acquisition._engine.engine import record, resume
 from acquisition._engine.references import References
-from acquisition._pixels.quality import FrameQuality
+from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session import writer as _session_writer

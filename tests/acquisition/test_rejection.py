@@ -8,7 +8,8 @@ import pytest
 
 from acquisition._engine.rejection import SeenLight, is_lit, rejection
 from acquisition._errors import DataError
-from acquisition._pixels.quality import FrameQuality, measure_quality
+from acquisition._pixels.frame_quality import FrameQuality
+from acquisition._pixels.quality import measure_quality
 from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
 
