@@ -28,12 +28,14 @@ def run(*words: str) -> str:
     return ended.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 def test_kills_lose_nothing() -> None:
     output = run("capture_kill.py", "--kills", "6", "--seed", "5")
     assert "lost: 0, accepted with wrong pixels: 0" in output
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 @pytest.mark.parametrize("more", [(), ("--buffers", "3", "--lose", "0.1")], ids=["all", "lossy"])
 def test_no_sequence_ends_on_a_busy_host(more: tuple[str, ...]) -> None:
@@ -44,6 +46,7 @@ def test_no_sequence_ends_on_a_busy_host(more: tuple[str, ...]) -> None:
     assert bool(re.search(r"taken again +[1-9]", output)) == bool(more)
 
 
+@pytest.mark.slow
 def test_flips_are_detected() -> None:
     assert "90 flips, 0 not detected" in run("capture_flips.py", "--flips", "90")
 
@@ -64,6 +67,7 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
     assert f"{fault}: exit code" in run("capture_faults.py", "--only", fault)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
 @pytest.mark.parametrize(
     ("words", "code", "said"),

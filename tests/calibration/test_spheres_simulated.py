@@ -39,7 +39,9 @@ def capture(seed, name="spheres"):
     return np.array(images, np.float32), rendering.truth
 
 
-@pytest.fixture(scope="module", params=[3, 4, 5])
+@pytest.fixture(
+    scope="module", params=[3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (4, 5))]
+)
 def scene(request):
     return capture(request.param)
 
@@ -66,7 +68,7 @@ def test_positions_without_masks(scene):
     assert result.residuals_deg.max() < 0.2
 
 
-@pytest.mark.parametrize("seed", [11, 13])
+@pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
 def test_faint_outlines_on_velvet_next_to_an_object(seed):
     """On velvet the mirrored horizon is much stronger than the outline: the known size decides.
 
@@ -82,7 +84,7 @@ def test_faint_outlines_on_velvet_next_to_an_object(seed):
     assert angle_deg(result.lights.unit_directions, truth.lights.unit_directions).mean() < 0.4
 
 
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", [21, pytest.param(22, marks=pytest.mark.slow)])
 def test_one_radius_for_three_sizes_selects_spheres_of_that_size(seed):
     """Round outlines of the right size around the smaller spheres are rejected and reported."""
     values, truth = capture(seed)
@@ -100,7 +102,7 @@ def test_one_radius_for_three_sizes_selects_spheres_of_that_size(seed):
     )
 
 
-@pytest.mark.parametrize("radius_mm", [14.0, 16.0])
+@pytest.mark.parametrize("radius_mm", [14.0, pytest.param(16.0, marks=pytest.mark.slow)])
 def test_a_warning_if_spheres_contradict_each_other(one, radius_mm):
     values, truth = one
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=radius_mm)

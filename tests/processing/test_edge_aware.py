@@ -94,7 +94,7 @@ def test_the_residue_at_occlusions_is_smaller_and_relief_remains(kind: FilterKin
 
 
 @needs_data
-@pytest.mark.parametrize("kind", ["guided", "bilateral"])
+@pytest.mark.parametrize("kind", ["guided", pytest.param("bilateral", marks=pytest.mark.slow)])
 def test_occlusions_of_real_objects(kind: FilterKind) -> None:
     root = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
     maps = []

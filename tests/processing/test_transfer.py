@@ -226,7 +226,7 @@ def test_transfer_refuses(options: dict[str, object], text: str) -> None:
     ("source", "shape", "detail", "refined"),
     [
         pytest.param("owl", 1.55, 1.55, 0.9, id="owl"),
-        pytest.param("plant", 2.6, 2.6, 1.4, id="plant"),
+        pytest.param("plant", 2.6, 2.6, 1.4, id="plant", marks=pytest.mark.slow),
     ],
 )
 def test_transfer_to_real_shapes(source: str, shape: float, detail: float, refined: float) -> None:
