@@ -59,6 +59,11 @@ class Trial:
             if source.is_file():
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, copy)
+        self._kernels = {
+            module.relative_to(folder).as_posix(): module.read_text(encoding="utf-8")
+            for module in folder.rglob("*.py")
+            if "numba.njit" in module.read_text(encoding="utf-8")
+        }
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(_PRELOADED))
 
@@ -91,6 +96,7 @@ class Trial:
         for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
             stale.unlink()  # its validity is checked by whole seconds and size only
         path.write_text(text, encoding="utf-8")
+        self._compile_callers_again(module)
         words = (self._folder, log, module, tests, limit_s)
         process = self._context.Process(target=_tests, args=words)
         try:
@@ -102,6 +108,7 @@ class Trial:
             process.join()
             path.write_bytes(original)
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+            self._compile_callers_again(module)
         output = log.read_text(encoding="utf-8", errors="replace").rstrip()
         if process.exitcode == _STRANGE:
             raise RuntimeError(f"{module} is not what {', '.join(tests)} import")
@@ -110,6 +117,22 @@ class Trial:
         # A crash also counts as detected, but prints no time.
         used = float(found[1]) if (found := re.search(r"processor time (\S+)$", output)) else 0.0
         return Outcome("survived" if process.exitcode == 0 else "killed", used, output)
+
+    def _compile_callers_again(self, module: str) -> None:
+        """Invalidate the cached code of other modules that contains code of this one."""
+        for caller in self.compiled_from(module):
+            os.utime(self._folder / caller)
+
+    def compiled_from(self, module: str) -> set[str]:
+        """Return the modules with kernels that call, directly or not, functions of a module."""
+        callers: set[str] = set()
+        of = [module] if module in self._kernels else []
+        while of:
+            name = of.pop().removesuffix(".py").replace("/", ".")
+            found = {m for m, text in self._kernels.items() if f"from {name} import" in text}
+            of += found - callers
+            callers |= found
+        return callers
 
 
 def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s: float) -> None:
