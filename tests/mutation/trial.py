@@ -96,7 +96,11 @@ class Trial:
         for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
             stale.unlink()  # its validity is checked by whole seconds and size only
         path.write_text(text, encoding="utf-8")
-        self._compile_callers_again(module)
+        # Compiled again, because numba checks the source of a kernel, not of those that it calls.
+        callers = [self._folder / caller for caller in self.compiled_from(module)]
+        plain = {caller: caller.read_text(encoding="utf-8") for caller in callers}
+        for caller in callers:
+            caller.write_text(f"{plain[caller]}# {hash(text)}\n", encoding="utf-8")
         words = (self._folder, log, module, tests, limit_s)
         process = self._context.Process(target=_tests, args=words)
         try:
@@ -108,7 +112,8 @@ class Trial:
             process.join()
             path.write_bytes(original)
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-            self._compile_callers_again(module)
+            for caller in callers:
+                caller.write_text(plain[caller], encoding="utf-8")
         output = log.read_text(encoding="utf-8", errors="replace").rstrip()
         if process.exitcode == _STRANGE:
             raise RuntimeError(f"{module} is not what {', '.join(tests)} import")
@@ -117,11 +122,6 @@ class Trial:
         # A crash also counts as detected, but prints no time.
         used = float(found[1]) if (found := re.search(r"processor time (\S+)$", output)) else 0.0
         return Outcome("survived" if process.exitcode == 0 else "killed", used, output)
-
-    def _compile_callers_again(self, module: str) -> None:
-        """Invalidate the cached code of other modules that contains code of this one."""
-        for caller in self.compiled_from(module):
-            os.utime(self._folder / caller)
 
     def compiled_from(self, module: str) -> set[str]:
         """Return the modules with kernels that call, directly or not, functions of a module."""
@@ -144,7 +144,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     os.chdir(folder)
     # Also for the processes that the tests start.
     os.environ["PYTHONPATH"] = str(folder)
-    # Compiled code is cached by the time and the size of its source: a fault is compiled again.
+    # Compiled code is cached by a hash of its source: a fault is compiled again.
     os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = str(folder / ".numba")
     # Replaces the working tree, which an editable install adds to the path.
     sys.path[:] = [str(folder), *(entry for entry in sys.path if Path(entry or ".") != ROOT)]
