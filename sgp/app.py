@@ -192,8 +192,12 @@ def run(app: App, tokens: list[str]) -> int:
         debug
             Print the stack trace of an error.
         """
-        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-        return result, json
+        command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
+        if getattr(command, "__module__", "").startswith("sgp.commands."):
+            from sgp._options import require_inputs
+
+            require_inputs(command, bound.arguments)
+        return command(*bound.args, **bound.kwargs), json
 
     for stream in (sys.stdout, sys.stderr):  # escape characters that they cannot encode
         if isinstance(stream, io.TextIOWrapper):
