@@ -212,7 +212,13 @@ def leave_it(process, terminal):
     ("typed_before", "act", "code"),
     [
         pytest.param(b"\n\n", leave_it, 130, id="Enter"),
-        pytest.param(b"", lambda _, terminal: os.write(terminal, b"\x04"), 2, id="Ctrl-D"),
+        pytest.param(
+            b"",
+            lambda _, terminal: os.write(terminal, b"\x04"),
+            2,
+            id="Ctrl-D",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_only_enter_at_the_prompt_takes_the_flats(
@@ -546,7 +552,15 @@ def test_rig_commands(sgp, rig, tmp_path):
     assert not (tmp_path / "b.tif").exists()
 
 
-@pytest.fixture(params=["a full disk", "a reader that has exited", "none"])
+@pytest.fixture(
+    params=[
+        "a full disk",
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("a reader that has exited", "none")
+        ),
+    ]
+)
 def deaf(request):
     """A stderr that cannot be written, as an argument of `subprocess.run`."""
     if sys.platform == "win32":

@@ -53,6 +53,7 @@ def test_parts_combine_to_the_normals_they_came_from(sgp, demo, tmp_path):
     assert metrics["coverage"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_second_demo_replaces_the_first_and_nothing_else(sgp, demo):
     (demo / "notes.txt").write_text("keep me", encoding="utf-8")
     before = (demo / "lights.json").read_bytes()

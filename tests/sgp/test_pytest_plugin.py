@@ -38,6 +38,7 @@ def run(pytester):
     return run
 
 
+@pytest.mark.slow
 def test_the_guides_example_works(pytester):
     """Write every code block of the guide to a file, and run them in a new interpreter."""
     blocks = re.findall(r"```(ini|python)\n(.*?)```", GUIDE.read_text(), re.DOTALL)
