@@ -49,6 +49,20 @@ def _first_by_brute_force(surface, origins, directions, samples=8001):
     return result
 
 
+class _Slope(Plane):
+    """A plane that rises towards a corner of the square around the outline."""
+
+    def evaluate(self, x_mm, y_mm):
+        return x_mm + y_mm, np.ones_like(x_mm), np.ones_like(x_mm)
+
+
+def test_bounds_are_those_within_the_outline():
+    bounds = _Slope(60.0).bounds
+    highest = 60.0 * math.sqrt(2)
+    assert highest <= bounds.top_mm < highest + 5
+    assert -highest - 5 < bounds.bottom_mm <= -highest
+
+
 STEEP = [
     pytest.param(Coin(60.0, seed=1), id="coin"),
     pytest.param(Coin(60.0, relief_mm=6.0, seed=1), id="deep-coin"),
