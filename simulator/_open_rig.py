@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
-from rig import Rig, RigConfig, RigConfigError, complaints
+from rig import Rig, RigConfig, RigConfigError, validation_message
 from simulator._camera.image_formation import ImageFormation
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
@@ -96,8 +96,8 @@ def open_rig(config: RigConfig) -> Rig:
     try:
         options = RigOptions.model_validate(config.options)
     except ValidationError as error:
-        complaint = complaints(error, noun="option", known=RigOptions.model_fields)
-        raise RigConfigError(f"rig {config.name}: {complaint}") from error
+        message = validation_message(error, noun="option", known=RigOptions.model_fields)
+        raise RigConfigError(f"rig {config.name}: {message}") from error
     try:
         scene = _scene(options, config.leds)
         sensor = build(NoiseModel, asdict(scene.noise) | options.sensor, "sensor")

@@ -9,18 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rig._selftest.selftest as selftest_module
+import acquisition._selftest.selftest as selftest_module
+from acquisition import Finding, selftest
+from acquisition._selftest.led_findings import Evidence, findings
 from rig import (
     CameraError,
     CameraFrame,
     FrameTimeoutError,
+    Notice,
     RigConfig,
     RigError,
     Shot,
-    selftest,
+    no_progress,
 )
-from rig._progress import no_progress
-from rig._selftest.led_findings import Evidence, findings
 from simulator import Lamps, dome_lights, render, rig_for, scene_named
 from simulator._wiring import Wiring
 
@@ -171,6 +172,13 @@ def kinds(result, *, fault=True):
     return sorted((one.kind, *one.leds) for one in result.findings if one.fault == fault)
 
 
+def test_a_finding_as_a_notice():
+    finding = Finding("always on", (3,), "LED 3 is on although all should be off")
+    assert finding.notice == Notice("led-always-on", finding.text, severity="error")
+    remark = Finding("room light", (), "the room is bright", fault=False)
+    assert remark.notice == Notice("room-light", remark.text, severity="info")
+
+
 @pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
 def test_a_simulated_rig_without_faults(name):
     with rig_for(rendered(name)) as rig:
@@ -280,7 +288,11 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
 
         def saturated(led, exposure_us, **named):
             asked.append(exposure_us)
-            return Shot(CameraFrame(np.full((8, 8), 4095), 0, 1, exposure_us, 0.0, None), led, None)
+            return Shot(
+                CameraFrame(np.full((8, 8), 4095, np.uint16), 0, 1, exposure_us, 0.0, None),
+                led,
+                None,
+            )
 
         monkeypatch.setattr(rig, "shoot", saturated)
         # The frames stay saturated however short the exposure is.
