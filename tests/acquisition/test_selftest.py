@@ -22,8 +22,7 @@ from rig import (
     Shot,
     no_progress,
 )
-from simulator import Lamps, dome_lights, render, rig_for, scene_named
-from simulator._wiring import Wiring
+from simulator import BenchFlaws, Lamps, Wiring, dome_lights, open_rig_seeing, render, scene_named
 
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]
 NOISE = 0.003
@@ -181,7 +180,7 @@ def test_a_finding_as_a_notice():
 
 @pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
 def test_a_simulated_rig_without_faults(name):
-    with rig_for(rendered(name)) as rig:
+    with open_rig_seeing(rendered(name)) as rig:
         result = selftest(rig)
     assert result.ok
     assert kinds(result) == []
@@ -190,27 +189,29 @@ def test_a_simulated_rig_without_faults(name):
 
 
 @pytest.mark.parametrize(
-    ("options", "found"),
+    ("flaws", "found"),
     [
         pytest.param(
-            {"wiring": Wiring(swapped=((2, 9),))},
+            BenchFlaws(wiring=Wiring(swapped=((2, 9),))),
             [("elsewhere", 2, 9), ("elsewhere", 9, 2)],
             id="swapped",
         ),
-        pytest.param({"wiring": Wiring(double=((4, 11),))}, [("double", 4, 11)], id="double"),
-        pytest.param({"wiring": Wiring(always=(6,))}, [("always on", 6)], id="always on"),
-        pytest.param({"lamps": Lamps(dead=(0, 5))}, [("dead", 0), ("dead", 5)], id="dead"),
+        pytest.param(
+            BenchFlaws(wiring=Wiring(double=((4, 11),))), [("double", 4, 11)], id="double"
+        ),
+        pytest.param(BenchFlaws(wiring=Wiring(always=(6,))), [("always on", 6)], id="always on"),
+        pytest.param(BenchFlaws(lamps=Lamps(dead=(0, 5))), [("dead", 0), ("dead", 5)], id="dead"),
     ],
 )
-def test_a_simulated_rig_with_faults(options, found):
-    with rig_for(rendered("coin"), **options) as rig:
+def test_a_simulated_rig_with_faults(flaws, found):
+    with open_rig_seeing(rendered("coin"), flaws=flaws) as rig:
         result = selftest(rig)
     assert not result.ok
     assert kinds(result) == found
 
 
 def test_an_unsteady_supply_is_found():
-    with rig_for(rendered("coin"), lamps=Lamps(flicker=0.2)) as rig:
+    with open_rig_seeing(rendered("coin"), flaws=BenchFlaws(lamps=Lamps(flicker=0.2))) as rig:
         result = selftest(rig)
     assert {kind for kind, *_ in kinds(result)} == {"unsteady"}
     assert len(result.findings) >= 3
@@ -226,7 +227,9 @@ def test_the_mounting_of_the_camera_is_applied():
             "dead_leds": [3],
         }
     )
-    with rig_for(rendered("coin"), config, wiring=Wiring(swapped=((2, 9),))) as rig:
+    with open_rig_seeing(
+        rendered("coin"), config, flaws=BenchFlaws(wiring=Wiring(swapped=((2, 9),)))
+    ) as rig:
         result = selftest(rig)
     assert kinds(result) == [("elsewhere", 2, 9), ("elsewhere", 9, 2)]
     assert 3 not in result.leds
@@ -237,7 +240,7 @@ def test_dark_and_bright_scenes_are_metered():
         scene_ = scene_named("white-plane", **SMALL)
         bright = render(scene_)
         bright.planes[:] *= scale
-        with rig_for(bright) as rig:
+        with open_rig_seeing(bright) as rig:
             result = selftest(rig)
         assert low_us <= result.exposure_us <= high_us
         assert kinds(result) == []
@@ -246,7 +249,7 @@ def test_dark_and_bright_scenes_are_metered():
 @pytest.mark.parametrize("trigger", ["software", "board"])
 def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, trigger):
     config = RigConfig(name="x", driver="simulated", leds=12, trigger=trigger, frame_timeout_s=0.2)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
 
         def nothing_comes(frame_id, timeout_s, waiting=None):
             raise FrameTimeoutError("frame 0 did not arrive")
@@ -271,7 +274,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, tri
 
 def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
 
         def unplugged(frame_id, timeout_s, waiting=None):
             raise CameraError("camera c7 no longer answers")
@@ -283,7 +286,7 @@ def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
 
 def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
         asked = []
 
         def saturated(led, exposure_us, **named):
@@ -303,7 +306,7 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
 
 def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
         result = selftest(rig)
     assert kinds(result) == [("exposure active",)]
 
@@ -311,7 +314,7 @@ def test_a_missing_exposure_active_wire_is_a_fault():
 def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
     with (
-        rig_for(rendered("coin"), config) as rig,
+        open_rig_seeing(rendered("coin"), config) as rig,
         pytest.raises(RigError, match="no LED is left to test"),
     ):
         selftest(rig)
