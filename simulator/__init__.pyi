@@ -14,6 +14,7 @@ from ._owned_folder import OwnedFolder as OwnedFolder
 from ._owned_folder import remove_abandoned as remove_abandoned
 from ._render.chrome import MirroredLights as MirroredLights
 from ._render.chrome import find_mirrored_lights as find_mirrored_lights
+from ._render.cramer_rao import Measurement as Measurement
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import Rendering as Rendering
 from ._render.render import render as render
