@@ -142,7 +142,7 @@ class _Camera:
         self._count = 0
         # Two passes over the LEDs, and two dark frames.
         self._total = 2 * leds + 2
-        self._white = 2**rig.camera.info.bit_depth - 1
+        self._white = rig.camera.info.white_dn
         self.brightest = 0.0
         self._shape = (1, 1)
 

@@ -171,7 +171,7 @@ def snap(
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
-        white = 2**opened.camera.info.bit_depth - 1
+        white = opened.camera.info.white_dn
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
     clipped = float(np.mean(pixels >= white))

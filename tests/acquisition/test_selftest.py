@@ -304,6 +304,18 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     assert exposure_us == asked[-1]
 
 
+def test_every_colour_of_a_mosaic_is_metered(monkeypatch):
+    config = RigConfig(name="x", driver="simulated", leds=12)
+    mosaic = np.full((8, 8), 4095, np.uint16)
+    mosaic[::2, ::2] = 100
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
+        frame = CameraFrame(mosaic, 0, 1, 1000.0, 0.0, None)
+        monkeypatch.setattr(rig, "shoot", lambda led, *_, **named: Shot(frame, led, None))
+        camera = selftest_module._Camera(rig, 1, no_progress)
+        camera.all((0,), 1000.0)
+    assert camera.brightest == 1
+
+
 def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
     with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
