@@ -41,6 +41,9 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
+from ._selftest.finding import Finding as Finding
+from ._selftest.selftest import SelfTest as SelfTest
+from ._selftest.selftest import selftest as selftest
 from ._session.calibrations import Calibrations as Calibrations
 from ._session.camera_report import CameraReport as CameraReport
 from ._session.compact import Compaction as Compaction

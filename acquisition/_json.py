@@ -8,7 +8,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from acquisition._errors import DataError, declared
-from rig import check_text, complaints
+from rig import check_text, validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -27,4 +27,4 @@ def parse_json(model: type[Model], text: str, path: Path, hint: str = "") -> Mod
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
-        raise DataError(f"{path}: {complaints(error)}{hint}") from error
+        raise DataError(f"{path}: {validation_message(error)}{hint}") from error

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 import rig
 from acquisition._errors import DataError, declared
-from rig import MAX_TOML_BYTES, complaints, read_bounded
+from rig import MAX_TOML_BYTES, read_bounded, validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -26,8 +26,8 @@ def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        complaint = complaints(error, known=model.model_fields)
-        raise DataError(f"{path}: {complaint}") from error
+        message = validation_message(error, known=model.model_fields)
+        raise DataError(f"{path}: {message}") from error
 
 
 def read_toml(model: type[Model], path: Path) -> Model:

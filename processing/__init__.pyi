@@ -14,6 +14,7 @@ from ._detail.separation import Separation as Separation
 from ._detail.separation import combine as combine
 from ._detail.separation import separate as separate
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
+from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult

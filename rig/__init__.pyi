@@ -27,7 +27,6 @@ from ._camera import CameraFrame as CameraFrame
 from ._camera import CameraInfo as CameraInfo
 from ._camera import Trigger as Trigger
 from ._child import module_command as module_command
-from ._complaint import complaints as complaints
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
 from ._ending import end_later as end_later
@@ -67,8 +66,6 @@ from ._open_board import OpenBoard as OpenBoard
 from ._progress import Progress as Progress
 from ._progress import no_progress as no_progress
 from ._rig import Rig as Rig
-from ._selftest.finding import Finding as Finding
-from ._selftest.selftest import SelfTest as SelfTest
-from ._selftest.selftest import selftest as selftest
 from ._shooting.shot import Shot as Shot
 from ._shooting.wires import Wires as Wires
+from ._validation_message import validation_message as validation_message

@@ -59,6 +59,11 @@ class CameraInfo:
     frame_period_us: float = 0.0
     turned_off: tuple[str, ...] = ()
 
+    @property
+    def white_dn(self) -> int:
+        """Largest raw value of this bit depth; a sample of this value is saturated."""
+        return int(2**self.bit_depth - 1)
+
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:

@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig._complaint import complaints
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._mounting import Mounting
+from rig._validation_message import validation_message
 
 # A limit of 100 m is larger than any dome.
 _Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
@@ -97,5 +97,5 @@ def read_rig_config(path: Path) -> RigConfig:
     try:
         return RigConfig.model_validate(content)
     except ValidationError as error:
-        complaint = complaints(error, known=RigConfig.model_fields)
-        raise RigConfigError(f"{path}: {complaint}") from error
+        message = validation_message(error, known=RigConfig.model_fields)
+        raise RigConfigError(f"{path}: {message}") from error

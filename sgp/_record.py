@@ -99,4 +99,4 @@ def read_record(path: str | Path) -> ResultRecord:
         # Lists become tuples in JSON mode only.
         return ResultRecord.model_validate(values, strict=False)
     except ValidationError as error:
-        raise acquisition.DataError(f"{path}: {rig.complaints(error)}") from error
+        raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error

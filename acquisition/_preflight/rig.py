@@ -5,7 +5,8 @@ from __future__ import annotations
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._preflight.check import Check
-from rig import Rig, selftest
+from acquisition._selftest.selftest import selftest
+from rig import Rig
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0

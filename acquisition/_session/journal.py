@@ -28,7 +28,7 @@ from pydantic import (
 from acquisition._pixels.frame_quality import PERCENTILE_NAMES
 from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
-from rig import complaints
+from rig import validation_message
 
 GENESIS = "0" * 64
 # Events that readers act on.
@@ -286,7 +286,7 @@ def _understood(piece: bytes, seq: int) -> Line | str:
         del record["line_sha256"]
         line = _LINE.validate_python(record)
     except ValidationError as error:
-        return complaints(error)
+        return validation_message(error)
     except _RefusedError as error:
         return str(error)
     except (ValueError, TypeError, KeyError, RecursionError):

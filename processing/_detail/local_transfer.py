@@ -13,7 +13,7 @@ from processing._detail.rotation import rotate_from_z
 from processing._detail.seam import SeamSteps, blend_detail, seam_steps
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.similarity import Similarity
+from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing._normal_map import NormalMap
 
@@ -77,10 +77,7 @@ def transfer_local(
     *,
     source_mask: Mask | None = None,
     target_mask: Mask | None = None,
-    at: tuple[float, float] | None = None,
-    scale: float = 1.0,
-    rotate_deg: float = 0.0,
-    mirror: bool = False,
+    pose: Pose = Pose(),
     amplitude: float = 1.0,
     shape_filter: ShapeFilter = ShapeFilter(w=10),
     reach_px: float | None = None,
@@ -103,12 +100,10 @@ def transfer_local(
         ``(H, W)`` bool of the source's size, the part. Default: the complete source.
     target_mask
         ``(H, W)`` bool of the target's size, the pixels that may receive the part. Default: all.
-    at
-        Column and row of the target at which the centre of the source mask's bounding box is
-        placed. Default: the centre of the target mask's bounding box; without a target mask, and
-        if the maps have the same size, the position does not change.
-    scale, rotate_deg, mirror
-        See `Similarity`.
+    pose
+        Position, scale, rotation and mirroring of the part on the target. Default position: the
+        centre of the target mask's bounding box; without a target mask, and if the maps have the
+        same size, the position does not change.
     amplitude
         Factor on the slopes of the detail.
     shape_filter
@@ -136,15 +131,16 @@ def transfer_local(
     for name, mask in (("source", part), ("target", room)):
         if not mask.any():
             raise DataError(f"the {name} mask and the {name}'s normals do not overlap")
-    if at is None and target_mask is None and source.size != target.size:
+    if pose.at is None and target_mask is None and source.size != target.size:
         raise DataError(
             f"a source of {_text(source)} pixels has no position on a target of {_text(target)}: "
             "give a position or a target mask"
         )
     anchor = _middle(part)
+    at = pose.at
     if at is None:
         at = anchor if target_mask is None else _middle(room)
-    placement = Similarity(anchor, at, scale, rotate_deg, mirror)
+    placement = Similarity(anchor, at, pose.scale, pose.rotate_deg, pose.mirror)
     placed = placement.place(source, target.size)
     region = placement.place_mask(part, target.size) & room
     if placed is None or not (region & placed.mask).any():

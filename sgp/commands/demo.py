@@ -106,7 +106,7 @@ def _capture(
     exposures_us: tuple[float, ...],
 ) -> acquisition.Session:
     plan = acquisition.CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
-    with simulator.rig_for(rendering, seed=seed) as rig, Stages() as progress:
+    with simulator.open_rig_seeing(rendering, seed=seed) as rig, Stages() as progress:
         return acquisition.record(
             rig,
             plan,

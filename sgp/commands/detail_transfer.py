@@ -146,10 +146,12 @@ def transfer(
             *maps,
             source_mask=_mask(local.source_mask, maps[0]),
             target_mask=_mask(local.target_mask, maps[1]),
-            at=None if place is None else (place[0], place[1]),
-            scale=local.scale,
-            rotate_deg=local.rotate_deg,
-            mirror=local.mirror,
+            pose=processing.Pose(
+                None if place is None else (place[0], place[1]),
+                local.scale,
+                local.rotate_deg,
+                local.mirror,
+            ),
             amplitude=amplitude,
             shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
         )

@@ -171,7 +171,7 @@ def snap(
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
-        white = 2**opened.camera.info.bit_depth - 1
+        white = opened.camera.info.white_dn
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
     clipped = float(np.mean(pixels >= white))
@@ -201,7 +201,7 @@ def selftest(*, rig: str = "simulated") -> Result:
         Name of a rig, or path of a rig file (.toml).
     """
     with rigs.open_rig(rig) as opened, Stages() as progress:
-        result = rigs.selftest(opened, on_progress=progress)
+        result = acquisition.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
     if rig in rigs.rig_names():  # opened by name: there is no file in which to set an option
