@@ -1,7 +1,7 @@
 """The figures of each command: the `metrics` of its result and of its record.
 
 Every figure has a type, a unit and a meaning; docs/result-format.md lists them. A figure that is
-`NotRequired` is only there in the cases that its meaning names. A figure that may be None may also
+not required is only there in the cases that its meaning names. A figure that may be None may also
 be NaN, and is null in files.
 """
 
@@ -68,12 +68,17 @@ class StagesMetrics(TypedDict):
     surface: Annotated[SurfaceMetrics, "", "figures of the third stage"]
 
 
-class RunMetrics(StagesMetrics):
+class TruthMetrics(TypedDict, total=False):
+    """Figures of the pipeline if the source has a ground truth."""
+
+    normals_mae_deg: Annotated[
+        float, "deg", "`mae_deg` of the normals, if the source has a ground truth"
+    ]
+
+
+class RunMetrics(StagesMetrics, TruthMetrics):
     """Figures of the pipeline."""
 
-    normals_mae_deg: NotRequired[
-        Annotated[float, "deg", "`mae_deg` of the normals, if the source has a ground truth"]
-    ]
     seconds: Annotated[dict[str, float], "s", "duration of each stage"]
 
 

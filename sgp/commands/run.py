@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._metrics import RunMetrics
+from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview
@@ -54,12 +54,8 @@ def run(
     with watch.stage("overview"):
         write_overview(result.outputs["overview"], source.name, overview_panels(outcome))
     error = outcome.normals.error
-    metrics: RunMetrics
-    if error is None:
-        metrics = {**outcome.metrics, "seconds": watch.seconds}
-    else:
-        truth = error.mae_deg
-        metrics = {**outcome.metrics, "normals_mae_deg": truth, "seconds": watch.seconds}
+    truth: TruthMetrics = {} if error is None else {"normals_mae_deg": error.mae_deg}
+    metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs["summary"] = out / "summary.json"
     result.summary.append(f"look at  {result.outputs['overview']}")

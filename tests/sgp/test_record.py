@@ -169,8 +169,7 @@ RUN = STAGES | {"seconds": {"normals": 0.5}}
         ),
         pytest.param(
             "sgp detail transfer",
-            TRANSFER
-            | dict.fromkeys(["seam_step_deg", "interior_step_deg", "seam_ratio"], math.nan),
+            TRANSFER | dict.fromkeys(["seam_step_deg", "interior_step_deg", "seam_ratio"]),
             id="local transfer without a seam",
         ),
         pytest.param("sgp run", RUN, id="run"),
@@ -193,12 +192,12 @@ def test_figures_read_back(tmp_path: Path, command: str, metrics: dict[str, obje
         ("sgp normals", METRICS | {"images": 8.0}, "'metrics.images': .*integer, not 8.0"),
         ("sgp normals", METRICS | {"images": True}, "'metrics.images': .*integer, not True"),
         ("sgp normals", METRICS | {"coverage": "1"}, "'metrics.coverage': .*number, not '1'"),
-        ("sgp normals", METRICS | {"coverage": math.nan}, "'metrics.coverage': .*number, not None"),
+        ("sgp normals", METRICS | {"coverage": math.nan}, "'metrics.coverage': .*number"),
         ("sgp normals", METRICS | {"lights": "far"}, "'metrics.lights': .*'near' or 'distant'"),
         ("sgp detail transfer", TRANSFER | {"tiles": [1]}, "'metrics.tiles.1' is missing"),
         ("sgp run", STAGES, "the key 'metrics.seconds' is missing"),
         ("sgp run", RUN | {"detail": {}}, "the key 'metrics.detail.separability_deg' is missing"),
-        ("sgp run", STAGES["surface"] | {"parts": None}, "'metrics.parts': .*integer, not None"),
+        ("sgp run", STAGES["surface"] | {"parts": None}, "'metrics.parts': .*integer"),
         ("sgp run", RUN | {"seconds": {"x": "1"}}, "'metrics.seconds.x': .*number, not '1'"),
     ],
 )
@@ -215,7 +214,7 @@ def test_other_figures_are_refused(
 
 def test_a_figure_that_is_not_finite_is_refused(record: Path) -> None:
     record.write_text(record.read_text().replace("0.75", "Infinity"))
-    with pytest.raises(DataError, match=r"'metrics.coverage': .*finite number"):
+    with pytest.raises(DataError, match=r"metrics.coverage.*finite number"):
         read_record(record)
 
 
