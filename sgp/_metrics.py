@@ -29,7 +29,8 @@ class NormalsMetrics(TypedDict):
     residual_rms: Annotated[
         float | None,
         "white level",
-        "rms deviation of the images from the estimate, over the pixels with a normal",
+        "rms deviation of the images from the estimate, over the pixels with a normal; null if it "
+        "exceeds the range of numbers",
     ]
     mae_deg: NotRequired[
         Annotated[
