@@ -13,6 +13,7 @@ import processing
 import simulator
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
+from sgp._metrics import DemoMetrics, ErrorMetrics
 from sgp._options import Seed, SourceOptions
 from sgp._output import write_record
 from sgp._overview import map_panel, spheres_panel, write_overview
@@ -84,7 +85,8 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
             spheres_panel("chrome spheres and highlights", stack, estimate),
         ]
         write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
-    result.metrics |= errors.metrics() | {"seconds": watch.seconds}
+    metrics: DemoMetrics = {**outcome.metrics, **errors.metrics(), "seconds": watch.seconds}
+    result.metrics = metrics
     result.outputs |= {
         "calibration": spheres.folder,
         "recording": coin.folder,
@@ -172,7 +174,7 @@ class _Errors:
         self.height_range_mm = float(np.ptp(truth.height_mm[truth.mask]))
         self.height_mae_mm = float(np.abs(self.height_map_mm[both]).mean())
 
-    def metrics(self) -> dict[str, float]:
+    def metrics(self) -> ErrorMetrics:
         return {
             "light_error_deg": float(self.light_deg.mean()),
             "light_error_mm": float(self.light_mm.mean()),

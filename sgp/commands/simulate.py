@@ -13,6 +13,7 @@ import rig
 import simulator
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import SimulateMetrics
 from sgp._options import Leds, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
@@ -90,16 +91,17 @@ def simulate(
         exposures = exposures[:1]  # the layout has one image per light
     truth = rendering.truth
     height, width = truth.size
+    metrics: SimulateMetrics = {
+        "lights": len(truth.lights),
+        "width": width,
+        "height": height,
+        "exposures_us": list(exposures),
+        "pixels": int(truth.mask.sum()),
+        "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
+        "seconds": watch.seconds,
+    }
     result = Result(
-        metrics={
-            "lights": len(truth.lights),
-            "width": width,
-            "height": height,
-            "exposures_us": list(exposures),
-            "pixels": int(truth.mask.sum()),
-            "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
-            "seconds": watch.seconds,
-        },
+        metrics=metrics,
         summary=[
             f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposure time "
             + " and ".join(f"{exposure:g} us" for exposure in exposures)
