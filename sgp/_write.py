@@ -45,7 +45,9 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
         "coverage": float(inside.sum() / stage.mask.sum()),
-        "residual_rms": float(np.sqrt(np.mean(solved.residual[inside] ** 2, dtype=np.float64))),
+        "residual_rms": float(
+            np.sqrt(np.mean(np.square(solved.residual[inside], dtype=np.float64)))
+        ),
     }
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
