@@ -30,8 +30,8 @@ from ._child import module_command as module_command
 from ._complaint import complaints as complaints
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
-from ._ending import end_later as end_later
 from ._ending import end_program as end_program
+from ._ending import resend_signal as resend_signal
 from ._errors import BoardError as BoardError
 from ._errors import CameraError as CameraError
 from ._errors import CameraGoneError as CameraGoneError
@@ -52,11 +52,11 @@ from ._guard import SgpError as SgpError
 from ._guard import UnreadableError as UnreadableError
 from ._guard import check_pixels as check_pixels
 from ._guard import check_text as check_text
+from ._guard import convert_parser_errors as convert_parser_errors
 from ._guard import parse_json as parse_json
 from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
-from ._guard import refusing as refusing
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity

@@ -25,7 +25,7 @@ from acquisition._session.layout import (
 from acquisition._session.manifest import Manifest, parse_manifest
 from acquisition._session.recorded import SetAsideFrame, recorded_frames
 from acquisition._session.session_frame import SessionFrame
-from acquisition._storage import is_part, sha256_of
+from acquisition._storage import is_hidden, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
@@ -382,4 +382,4 @@ def _completion(
 def _names(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder, if it exists, except those of unfinished writes."""
     if folder.is_dir():
-        yield from sorted(path for path in folder.iterdir() if not is_part(path))
+        yield from sorted(path for path in folder.iterdir() if not is_hidden(path))

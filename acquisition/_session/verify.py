@@ -9,7 +9,7 @@ from acquisition._session.frame_damage import frame_damage
 from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine
-from acquisition._storage import is_part
+from acquisition._storage import is_hidden
 from rig import Notice
 
 
@@ -127,7 +127,7 @@ def _check_files(
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
         if path.name in recorded:
             continue
-        if is_part(path):
+        if is_hidden(path):
             if not path.is_dir():
                 text = "was left by an unfinished write; it can be deleted"
                 warnings.append(Notice("part-file-left", text, str(path), "info"))

@@ -79,7 +79,7 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
 def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
     """Wait for the board's report of a step."""
     ends_s = max(lit_s, time.monotonic()) + _REPORT_TIMEOUT_S
-    while (report := bench.board.did(index)) is None:
+    while (report := bench.board.step_report(index)) is None:
         if time.monotonic() >= ends_s:
             raise BoardError(
                 f"LED board on {bench.board.port} has not done step {index} of its sequence, "
@@ -105,7 +105,7 @@ def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> Came
     )
     if not isinstance(error, FrameLostError):
         return CameraError(f"{error}; {where}: {check}")
-    return error.because(where if error.host_is_slow else f"{where}: {check}")
+    return error.with_context(where if error.host_is_slow else f"{where}: {check}")
 
 
 def _progress(bench: Bench) -> str:

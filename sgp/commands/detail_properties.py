@@ -105,7 +105,7 @@ def _of_one(
         "detail_to_map_ssim": processing.ssim(parts.detail, normal_map),
         "detail_to_map_ssim_paper": processing.ssim(parts.detail, normal_map, protocol="paper"),
         "rotation_similarity": asdict(alike),
-        "idempotence": {str(order): asdict(likeness) for order, likeness in orders.items()},
+        "idempotence": {str(order): asdict(comparison) for order, comparison in orders.items()},
     }
     again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
     result.summary += [
