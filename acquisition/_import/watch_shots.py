@@ -66,7 +66,7 @@ def shots_by_name(shots: Sequence[PlannedShot]) -> dict[str, int]:
     names: dict[str, int] = {}
     for index, shot in enumerate(shots):
         names[Path(shot.file).stem.casefold()] = index
-        if shot.led is not None:
+        if shot.role == "light" and shot.led is not None:
             names.setdefault(led_id(shot.led).casefold(), index)
     return names
 
@@ -75,6 +75,7 @@ def lights_of_shots(shots: Sequence[PlannedShot], lights: Lights | None) -> Ligh
     """Return the lights of the shots' LEDs, with the names of the LEDs as ids."""
     if lights is None:
         return None
-    ids = list(dict.fromkeys(led_id(shot.led) for shot in shots if shot.led is not None))
+    leds = [shot.led for shot in shots if shot.role == "light" and shot.led is not None]
+    ids = list(dict.fromkeys(map(led_id, leds)))
     indices, _ = lights.match(ids)
     return replace(lights.take(indices), ids=tuple(ids))

@@ -225,7 +225,7 @@ class CapturePlan(BaseModel):
             for led, bracket in self._by_exposure(rank)
         ]
         flats = [
-            PlannedShot("flat", None, bracket, number, self.exposure_us(led, bracket), led)
+            PlannedShot("flat", led, bracket, number, self.exposure_us(led, bracket))
             for rank in ranks
             for number, led in enumerate(self._flat_leds())
             for bracket in [self._from_longest(led)[rank]]

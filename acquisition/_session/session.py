@@ -111,7 +111,7 @@ class Session:
         kept = {frame.line.key for frame in self.frames if frame.line.seq not in gone}
         dead = _dead_leds(self.events, self.manifest)
         shots = () if plan is None else plan.shots()
-        return tuple(s for s in shots if s.key not in kept and s.lit_led not in dead)
+        return tuple(s for s in shots if s.key not in kept and s.led not in dead)
 
     @property
     def camera_model(self) -> CameraModel | None:
@@ -212,7 +212,7 @@ def _examine(folder: Path) -> Examination:
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
     dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
-    missing = tuple(shot for shot in absent if shot.lit_led not in dead)
+    missing = tuple(shot for shot in absent if shot.led not in dead)
     if complete and missing and journal.damage is None:
         problems.append(
             f"{folder / COMPLETE}: exists although {len(missing)} planned frames are missing, "
@@ -233,7 +233,7 @@ def _examine(folder: Path) -> Examination:
         events=events,
         complete=complete,
         missing=missing,
-        left_out=tuple(shot for shot in absent if shot.lit_led in dead),
+        left_out=tuple(shot for shot in absent if shot.led in dead),
         warnings=tuple(warnings),
         lost_lines=lost_lines,
     )

@@ -46,13 +46,18 @@ class SessionFrame:
 
     @property
     def led(self) -> int | None:
-        """LED number from 0, None for frames that are not identified by an LED."""
+        """Number from 0 of the LED that was on, None if all were off or if it is unknown.
+
+        The LED of a flat is known if the board reported it.
+        """
+        if self.role == "flat":
+            return None if self.line.echo is None else self.line.echo.led
         return self.line.led
 
     @property
     def light_id(self) -> str:
-        """``L07`` for a frame lit by LED 7, otherwise the stem of the file."""
-        return Path(self.line.file).stem if self.led is None else led_id(self.led)
+        """``L07`` for a light frame of LED 7, otherwise the stem of the file."""
+        return Path(self.line.file).stem if self.line.led is None else led_id(self.line.led)
 
     @property
     def bracket(self) -> int:

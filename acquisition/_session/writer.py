@@ -249,7 +249,7 @@ class SessionWriter:
         exposure_us = shot.exposure_us if report.exposure_us is None else report.exposure_us
         values = {
             "role": shot.role,
-            "led": shot.led,
+            "led": shot.key[1],  # the LED of a flat is in its echo
             "bracket": shot.bracket,
             "repeat": shot.repeat,
             "exposure_us": _number(exposure_us),

@@ -66,7 +66,7 @@ def read_session(
         )
         warnings.append(Notice("frames-missing", text, str(folder)))
     if session.left_out:
-        leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+        leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
         text = (
             f"{len(session.left_out)} planned frames were left out because these LEDs failed: "
             f"{', '.join(leds)}"

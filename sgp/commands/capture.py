@@ -317,7 +317,7 @@ def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
 
 def _left_out(session: acquisition.Session) -> list[rigs.Notice]:
     """Return a notice about planned shots that were skipped because their LED died."""
-    leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+    leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
     if not leds:
         return []
     text = f"LED {', '.join(leds)} died: {len(session.left_out)} shots skipped"

@@ -50,7 +50,7 @@ class Bench:
     info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
 
     def __init__(self) -> None:
-        self.lit_led: int | None = None
+        self.led: int | None = None
         self.commands = 0
         self.frames = 0
         self.shots: list[int | None] = []
@@ -64,7 +64,7 @@ class Bench:
         self.log: list[str] = []
 
     def on(self, led: int, hold_ms: float) -> BoardEcho:
-        self.lit_led = led
+        self.led = led
         self.commands += 1
         self.log.append("on")
         return BoardEcho(self.commands, led)
@@ -72,7 +72,7 @@ class Bench:
     def off(self) -> BoardEcho:
         if self.off_fails:
             raise BoardError("fake: OFF is not answered")
-        was_on, self.lit_led = self.lit_led, None
+        was_on, self.led = self.led, None
         self.commands += 1
         self.log.append("off")
         return BoardEcho(self.commands, was_on)
@@ -84,14 +84,14 @@ class Bench:
 
     def trigger(self) -> int:
         self.frames += 1
-        self.shots.append(self.lit_led)
+        self.shots.append(self.led)
         self.on_trigger(self.frames)
         return self.frames
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        led = None if self.lit_led in self.dead else self.lit_led
+        led = None if self.led in self.dead else self.led
         pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 

@@ -174,7 +174,7 @@ def test_damage_is_named_and_retaken_only_on_request(
     assert any(name in str(caught.value) for name in names)
     assert "\n" not in str(caught.value)
     assert not (folder / "COMPLETE").exists()
-    assert bench.lit_led is None
+    assert bench.led is None
     # Contradictions in the journal are known before the first shot, damaged files are not.
     assert len(bench.shots) in (0, missing)
     assert not reported or len(reported) == len(names)
