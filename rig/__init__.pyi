@@ -64,6 +64,7 @@ from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open import rig_names as rig_names
 from ._open_board import OpenBoard as OpenBoard
+from ._plural import pluralize as pluralize
 from ._progress import Progress as Progress
 from ._progress import no_progress as no_progress
 from ._rig import Rig as Rig

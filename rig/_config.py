@@ -11,6 +11,7 @@ from rig._complaint import complaints
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._mounting import Mounting
+from rig._plural import pluralize
 
 # A limit of 100 m is larger than any dome.
 _Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
@@ -71,7 +72,8 @@ class RigConfig(BaseModel):
                 raise ValueError(f"dead LED {led} is not one of 0 to {self.leds - 1}")
         if self.led_positions_mm and len(self.led_positions_mm) != self.leds:
             raise ValueError(
-                f"led_positions_mm has {len(self.led_positions_mm)} positions for {self.leds} LEDs"
+                f"led_positions_mm has {pluralize(len(self.led_positions_mm), 'position')} for "
+                f"{pluralize(self.leds, 'LED')}"
             )
         if len(set(self.led_positions_mm)) < len(self.led_positions_mm):
             raise ValueError("led_positions_mm has two LEDs at the same position")

@@ -22,6 +22,7 @@ from pydantic import (
 from acquisition._errors import DataError
 from acquisition._plan.planned_shot import PlannedShot, Role
 from acquisition._toml import read_toml, validated
+from rig import pluralize
 
 
 def _led_number(key: object) -> object:
@@ -112,8 +113,8 @@ class CapturePlan(BaseModel):
                 raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
             if len(exposures_us) != len(self.exposures_us):
                 raise ValueError(
-                    f"exposures_by_led: LED {led} has {len(exposures_us)} exposures, exposures_us "
-                    f"has {len(self.exposures_us)}: give one for each bracket"
+                    f"exposures_by_led: LED {led} has {pluralize(len(exposures_us), 'exposure')}, "
+                    f"exposures_us has {len(self.exposures_us)}: give one for each bracket"
                 )
             if len(set(exposures_us)) < len(exposures_us):
                 raise ValueError(f"exposures_by_led: LED {led} has an exposure twice")

@@ -29,7 +29,15 @@ from acquisition._storage import is_hidden, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, Notice, SgpError, UnreadableError, read_bounded
+from rig import (
+    MAX_TEXT_BYTES,
+    MAX_TOML_BYTES,
+    Notice,
+    SgpError,
+    UnreadableError,
+    pluralize,
+    read_bounded,
+)
 
 # Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30
@@ -215,7 +223,8 @@ def _examine(folder: Path) -> Examination:
     missing = tuple(shot for shot in absent if shot.led not in dead)
     if complete and missing and journal.damage is None:
         problems.append(
-            f"{folder / COMPLETE}: exists although {len(missing)} planned frames are missing, "
+            f"{folder / COMPLETE}: exists although "
+            f"{pluralize(len(missing), 'planned frame is', 'planned frames are')} missing, "
             f"first {missing[0].file}"
         )
     lost_lines = None
@@ -281,16 +290,12 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[Notice | None, b
         "do not count"
     )
     text = (
-        f"{_counted(len(files), 'file')} without a line in the journal, first {files[0]}: "
+        f"{pluralize(len(files), 'file')} without a line in the journal, first {files[0]}: "
         f"{lost if many else explained}"
     )
     if many:
         return Notice("journal-lines-lost", text, str(folder / FRAMES)), True
     return Notice("frames-without-line", text, str(folder / FRAMES)), False
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from rig import pluralize
 
 Array = npt.NDArray[np.float64]
 
@@ -94,7 +95,9 @@ class Lights:
         count = len(vectors)
         ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
-            raise DataError(f"{len(ids)} ids for {count} lights: give each light an id")
+            raise DataError(
+                f"{pluralize(len(ids), 'id')} for {count} lights: give each light an id"
+            )
         length = np.linalg.norm(vectors, axis=1)
         if np.any(length < 1e-9):
             raise DataError(f"light {ids[int(np.argmin(length))]} is a zero vector")
@@ -230,7 +233,7 @@ class Lights:
                 return [matches[name] for name in names], True
         if len(names) != len(self):
             raise DataError(
-                f"{len(names)} images for {len(self)} lights: "
+                f"{pluralize(len(names), 'image')} for {pluralize(len(self), 'light')}: "
                 "every image needs a light, by file name, or by order if the counts are equal"
             )
         # The default ids of lights without names express only their order.

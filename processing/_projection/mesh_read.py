@@ -163,8 +163,9 @@ def _cloud(mesh: MeshFile) -> Geometry:
         off = ~(np.abs(length - 1) < _UNIT_TOLERANCE)
         if off.any():
             text = (
-                f"{int(off.sum())} of {len(off)} points have a normal that is not a unit vector "
-                "(or a colour): all normals are fitted to the points instead"
+                f"{off.sum()} of {len(off)} points {'has' if off.sum() == 1 else 'have'} a normal "
+                "that is not a unit vector (or a colour): all normals are fitted to the points "
+                "instead"
             )
             warnings.append(Notice("point-normals-not-unit", text))
             normals = None

@@ -221,10 +221,12 @@ def _warnings(count: int, isolated: int, solution: Solution) -> tuple[Notice, ..
         )
         warnings.append(Notice("surface-in-parts", text))
     if isolated:
-        text = (
+        one = "1 pixel of the mask is isolated or faces away from the camera and has no height"
+        many = (
             f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
             "height"
         )
+        text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
     if not solution.converged:
         text = (

@@ -9,6 +9,7 @@ from itertools import pairwise
 from rig._board.values import BoardEcho, StepReport
 from rig._camera import CameraFrame
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
+from rig._plural import pluralize
 from rig._shooting.alive import SignOfLife
 from rig._shooting.shooting import Bench, check_light
 from rig._shooting.shot import Shot, led_name
@@ -118,4 +119,4 @@ def _progress(bench: Bench) -> str:
         "HALT": "the board stopped by itself, because an exposure or a sign of life was missing,",
         "RUN": "the board continues",
     }.get(status.state, f"the board is {status.state}")
-    return f"; {stopped} after {status.done} steps"
+    return f"; {stopped} after {pluralize(status.done, 'step')}"
