@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
+from acquisition._engine.engine import record
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.journal import EventLine
 from acquisition._session.labels import Labels
@@ -114,3 +117,24 @@ def rig_on(bench: Bench, **config: Any) -> Rig:
 def events_of(session: Session) -> list[EventLine]:
     """Return the events except pauses: the fake camera is faster than any disk."""
     return [line for line in session.events if line.event not in ("paused", "resumed")]
+
+
+def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
+    """Record until the camera fails at a given frame."""
+
+    def fail(number: int) -> None:
+        if number == at:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, plan, folder, LABELS)
+    bench.on_trigger = lambda number: None
+    bench.shots.clear()
+    return folder
+
+
+def flip(path: Path) -> None:
+    """Change the last bit of the last sample."""
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
