@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration._errors import EstimateError
-from rig import Notice, pluralize
+from rig import Notice, pluralize, short_repr
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +44,8 @@ class IntensityCalibration:
     residual: float
     pixels: int
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def calibrate_intensities(

@@ -19,7 +19,7 @@ from acquisition import (
 )
 from processing._normal_map import NormalMap
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice, pluralize
+from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -44,6 +44,8 @@ class NormalMapFile(NamedTuple):
     normal_map: NormalMap
     warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
+
+    __repr__ = short_repr
 
 
 def read_normals(

@@ -73,3 +73,4 @@ from ._selftest.selftest import SelfTest as SelfTest
 from ._selftest.selftest import selftest as selftest
 from ._shooting.shot import Shot as Shot
 from ._shooting.wires import Wires as Wires
+from ._short_repr import short_repr as short_repr

@@ -65,6 +65,9 @@ class RigConfig(BaseModel):
     mounting: Mounting = Mounting()
     options: dict[str, Any] = {}
 
+    def __repr__(self) -> str:
+        return f"RigConfig({self.name}, driver {self.driver}, {pluralize(self.leds, 'LED')})"
+
     @model_validator(mode="after")
     def _leds_fit(self) -> Self:
         for led in self.dead_leds:

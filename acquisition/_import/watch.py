@@ -30,7 +30,7 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights
-from rig import Notice, Progress, no_progress, pluralize
+from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
@@ -53,6 +53,8 @@ class WatchResult:
     session: Session
     missing: tuple[PlannedShot, ...]
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def watch_folder(

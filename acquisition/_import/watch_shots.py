@@ -9,7 +9,7 @@ from pathlib import Path
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._values.lights import Lights, led_id
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, short_repr
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Watch:
     timeout_s: float = 600.0
     settle_s: float = 1.0
     max_pixels: int = MAX_PIXELS
+
+    __repr__ = short_repr
 
 
 def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:

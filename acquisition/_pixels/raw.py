@@ -15,7 +15,7 @@ import rawpy
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._storage import library_path
 from acquisition._suffixes import RAW_SUFFIXES
-from rig import MAX_PIXELS, check_pixels, convert_parser_errors, read_head
+from rig import MAX_PIXELS, check_pixels, convert_parser_errors, read_head, short_repr
 
 _UNREADABLE = "not a readable camera RAW file"
 
@@ -54,6 +54,8 @@ class RawFrame:
     exposure_us: float | None = None
     iso: float | None = None
     taken: datetime | None = None
+
+    __repr__ = short_repr
 
 
 def is_raw(path: Path) -> bool:

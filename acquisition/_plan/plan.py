@@ -92,6 +92,15 @@ class CapturePlan(BaseModel):
     retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
     max_clipped_fraction: Annotated[float, Field(strict=True, ge=0, le=1)] = 1.0
 
+    def __repr__(self) -> str:
+        counts = {
+            "LED": len(self.leds),
+            "bracket": len(self.exposures_us),
+            "shot": len(self.shots()),
+        }
+        shown = (pluralize(count, noun) for noun, count in counts.items())
+        return f"CapturePlan({', '.join(shown)})"
+
     @field_validator("leds", "exposures_us")
     @classmethod
     def _each_once(cls, values: tuple[float, ...]) -> tuple[float, ...]:

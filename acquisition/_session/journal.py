@@ -143,6 +143,9 @@ class FrameLine(_Line):
     status: Literal["ok", "rejected"]
     origin: str | None
 
+    def __repr__(self) -> str:
+        return f"FrameLine({self.seq}, {self.file}, {self.status})"
+
     @property
     def key(self) -> ShotKey:
         """Identity of the shot, as in `PlannedShot.key`."""
@@ -169,6 +172,9 @@ class EventLine(_Line):
     kind: Literal["event"] = "event"
     event: Annotated[str, Field(pattern=r"^[a-z][a-z_]*$")]
     details: dict[str, JsonValue]
+
+    def __repr__(self) -> str:
+        return f"EventLine({self.seq}, {self.event})"
 
     @property
     def left_out(self) -> frozenset[int]:

@@ -91,6 +91,10 @@ class Session:
     warnings: tuple[Notice, ...]
     lost_lines: Notice | None = None
 
+    def __repr__(self) -> str:
+        state = "complete" if self.complete else f"incomplete, {len(self.missing)} missing"
+        return f"Session({self.folder}, {pluralize(len(self.frames), 'frame')}, {state})"
+
     @classmethod
     def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
         """Open a session, complete or not. Frames are read and checked only when requested.

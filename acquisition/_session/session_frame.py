@@ -39,6 +39,11 @@ class SessionFrame:
     file_sha256: str
     shape: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        led = "" if self.led is None else f", LED {self.led}"
+        exposure = "" if self.exposure_us is None else f", {self.exposure_us:g} us"
+        return f"SessionFrame({self.path.name}, {self.role}{led}{exposure}, shape {self.shape})"
+
     @property
     def role(self) -> Role:
         """``light``, ``dark``, ``ambient`` or ``flat``."""

@@ -10,7 +10,7 @@ from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine
 from acquisition._storage import is_hidden
-from rig import Notice
+from rig import Notice, pluralize
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ class Verification:
     damaged: tuple[str, ...]
     set_aside: tuple[str, ...]
     bytes: int
+
+    def __repr__(self) -> str:
+        state = "complete" if self.complete else f"incomplete, {len(self.missing)} missing"
+        counts = f"{pluralize(self.frames, 'frame')}, {pluralize(len(self.problems), 'problem')}"
+        return f"Verification({self.folder}, {state}, {counts})"
 
     @property
     def ok(self) -> bool:

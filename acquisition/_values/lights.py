@@ -87,6 +87,12 @@ class Lights:
     mu: Array | None = None
     ids: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        kind = "direction" if self.positions_mm is None else "position"
+        unit = "" if self.positions_mm is None else " in mm"
+        last = f" to {self.ids[-1]}" if len(self) > 1 else ""
+        return f"Lights({pluralize(len(self), kind)}{unit}, {self.ids[0]}{last})"
+
     def __post_init__(self) -> None:
         chosen = self.directions if self.positions_mm is None else self.positions_mm
         if chosen is None or (self.directions is not None and self.positions_mm is not None):

@@ -55,6 +55,11 @@ class Stack:
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
 
+    def __repr__(self) -> str:
+        parts = [f"{self.values.dtype}{list(self.values.shape)}"]
+        parts += [name for name in ("lights", "mask", "camera") if getattr(self, name) is not None]
+        return f"Stack({', '.join(parts)})"
+
     def take(self, indices: Sequence[int]) -> Stack:
         """Return the stack of the images with these indices, in this order."""
         pick = list(indices)

@@ -17,6 +17,7 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, transfer
 from processing._metrics import angular_error, ssim
 from processing._normal_map import NormalMap
+from rig import short_repr
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class DetailComparison:
     mae_deg: float
     ssim: float
     ssim_paper: float
+
+    __repr__ = short_repr
 
 
 def compare_details(detail: NormalMap, reference: NormalMap) -> DetailComparison:
@@ -105,6 +108,8 @@ class ChainStep:
     to_original: DetailComparison
     shape_mae_deg: float
     pixels: int
+
+    __repr__ = short_repr
 
 
 def transfer_chain(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, MeshFile, read_mesh_file
 from processing._projection.manifold import wind_alike
-from rig import Notice
+from rig import Notice, short_repr
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
@@ -47,6 +47,8 @@ class Geometry:
     faces: Whole | None = None
     normals: Double | None = None
     warnings: tuple[Notice, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, np.float64)

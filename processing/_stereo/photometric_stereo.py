@@ -14,7 +14,7 @@ from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
-from rig import Notice, Progress, no_progress, pluralize
+from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -51,6 +51,8 @@ class PhotometricStereoResult:
     residual: Float
     used: npt.NDArray[np.uint16]
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def photometric_stereo(

@@ -65,6 +65,10 @@ class HeightMap:
     relative_residual: float
     warnings: tuple[Notice, ...]
 
+    def __repr__(self) -> str:
+        shape = f"{self.height.dtype}{list(self.height.shape)}"
+        return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
+
     def points(self) -> Float:
         """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
         rows, columns = self.mask.shape
