@@ -45,7 +45,8 @@ class NormalMapFile(NamedTuple):
     warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_normals(
