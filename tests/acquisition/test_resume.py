@@ -378,7 +378,7 @@ def test_an_led_that_died_since_is_left_out(
     assert (found.ok, found.complete, found.missing) == (True, True, ())
     assert list(found.left_out) == left_out
     warnings = read_source(tmp_path / "s").warnings
-    assert any("were left out because these LEDs failed: 0" in line for line in map(str, warnings))
+    assert any("left out because this LED failed: 0" in line for line in map(str, warnings))
     assert not any("missing" in line for line in map(str, warnings))
     # It stays complete after compaction, and no reader reports a missing shot.
     assert compact_session(tmp_path / "s").complete
