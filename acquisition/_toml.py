@@ -9,7 +9,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 import rig
-from acquisition._errors import DataError, declared
+from acquisition._errors import DataError, convert_read_errors
 from rig import MAX_TOML_BYTES, read_bounded, validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -17,7 +17,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
     """Parse TOML bytes; a DataError names ``path`` and the invalid line."""
-    with declared(path):
+    with convert_read_errors(path):
         return rig.parse_toml(data)
 
 
@@ -40,7 +40,7 @@ def read_toml(model: type[Model], path: Path) -> Model:
     DataError
         If it cannot be read, is not TOML, or contains a key or value that the model refuses.
     """
-    with declared(path):
+    with convert_read_errors(path):
         data = read_bounded(path, MAX_TOML_BYTES)
     return validated(model, parse_toml(data, path), path)
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration._errors import EstimateError
-from rig import Notice
+from rig import Notice, pluralize, short_repr
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +44,8 @@ class IntensityCalibration:
     residual: float
     pixels: int
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def calibrate_intensities(
@@ -137,8 +139,9 @@ def _lit_pixels(
     rows, columns = np.nonzero(lit)
     if len(rows) < _FEWEST:
         raise EstimateError(
-            f"{len(rows)} pixels of the plane are lit and unsaturated under every light, at least "
-            f"{_FEWEST} are required: check the exposure and the mask"
+            f"{pluralize(len(rows), 'pixel of the plane is', 'pixels of the plane are')} lit and "
+            f"unsaturated under every light, at least {_FEWEST} are required: check the exposure "
+            "and the mask"
         )
     step = -(-len(rows) // _PIXELS)
     return rows[::step], columns[::step]

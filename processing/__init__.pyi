@@ -2,9 +2,9 @@ from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
 from ._detail.properties import ChainStep as ChainStep
-from ._detail.properties import DetailLikeness as DetailLikeness
+from ._detail.properties import DetailComparison as DetailComparison
+from ._detail.properties import compare_details as compare_details
 from ._detail.properties import cross_exchange as cross_exchange
-from ._detail.properties import detail_likeness as detail_likeness
 from ._detail.properties import idempotence as idempotence
 from ._detail.properties import transfer_chain as transfer_chain
 from ._detail.rotation_similarity import RotationSimilarity as RotationSimilarity

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from acquisition import DataError
 from calibration import EstimateError
+from rig import short_repr
 
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -47,6 +48,8 @@ class ObjectMask:
     mask: Mask
     contrast: float
     separability: float
+
+    __repr__ = short_repr
 
 
 def object_mask(values: npt.ArrayLike) -> ObjectMask:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, angle_deg
 from processing._normal_map import NormalMap
+from rig import short_repr
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
@@ -40,6 +41,8 @@ class AngularError:
     median_deg: float
     coverage: float
     map_deg: Float
+
+    __repr__ = short_repr
 
 
 def angular_error(

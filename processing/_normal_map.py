@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import pluralize
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -43,6 +44,10 @@ class NormalMap:
 
     normals: Float
     mask: Mask
+
+    def __repr__(self) -> str:
+        count = pluralize(int(np.count_nonzero(self.mask)), "normal")
+        return f"NormalMap({self.normals.dtype}{list(self.normals.shape)}, {count})"
 
     def __post_init__(self) -> None:
         normals = np.ascontiguousarray(self.normals, np.float32)

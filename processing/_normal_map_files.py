@@ -19,7 +19,7 @@ from acquisition import (
 )
 from processing._normal_map import NormalMap
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice
+from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -44,6 +44,9 @@ class NormalMapFile(NamedTuple):
     normal_map: NormalMap
     warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_normals(
@@ -263,14 +266,19 @@ def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | No
     if mask is not None:
         not_finite &= mask
     if not_finite.any():
-        text = (
-            f"{np.count_nonzero(not_finite)} pixels have a NaN or infinite vector and are left out "
-            "of the mask"
+        words = (
+            "pixel has a NaN or infinite vector and is",
+            "pixels have a NaN or infinite vector and are",
         )
+        text = f"{pluralize(int(not_finite.sum()), *words)} left out of the mask"
         warnings.append(Notice("normals-not-finite", text, where))
     lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
     if lost:
-        text = f"{lost} pixels of the mask have no unit vector and are left out"
+        words = (
+            "pixel of the mask has no unit vector and is",
+            "pixels of the mask have no unit vector and are",
+        )
+        text = f"{pluralize(int(lost), *words)} left out"
         warnings.append(Notice("normals-not-unit", text, where))
     if np.mean(normal_map.normals[normal_map.mask][:, 2]) < 0:
         text = "most normals face away from the camera: check the sign of z"

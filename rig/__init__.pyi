@@ -29,8 +29,8 @@ from ._camera import Trigger as Trigger
 from ._child import module_command as module_command
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
-from ._ending import end_later as end_later
 from ._ending import end_program as end_program
+from ._ending import resend_signal as resend_signal
 from ._errors import BoardError as BoardError
 from ._errors import CameraError as CameraError
 from ._errors import CameraGoneError as CameraGoneError
@@ -51,11 +51,11 @@ from ._guard import SgpError as SgpError
 from ._guard import UnreadableError as UnreadableError
 from ._guard import check_pixels as check_pixels
 from ._guard import check_text as check_text
+from ._guard import convert_parser_errors as convert_parser_errors
 from ._guard import parse_json as parse_json
 from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
-from ._guard import refusing as refusing
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity
@@ -63,9 +63,11 @@ from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open import rig_names as rig_names
 from ._open_board import OpenBoard as OpenBoard
+from ._plural import pluralize as pluralize
 from ._progress import Progress as Progress
 from ._progress import no_progress as no_progress
 from ._rig import Rig as Rig
 from ._shooting.shot import Shot as Shot
 from ._shooting.wires import Wires as Wires
+from ._short_repr import short_repr as short_repr
 from ._validation_message import validation_message as validation_message

@@ -84,7 +84,7 @@ def end_program(number: int, frame: FrameType | None) -> None:
     raise exception_of(number)
 
 
-def end_later(number: int) -> None:
+def resend_signal(number: int) -> None:
     """Send a signal to the main thread in a moment; for use when its exception was lost."""
     global _waiting
     _waiting = _waiting or _Waiting(number)

@@ -66,6 +66,12 @@ class ResultRecord(_Table):
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
 
+    def __repr__(self) -> str:
+        counts = (
+            f"{len(self.inputs)} inputs, {len(self.outputs)} outputs, {len(self.notices)} notices"
+        )
+        return f"ResultRecord({self.command}, {counts})"
+
 
 def read_record(path: str | Path) -> ResultRecord:
     """Read the record of a result.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from rig import Notice, Severity
+from rig import Notice, Severity, short_repr
 
 State = Literal["ok", "warning", "failed", "not done"]
 
@@ -50,6 +50,8 @@ class Check:
     state: State
     text: str
     values: dict[str, float | int | str | None] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     @property
     def notice(self) -> Notice:

@@ -22,7 +22,7 @@ from acquisition._preflight.trial_frames import (
     check_room,
     check_steadiness,
 )
-from rig import CameraFrame, Progress, Rig, RigError, no_progress
+from rig import CameraFrame, Progress, Rig, RigError, no_progress, pluralize
 
 _STEADY_SHOTS = 5
 
@@ -34,6 +34,10 @@ class Preflight:
     """Results of all checks, in order."""
 
     checks: tuple[Check, ...]
+
+    def __repr__(self) -> str:
+        failed = ", ".join(check.name for check in self.failed) or "none"
+        return f"Preflight({pluralize(len(self.checks), 'check')}, failed: {failed})"
 
     @property
     def ok(self) -> bool:

@@ -55,6 +55,11 @@ class Stack:
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
 
+    def __repr__(self) -> str:
+        parts = [f"{self.values.dtype}{list(self.values.shape)}"]
+        parts += [name for name in ("lights", "mask", "camera") if getattr(self, name) is not None]
+        return f"Stack({', '.join(parts)})"
+
     def take(self, indices: Sequence[int]) -> Stack:
         """Return the stack of the images with these indices, in this order."""
         pick = list(indices)
@@ -220,12 +225,17 @@ def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> N
     brightest = np.fmax.reduce([np.fmax.reduce(image, axis=None) for image in values])
     if np.isnan(brightest):
         raise EstimateError(
-            f"{source.path}: every sample of all {len(ids)} images is saturated: "
+            f"{source.path}: every sample of {_all(len(ids))} is saturated: "
             "record with a shorter exposure time"
         )
     # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
     if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
         raise EstimateError(
-            f"{source.path}: all {len(ids)} images are black: check the lights and the exposure"
+            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
+            "lights and the exposure"
         )
+
+
+def _all(images: int) -> str:
+    return "the image" if images == 1 else f"all {images} images"

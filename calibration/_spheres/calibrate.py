@@ -30,7 +30,7 @@ from calibration._spheres.sphere_image import (
     places,
     saturation_warning,
 )
-from rig import Notice
+from rig import Notice, pluralize
 
 _DISAGREEMENT_DEG = 3.0
 _POOR_RESIDUAL_DEG = 0.2
@@ -152,7 +152,10 @@ def _values(
         )
     names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
-        raise DataError(f"{len(names)} lights for {len(values)} images: give one for each image")
+        raise DataError(
+            f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
+            "each image"
+        )
     return values, names
 
 

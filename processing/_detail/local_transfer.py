@@ -16,6 +16,7 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing._normal_map import NormalMap
+from rig import pluralize
 
 Mask = npt.NDArray[np.bool_]
 
@@ -49,6 +50,10 @@ class LocalTransferResult:
     placement: Similarity
     shape_filter: ShapeFilter
     amplitude: float
+
+    def __repr__(self) -> str:
+        pixels = pluralize(int(np.count_nonzero(self.region)), "pixel")
+        return f"LocalTransferResult({self.normal_map!r}, region of {pixels}, {self.placement!r})"
 
     @cached_property
     def fidelity(self) -> TransferFidelity:

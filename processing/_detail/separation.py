@@ -33,6 +33,9 @@ class Separation:
     detail: NormalMap
     shape_filter: ShapeFilter
 
+    def __repr__(self) -> str:
+        return f"Separation({self.shape!r}, {self.shape_filter!r})"
+
     @cached_property
     def separability_map_deg(self) -> npt.NDArray[np.float32]:
         """``(H, W)`` angle between the shape component of the detail and z, NaN outside the mask.

@@ -38,6 +38,9 @@ class TransferFidelity:
     detail: NormalMap
     result: Separation
 
+    def __repr__(self) -> str:
+        return f"TransferFidelity({self.result!r})"
+
     @cached_property
     def shape_error_deg(self) -> Float:
         """``(H, W)`` angle between the intended shape and the shape of the result, NaN outside."""
@@ -97,6 +100,10 @@ class TransferResult:
     shape_filter: ShapeFilter
     amplitude: float
     placement: Placement
+
+    def __repr__(self) -> str:
+        used = f"{self.shape_filter!r}, amplitude={self.amplitude:g}"
+        return f"TransferResult({self.normal_map!r}, {used})"
 
     @cached_property
     def fidelity(self) -> TransferFidelity:

@@ -51,6 +51,14 @@ class Reconstruction:
     previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
     warnings: tuple[Notice, ...]
 
+    def __repr__(self) -> str:
+        parts = [str(self.source.path), repr(self.stereo.normal_map)]
+        if self.surface is not None:
+            parts.append(f"height in {self.surface.unit}")
+        if self.error is not None:
+            parts.append(f"mean error {self.error.mae_deg:.2f} deg")
+        return f"Reconstruction({', '.join(parts)})"
+
 
 def reconstruct(
     source: Source,

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._surface.integration import HeightMap
+from rig import short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -37,6 +38,8 @@ class HeightProfile:
     result: Float
     smoothed: Float
     unit: str
+
+    __repr__ = short_repr
 
     @property
     def rms(self) -> float:

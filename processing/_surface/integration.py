@@ -65,6 +65,10 @@ class HeightMap:
     relative_residual: float
     warnings: tuple[Notice, ...]
 
+    def __repr__(self) -> str:
+        shape = f"{self.height.dtype}{list(self.height.shape)}"
+        return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
+
     def points(self) -> Float:
         """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
         rows, columns = self.mask.shape
@@ -221,10 +225,12 @@ def _warnings(count: int, isolated: int, solution: Solution) -> tuple[Notice, ..
         )
         warnings.append(Notice("surface-in-parts", text))
     if isolated:
-        text = (
+        one = "1 pixel of the mask is isolated or faces away from the camera and has no height"
+        many = (
             f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
             "height"
         )
+        text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
     if not solution.converged:
         text = (

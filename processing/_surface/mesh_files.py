@@ -16,6 +16,7 @@ import numpy.typing as npt
 from acquisition import DataError, write_durably
 from processing._normal_map import NormalMap
 from processing._surface.integration import HeightMap
+from rig import short_repr
 
 Float = npt.NDArray[np.float32]
 
@@ -42,6 +43,8 @@ class Mesh:
     vertices: Float
     faces: npt.NDArray[np.int32]
     normals: Float | None = None
+
+    __repr__ = short_repr
 
 
 def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> Mesh:

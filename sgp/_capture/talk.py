@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import acquisition
+import rig as rigs
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
@@ -129,13 +130,20 @@ class CaptureTalk:
         # The engine adds a note to the error if the board did not answer.
         notes = getattr(error, "__notes__", ())
         option = " --retake-damaged" if self._damaged else ""
-        frames = "missing and damaged frames" if self._damaged else "missing frames"
         dark = not any("not confirmed off" in line for line in notes)
+        missing = len(session.missing)
+        if missing:
+            intact = rigs.pluralize(len(session.frames), "frame is", "frames are")
+            frames = "missing and damaged frames" if self._damaged else "missing frames"
+            state = f"{intact} intact, {rigs.pluralize(missing, 'is', 'are')} missing"
+            remedy = f"takes the {frames}"
+        else:
+            state = "all frames are recorded"
+            remedy = "takes the damaged frames" if self._damaged else "completes the session"
         note(
-            f"{self._out}: incomplete, {len(session.frames)} frames are intact, "
-            f"{len(session.missing)} are missing; "
+            f"{self._out}: incomplete, {state}; "
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
-            f"`capture resume {self._out}{option}` takes the {frames}"
+            f"`capture resume {self._out}{option}` {remedy}"
         )
 
 

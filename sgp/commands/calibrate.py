@@ -190,8 +190,9 @@ def intensities(
         metrics=metrics,
         warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
         summary=[
-            f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
-            f"their mean, mu {estimate.mu:.2f}; residual on the card {estimate.residual:.1%}"
+            f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
+            f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
+            f"residual on the card {estimate.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
@@ -250,9 +251,9 @@ def _describe(estimate: calibration.SphereCalibration) -> Result:
         "residual_deg": float(np.mean(residual)) if len(residual) else None,
     }
     result = Result(metrics=metrics)
-    kind = "positions" if estimate.lights.near else "directions"
-    balls = "1 sphere" if len(estimate.spheres) == 1 else f"{len(estimate.spheres)} spheres"
-    result.summary = [f"{len(estimate.lights)} light {kind} from {balls}"]
+    kind = "light position" if estimate.lights.near else "light direction"
+    balls = rig.pluralize(len(estimate.spheres), "sphere")
+    result.summary = [f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"]
     for sphere in estimate.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")

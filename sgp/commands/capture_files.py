@@ -127,7 +127,10 @@ def export(
         outputs={path.name: path for path in written},
         metrics=metrics,
         warnings=list(prepared.warnings),
-        summary=[f"{out}: {images} images, {notes.values} values, subtracted: {notes.subtracted}"],
+        summary=[
+            f"{out}: {rig.pluralize(images, 'image')}, {notes.values} values, "
+            f"subtracted: {notes.subtracted}"
+        ],
         inputs=[*prepared.inputs, *(path for path in (lights,) if path is not None)],
     )
 
@@ -278,4 +281,5 @@ def _note_how_to_continue(out: Path) -> None:
         session = acquisition.Session.open(out)
     except (acquisition.DataError, acquisition.MissingPathError):
         return  # nothing was recorded
-    note(f"{out}: {len(session.frames)} frames are intact; run the same command again to continue")
+    intact = rig.pluralize(len(session.frames), "frame is", "frames are")
+    note(f"{out}: {intact} intact; run the same command again to continue")

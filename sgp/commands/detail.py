@@ -103,12 +103,16 @@ def combine(
     metrics: CombineMetrics = {"pixels": count}
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
-        text = f"{lost} pixels of the shape have no detail and are masked out"
+        words = (
+            "pixel of the shape has no detail and is",
+            "pixels of the shape have no detail and are",
+        )
+        text = f"{rig.pluralize(lost, *words)} masked out"
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
         outputs=processing.write_normals(claim_folder(out, "normals.json"), combined),
         metrics=metrics,
         warnings=warnings,
-        summary=[f"{count} normals in {out}"],
+        summary=[f"{rig.pluralize(count, 'normal')} in {out}"],
         inputs=[*first.files, *second.files],
     )

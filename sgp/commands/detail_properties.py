@@ -114,7 +114,7 @@ def _of_one(
             "norm_2": alike.norm_2,
             "norm_inf": alike.norm_inf,
         },
-        "idempotence": {str(order): _likeness(likeness) for order, likeness in orders.items()},
+        "idempotence": {str(order): _likeness(found) for order, found in orders.items()},
     }
     again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
     summary += [
@@ -132,7 +132,7 @@ def _of_one(
     return metrics, panels
 
 
-def _likeness(found: processing.DetailLikeness) -> LikenessMetrics:
+def _likeness(found: processing.DetailComparison) -> LikenessMetrics:
     return {"mae_deg": found.mae_deg, "ssim": found.ssim, "ssim_paper": found.ssim_paper}
 
 

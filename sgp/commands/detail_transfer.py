@@ -238,7 +238,7 @@ def _write_errors(
 
 def _where(done: processing.TransferResult | processing.LocalTransferResult) -> str:
     if isinstance(done, processing.LocalTransferResult):
-        return f"detail transferred to {int(done.region.sum())} pixels"
+        return f"detail transferred to {rig.pluralize(int(done.region.sum()), 'pixel')}"
     x, y, width, height = done.placement.source_window
     across, down = done.placement.tiles
     return f"{width} x {height} pixels of the source from {x},{y}, tiled {across} x {down} times"

@@ -103,8 +103,8 @@ def simulate(
     result = Result(
         metrics=metrics,
         summary=[
-            f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposure time "
-            + " and ".join(f"{exposure:g} us" for exposure in exposures)
+            f"{scene}: {rig.pluralize(len(truth.lights), 'light')}, {width} x {height} pixels, "
+            "exposure time " + " and ".join(f"{exposure:g} us" for exposure in exposures)
         ],
         inputs=files,
     )
@@ -143,14 +143,16 @@ def simulate(
             shutil.rmtree(session.folder)
         saved = save_truth(out / "truth")
         result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
-        result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
+        result.summary.append(
+            f"{out}: {rig.pluralize(len(truth.lights), 'image')} in the DiLiGenT layout"
+        )
     else:
         with watch.stage("record"):
             session = recorded(out)
         saved = save_truth(out / _TRUTH)
         result.outputs["session"] = out
         result.summary.append(
-            f"{out}: {len(session.frames)} frames, ground truth in {out / _TRUTH}"
+            f"{out}: {rig.pluralize(len(session.frames), 'frame')}, ground truth in {out / _TRUTH}"
         )
     result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
     return result

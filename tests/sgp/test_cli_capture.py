@@ -243,11 +243,11 @@ def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, 
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
     assert answer.code == 0, answer.err
-    assert "LED 2 died: 1 shots skipped" in answer.err
+    assert "LED 2 died: 1 shot skipped" in answer.err
     assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
     answer = sgp("capture", "verify", out)
     assert answer.code == 0
-    assert "1 planned frames were skipped because their LED died, first L02_E0.tif" in answer.out
+    assert "1 planned frame was skipped because its LED died: L02_E0.tif" in answer.out
     assert "LED 2 died" in sgp("capture", "info", out).err
 
 
