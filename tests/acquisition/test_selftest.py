@@ -58,7 +58,10 @@ CASES = pytest.mark.parametrize(
     ("name", "leds", "seed"),
     [
         *((name, 36, 11 + i) for i, name in enumerate(SCENES[:3])),
-        *((name, 12, 11 + i) for i, name in enumerate(SCENES)),
+        *(
+            pytest.param(name, 12, 11 + i, marks=pytest.mark.slow if i % 3 else ())
+            for i, name in enumerate(SCENES)
+        ),
     ],
 )
 
