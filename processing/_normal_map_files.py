@@ -11,6 +11,7 @@ import numpy.typing as npt
 from acquisition import (
     DataError,
     MissingPathError,
+    make_folder,
     read_image_with_alpha,
     read_mask,
     write_exr,
@@ -140,7 +141,7 @@ def write_normals(
     Parameters
     ----------
     folder
-        An existing folder; files of these names are replaced.
+        Folder of the files, created if it is missing; files of these names are replaced.
     normal_map
         The map to write. The PNG contains ``round((n / 2 + 0.5) * 65535)``, mid-grey outside the
         mask; green is up.
@@ -153,6 +154,7 @@ def write_normals(
         Output name to path: ``normals``, ``normals_png``, ``mask``.
     """
     folder = Path(folder)
+    make_folder(folder)
     outputs = {
         name: folder / f"{name}.exr",
         f"{name}_png": folder / f"{name}.png",

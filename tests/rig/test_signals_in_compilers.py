@@ -90,7 +90,9 @@ def strikes(number):
 """
 
 
-@pytest.mark.parametrize("module", ["numba.core.codegen", "llvmlite.binding.ffi", "weakref"])
+@pytest.mark.parametrize(
+    "module", ["numba.core.codegen", "llvmlite.binding.ffi", "pydantic.main", "weakref"]
+)
 @pytest.mark.parametrize(
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
