@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration._errors import EstimateError
-from rig import Notice, pluralize, short_repr
+from calibration._radiance.linear_stack import check_linear
+from rig import Notice, check_type, pluralize, short_repr
 
 Array = npt.NDArray[np.float64]
 
@@ -85,6 +86,8 @@ def calibrate_intensities(
         If fewer than 100 pixels are lit by every light, or a light cannot reach as many from its
         position.
     """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(positions_mm=positions)")
     points = np.asarray(points_mm, np.float64)
     if not lights.near:
         raise DataError("intensities require lights with positions: calibrate the positions first")

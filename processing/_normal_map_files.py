@@ -18,7 +18,7 @@ from acquisition import (
     write_mask,
     write_png,
 )
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 from processing._npy_file import read_npy
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
@@ -153,6 +153,7 @@ def write_normals(
     dict[str, Path]
         Output name to path: ``normals``, ``normals_png``, ``mask``.
     """
+    check_normal_map("normal_map", normal_map)
     folder = Path(folder)
     make_folder(folder)
     outputs = {

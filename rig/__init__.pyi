@@ -26,6 +26,8 @@ from ._camera import Camera as Camera
 from ._camera import CameraFrame as CameraFrame
 from ._camera import CameraInfo as CameraInfo
 from ._camera import Trigger as Trigger
+from ._check_type import check_led as check_led
+from ._check_type import check_type as check_type
 from ._child import module_command as module_command
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Lights, Linearizer, same_exposure
+from acquisition import (
+    CameraModel,
+    DataError,
+    Frame,
+    Lights,
+    Linearizer,
+    Source,
+    same_exposure,
+)
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
-from rig import Notice, Progress, no_progress
-
-if TYPE_CHECKING:
-    from acquisition import Frame, Source
+from rig import Notice, Progress, check_type, no_progress
 
 FloatImage = npt.NDArray[np.float32]
 
@@ -114,6 +119,7 @@ def linear_stack(
     EstimateError
         If all samples of all images are saturated or black.
     """
+    check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
     if not lit:
         raise DataError(f"{source.path}: no image with a light")
@@ -239,3 +245,19 @@ def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> N
 
 def _all(images: int) -> str:
     return "the image" if images == 1 else f"all {images} images"
+
+
+def check_linear(name: str, values: object) -> None:
+    """Refuse an array of integers where linear values are required.
+
+    Raises
+    ------
+    TypeError
+        If the array has a type that is not floating point.
+    """
+    kind = getattr(values, "dtype", None)
+    if kind is not None and kind.kind != "f":
+        raise TypeError(
+            f"{name} must be linear values of a floating-point type, not {kind}: "
+            "linear_stack(source) makes them from raw values"
+        )

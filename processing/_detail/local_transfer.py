@@ -15,7 +15,7 @@ from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 from rig import pluralize
 
 Mask = npt.NDArray[np.bool_]
@@ -128,6 +128,8 @@ def transfer_local(
         If a mask does not fit its map, the masks do not overlap, the position is missing for maps
         of different size, the filter does not fit, or a number is out of range.
     """
+    check_normal_map("source", source)
+    check_normal_map("target", target)
     reach = float(shape_filter.w) if reach_px is None else reach_px
     if not 0 < reach < np.inf:
         raise DataError(f"a blending reach of {reach} px is invalid: give a number above 0")

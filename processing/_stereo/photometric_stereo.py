@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from calibration import EstimateError
+from calibration import EstimateError, check_linear
 from processing._normal_map import NormalMap
 from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
-from rig import Notice, Progress, no_progress, pluralize, short_repr
+from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -100,6 +100,8 @@ def photometric_stereo(
         If there are fewer than 3 lights, the lights are in one plane, or no pixel can be
         determined.
     """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(directions)")
     if method not in METHODS:
         raise DataError(
             f"{method!r} is not a method of photometric stereo: use {' or '.join(METHODS)}"

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.chord_rule import orthographic_edges, perspective_edges
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.multigrid import Solution, solve
@@ -123,6 +123,7 @@ def integrate(
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
     """
+    check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
         raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
     window = _bounding_box(normal_map.mask)
