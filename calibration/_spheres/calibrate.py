@@ -27,6 +27,7 @@ from calibration._spheres.sphere_calibration import (
 from calibration._spheres.sphere_image import (
     SphereImage,
     missing_highlights_warning,
+    partial_outline_warning,
     places,
     saturation_warning,
 )
@@ -112,6 +113,7 @@ def calibrate_spheres(
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     _check_seen(highlights, names, images)
     warnings = [*left_out, *missing_highlights_warning(images), *saturation_warning(images)]
+    warnings += partial_outline_warning(images)
     if camera is None:
         rays = np.stack(
             [orthographic_directions(image.outline, image.highlights.pixels) for image in images],

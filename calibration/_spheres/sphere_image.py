@@ -11,6 +11,9 @@ from calibration._spheres.highlights import Highlights
 from calibration._spheres.robust import Array
 from rig import Notice, short_repr
 
+# Below this share of visible outline, another circle nearby may fit as well.
+SAFE_COVERAGE = 0.6
+
 
 @dataclass(frozen=True, eq=False)
 class SphereImage:
@@ -65,6 +68,19 @@ def saturation_warning(images: list[SphereImage]) -> list[Notice]:
         "a degree: add a short exposure"
     )
     return [Notice("highlights-saturated", text)]
+
+
+def partial_outline_warning(images: list[SphereImage]) -> list[Notice]:
+    """Return a warning about spheres whose outline is mostly hidden or faint, or an empty list."""
+    doubtful = [image for image in images if image.coverage < SAFE_COVERAGE]
+    if not doubtful:
+        return []
+    shares = ", ".join(f"{100 * image.coverage:.0f} %" for image in doubtful)
+    text = (
+        f"the outline of {places(doubtful)} is visible over only {shares} of its length, so it may "
+        "be misplaced: light the background, give a mask, or give circles"
+    )
+    return [Notice("outline-partly-seen", text)]
 
 
 def places(images: list[SphereImage]) -> str:

@@ -17,6 +17,10 @@ from processing._stereo.photometric_stereo import PhotometricStereoResult, photo
 from processing._surface.integration import HeightMap, integrate
 from rig import Notice, Progress, check_type, no_progress
 
+# A computed mask beyond these probably contains background.
+_LARGEST_SHARE = 0.8
+_MOST_BORDERS = 3
+
 
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
@@ -124,6 +128,7 @@ def reconstruct(
             f"{computed.contrast:.0f} times as bright as the background"
         )
         warnings.append(Notice("mask-estimated", text))
+        warnings += _mask_warning(mask)
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]
@@ -162,6 +167,19 @@ def reconstruct(
         previews=previews,
         warnings=tuple(warnings),
     )
+
+
+def _mask_warning(mask: npt.NDArray[np.bool_]) -> list[Notice]:
+    """Return a warning about a computed mask that probably contains background."""
+    share = float(mask.mean())
+    touched = sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    if share <= _LARGEST_SHARE and touched < _MOST_BORDERS:
+        return []
+    text = (
+        f"the computed mask covers {share:.0%} of the image and touches {touched} of its borders: "
+        "it probably contains background; give a mask"
+    )
+    return [Notice("mask-fills-frame", text)]
 
 
 def _light_geometry(

@@ -19,6 +19,7 @@ from calibration._spheres.sphere_calibration import placed_spheres, seen_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,
     missing_highlights_warning,
+    partial_outline_warning,
     places,
     saturation_warning,
 )
@@ -38,6 +39,14 @@ def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
     clipped = np.arange(5) < saturated
     points = outline.point(angles, 1 + offsets / radius)
     return SphereImage(outline, points, 0.75, Highlights(pixels, clipped))
+
+
+def test_an_outline_that_is_mostly_hidden_is_reported():
+    seen, hidden = image_of(), replace(image_of(), coverage=0.45)
+    assert partial_outline_warning([seen, replace(seen, coverage=0.6)]) == []
+    (warning,) = partial_outline_warning([seen, hidden])
+    assert warning.code == "outline-partly-seen"
+    assert "is visible over only 45 % of its length" in warning.text
 
 
 def test_a_sphere_from_its_image():

@@ -6,7 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import Calibrations, CapturePlan, DataError, Labels, Lights, read_source, record
+from acquisition import (
+    Calibrations,
+    CapturePlan,
+    DataError,
+    Labels,
+    Lights,
+    read_source,
+    record,
+    write_png,
+)
 from calibration import EstimateError
 from processing import reconstruct
 from rig import Mounting, RigConfig
@@ -114,3 +123,25 @@ def test_sources_that_cannot_be_reconstructed(session, change, error, words):
         change = {"lights": Lights(directions=directions, ids=source.lights.ids)}
     with pytest.raises(error, match=words):
         reconstruct(replace(source, **change))
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "reported"),
+    [
+        pytest.param(slice(15, 45), slice(15, 45), False, id="inside"),
+        pytest.param(slice(20, 60), slice(15, 60), False, id="in a corner"),
+        pytest.param(slice(20, 60), slice(0, 60), True, id="at three borders"),
+        pytest.param(slice(2, 58), slice(2, 58), True, id="almost everywhere"),
+    ],
+)
+def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, columns, reported):
+    around = np.linspace(0, 2 * np.pi, 6, endpoint=False)
+    lights = Lights(np.stack([np.cos(around), np.sin(around), np.full(6, 2.0)], axis=1))
+    for number in range(6):
+        image = np.full((60, 60), 300, np.uint16)
+        image[rows, columns] = 30_000 + 10 * number
+        write_png(tmp_path / f"image.{number}.png", image)
+    source = read_source(tmp_path, lights=lights)
+    codes = [notice.code for notice in reconstruct(source, surface=False).warnings]
+    assert ("mask-fills-frame" in codes) == reported
+    assert "mask-estimated" in codes
