@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, NoiseModel
+from rig import short_repr
 
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
@@ -48,6 +49,8 @@ class Measurement:
     background_per_us: float | npt.NDArray[np.floating] = 0.0
     channel: npt.NDArray[np.integer] | None = None
     gain_db: float = 0.0
+
+    __repr__ = short_repr
 
 
 def cramer_rao_deg(

@@ -215,7 +215,7 @@ def test_plans(tmp_path: Path, text: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "lights follow", id="lp count"),
+        pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows", id="lp count"),
         pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "not finite", id="lp digits"),
         pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e", id="far"),
         pytest.param("a.txt", "0 0 1\n" * 100_002, "at most", id="lines"),
