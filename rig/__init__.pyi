@@ -30,6 +30,7 @@ from ._child import module_command as module_command
 from ._complaint import complaints as complaints
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
+from ._drivers import rig_names as rig_names
 from ._ending import end_later as end_later
 from ._ending import end_program as end_program
 from ._errors import BoardError as BoardError
@@ -62,7 +63,6 @@ from ._notice import Notice as Notice
 from ._notice import Severity as Severity
 from ._open import open_board as open_board
 from ._open import open_rig as open_rig
-from ._open import rig_names as rig_names
 from ._open_board import OpenBoard as OpenBoard
 from ._progress import Progress as Progress
 from ._progress import no_progress as no_progress

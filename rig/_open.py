@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from rig._bench import open_bench_board
 from rig._config import RigConfig, read_rig_config
+from rig._drivers import find_driver, rig_names
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._open_board import OpenBoard
 from rig._rig import Rig
 
-DRIVERS = "sgp.rigs"
 BENCH = "bench"
 
 
-def rig_names() -> tuple[str, ...]:
-    """Return the names of the installed rigs."""
-    return tuple(sorted(entry_points(group=DRIVERS).names))
-
-
-def open_rig(name_or_path: str = "simulated") -> Rig:
+def open_rig(name_or_path: str) -> Rig:
     """Open a rig.
 
     Parameters
@@ -43,7 +37,7 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     return _driver(config)(config)
 
 
-def open_board(name_or_path: str = "simulated") -> OpenBoard:
+def open_board(name_or_path: str) -> OpenBoard:
     """Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
 
     Parameters
@@ -77,14 +71,14 @@ def _is_path(name: str) -> bool:
 
 
 def _driver(config: RigConfig) -> Callable[[RigConfig], Rig]:
-    found = [point for point in entry_points(group=DRIVERS) if point.name == config.driver]
-    if not found:
+    found = find_driver(config.driver)
+    if found is None:
         raise RigConfigError(
             f"rig {config.name}: no driver is called {config.driver!r} "
             f"(known: {', '.join(rig_names()) or 'none'})"
         )
     try:
-        driver: Callable[[RigConfig], Rig] = found[0].load()
+        driver: Callable[[RigConfig], Rig] = found.load()
     except (ImportError, AttributeError) as error:
         raise RigConfigError(
             f"rig {config.name}: the driver {config.driver!r} cannot be loaded ({error})"

@@ -18,6 +18,7 @@ from sgp._console import Stages, note
 from sgp._options import Input, OptionalInput
 from sgp._output import check_file, check_folder
 from sgp._result import Result
+from sgp._user_config import chosen_operator, chosen_rig
 from sgp.commands.capture_plan import chosen_plan
 
 _UNMETERED = MeterOptions()
@@ -26,11 +27,11 @@ _UNMETERED = MeterOptions()
 def run(
     out: Path,
     *,
-    rig: str = "simulated",
+    rig: str | None = None,
     plan: OptionalInput = None,
     metering: MeterOptions = _UNMETERED,
     object_name: str = "",
-    operator: str = "",
+    operator: str | None = None,
     place: str = "",
     notes: str = "",
     rights: str = "",
@@ -54,7 +55,8 @@ def run(
     out
         New folder for the session. An existing session is never overwritten.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     metering
@@ -62,7 +64,7 @@ def run(
     object_name
         Name of the object.
     operator
-        Name of the operator.
+        Name of the operator; default: `operator` in the configuration file.
     place
         Place of the recording.
     notes
@@ -78,10 +80,11 @@ def run(
     dry_run
         Take every shot with all LEDs off and record nothing.
     """
+    rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
     goal = metering.goal()
     stored_lights = None if lights is None else acquisition.read_lights(lights)
-    with rigs.open_rig(rig) as opened:
+    with rigs.open_rig(rig_name) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
@@ -105,7 +108,7 @@ def run(
                 chosen,
                 out,
                 acquisition.Labels(
-                    operator=operator,
+                    operator=operator_name,
                     object_name=object_name,
                     place=place,
                     notes=notes,
@@ -121,7 +124,7 @@ def run(
 def resume(
     session: Input,
     *,
-    rig: str = "simulated",
+    rig: str | None = None,
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
@@ -144,7 +147,8 @@ def resume(
     session
         Folder of the session.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; if given, a session with another plan is refused.
     retake_damaged
@@ -156,6 +160,7 @@ def resume(
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
     """
+    rig_name = chosen_rig(rig)
     asked = None if plan is None else acquisition.read_plan(plan)
     # A folder that is not a session is refused before the rig is opened.
     begun = _opened(session, retake_damaged=retake_damaged)
@@ -164,7 +169,7 @@ def resume(
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
         return describe(begun, [*begun.warnings, done])
-    with rigs.open_rig(rig) as opened:
+    with rigs.open_rig(rig_name) as opened:
         _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)

@@ -17,6 +17,7 @@ from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
+from sgp._user_config import chosen_operator
 from sgp.commands.capture import info
 
 _RECORD = "export.json"
@@ -137,7 +138,7 @@ def import_(
     lights: OptionalInput = None,
     mask: OptionalInput = None,
     object_name: str = "",
-    operator: str = "",
+    operator: str | None = None,
     place: str = "",
     notes: str = "",
     rights: str = "",
@@ -175,7 +176,8 @@ def import_(
     object_name
         Name of the object.
     operator
-        Name of the operator.
+        Name of the operator; default: that of the export, and with --watch `operator` in the
+        configuration file.
     place
         Place of the recording.
     notes
@@ -197,7 +199,8 @@ def import_(
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
-    labels = acquisition.Labels(operator, object_name, place, notes, rights)
+    operator_name = chosen_operator(operator) if watch else operator or ""
+    labels = acquisition.Labels(operator_name, object_name, place, notes, rights)
     if watch:
         if mask is not None:
             raise UsageError("--mask cannot be used with --watch: leave it out")

@@ -15,6 +15,7 @@ import rig as rigs
 from sgp._console import Stages
 from sgp._options import Count, Leds, OptionalInput, Real
 from sgp._result import Result
+from sgp._user_config import chosen_rig
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25
@@ -94,7 +95,7 @@ def plan(
 
 
 def check(
-    out: Path, *, rig: str = "simulated", plan: Path | None = None, quick: bool = False
+    out: Path, *, rig: str | None = None, plan: Path | None = None, quick: bool = False
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 
@@ -110,13 +111,15 @@ def check(
     out
         Folder planned for the session; it need not exist.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     quick
         Skip the test of every LED.
     """
-    with rigs.open_rig(rig) as opened, Stages() as progress:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = acquisition.preflight(
             opened,

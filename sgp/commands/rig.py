@@ -6,8 +6,6 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 import acquisition
 import rig as rigs
 from sgp._console import Stages
@@ -15,6 +13,7 @@ from sgp._exit import UsageError
 from sgp._options import Microseconds, Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
+from sgp._user_config import chosen_rig
 
 # The board's watchdog turns the LED off after one second without a message from this program.
 _SIGN_EVERY_S = 0.25
@@ -25,7 +24,7 @@ _CLOCK = 0.99
 _HOT_C = 70.0
 
 
-def check(*, rig: str = "simulated") -> Result:
+def check(*, rig: str | None = None) -> Result:
     """Open a rig, describe its board and camera, and report possible problems.
 
     For example:
@@ -35,9 +34,11 @@ def check(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_rig(rig) as opened:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened:
         board, camera, config = opened.board.identity, opened.camera.info, opened.config
         dead = ", ".join(map(str, config.dead_leds)) or "none"
         status = opened.board.status()
@@ -77,7 +78,7 @@ def check(*, rig: str = "simulated") -> Result:
         )
 
 
-def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
+def light(led: Whole, *, rig: str | None = None, seconds: Positive = 5.0) -> Result:
     """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
@@ -89,12 +90,14 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     led
         LED number, from 0.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     seconds
         Time in seconds. As a safeguard the board itself turns the LED off 3 s later, or one second
         after this program died.
     """
-    with rigs.open_board(rig) as opened:
+    name = chosen_rig(rig)
+    with rigs.open_board(name) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
@@ -121,7 +124,7 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off"])
 
 
-def off(*, rig: str = "simulated") -> Result:
+def off(*, rig: str | None = None) -> Result:
     """Turn all LEDs off. No camera is needed.
 
     For example:
@@ -131,9 +134,11 @@ def off(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_board(rig):
+    name = chosen_rig(rig)
+    with rigs.open_board(name):
         pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 
@@ -143,14 +148,14 @@ def snap(
     out: Path,
     led: Whole | None = None,
     exposure_us: Microseconds = 20_000.0,
-    rig: str = "simulated",
+    rig: str | None = None,
     force: bool = False,
 ) -> Result:
     """Take one frame with one LED on, or with all LEDs off.
 
     For example:
 
-        sgp rig snap --led 3 --exposure-us 10000 --out frame.tif
+        sgp rig snap --led 3 --out frame.tif --rig bench.toml
 
     Parameters
     ----------
@@ -162,19 +167,23 @@ def snap(
     exposure_us
         Exposure time in µs, within the camera's range.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     force
         Overwrite an existing file.
     """
+    import numpy as np
+
     check_file(out, ".tif", force=force)
-    with rigs.open_rig(rig) as opened:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened:
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
         white = 2**opened.camera.info.bit_depth - 1
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
-    clipped = float(np.mean(pixels >= white))
+    clipped = float((pixels >= white).mean())
     low, high = (float(value) for value in np.percentile(pixels, [1, 99]))
     return Result(
         outputs={"frame": out},
@@ -185,7 +194,7 @@ def snap(
     )
 
 
-def selftest(*, rig: str = "simulated") -> Result:
+def selftest(*, rig: str | None = None) -> Result:
     """Find dead, dim, swapped, doubled and stuck LEDs with the camera, and missing wires.
 
     Place a matte object under the camera that fills most of its view. Swapped LEDs can be found
@@ -198,13 +207,15 @@ def selftest(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_rig(rig) as opened, Stages() as progress:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened, Stages() as progress:
         result = rigs.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if rig in rigs.rig_names():  # opened by name: there is no file in which to set an option
+    if name in rigs.rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else f"{len(faults)} faults"
     if len(faults) == 1:
