@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
+from sgp._capture.resume_command import ResumeCommand
 from sgp._capture.session_summary import describe
 from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
@@ -18,7 +19,7 @@ from sgp._console import Stages, note
 from sgp._options import Input, OptionalInput
 from sgp._output import check_file, check_folder
 from sgp._result import Result
-from sgp._user_config import chosen_operator, chosen_rig
+from sgp._user_config import chosen_operator, chosen_rig, default_rig
 from sgp.commands.capture_plan import chosen_plan
 
 _UNMETERED = MeterOptions()
@@ -102,7 +103,7 @@ def run(
             accept(acquisition.preflight(opened, chosen, out), prepared)
         for warning in prepared.warnings:
             note(f"note: {warning}")
-        with CaptureTalk(out) as talk:
+        with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
             session = acquisition.record(
                 opened,
                 chosen,
@@ -162,10 +163,12 @@ def resume(
     """
     rig_name = chosen_rig(rig)
     asked = None if plan is None else acquisition.read_plan(plan)
+    again = ResumeCommand(session, rig_name, skip_check)
     # A folder that is not a session is refused before the rig is opened.
-    begun = _opened(session, retake_damaged=retake_damaged)
+    begun = _opened(again, retake_damaged=retake_damaged)
     damaged = _damaged(session) if retake_damaged else None
-    if begun.complete and asked is None and not damaged:
+    if begun.complete and not damaged:
+        _check_plan(begun, asked)
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
         return describe(begun, [*begun.warnings, done])
@@ -182,7 +185,7 @@ def resume(
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-        with CaptureTalk(session, card_is_there=only_flats) as talk:
+        with CaptureTalk(again, card_is_there=only_flats) as talk:
             finished = acquisition.resume(
                 opened,
                 session,
@@ -230,9 +233,10 @@ def verify(session: Input) -> Result:
         several = "s" if len(checked.problems) > 1 else ""
         result.summary.append(f"{session}: DAMAGED, {len(checked.problems)} problem{several}")
         if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
+            again = ResumeCommand(session).text(retake_damaged=True)
+            rig = "" if default_rig() else ", with --rig,"
             result.summary.append(
-                f"if the object has not moved, `capture resume {session} --retake-damaged` takes "
-                "these frames again"
+                f"if the object has not moved, `{again}`{rig} takes these frames again"
             )
     elif not checked.complete:
         missing = "but the session was not finished"
@@ -289,14 +293,26 @@ def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> R
     return result
 
 
-def _opened(session: Path, *, retake_damaged: bool) -> acquisition.Session:
-    """Open a session to resume it; if frames are damaged, the error names the option to use."""
+def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Session:
+    """Open a session to resume it; if frames are damaged, the error names the command to use."""
     try:
-        return acquisition.Session.open(session, damaged_frames=retake_damaged)
+        return acquisition.Session.open(again.session, damaged_frames=retake_damaged)
     except acquisition.DataError as error:
-        if not retake_damaged and _can_be_retaken(session):
-            error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
+        if not retake_damaged and _can_be_retaken(again.session):
+            error.add_note(f"`{again.text(retake_damaged=True)}` takes it again")
         raise
+
+
+def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | None) -> None:
+    """Refuse another plan than that of a complete session, for which no rig is opened."""
+    rig = session.manifest.rig
+    if asked is not None and rig is not None:
+        asked, _ = asked.without(rig.dead_leds)
+    if asked not in (None, session.manifest.plan):
+        raise acquisition.DataError(
+            f"{session.folder}: is complete, and was recorded with another plan: use the original "
+            "plan, or record into a new folder"
+        )
 
 
 def _can_be_retaken(session: Path) -> bool:

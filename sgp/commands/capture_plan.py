@@ -129,7 +129,11 @@ def check(
             on_progress=progress,
         )
     failed = [check.name for check in flight.failed]
-    summary = [f"{check.state:<9} {check.name:<11} {check.text}" for check in flight.checks]
+    summary = [
+        f"{'' if number else check.state:<9} {'' if number else check.name:<11} {line}"
+        for check in flight.checks
+        for number, line in enumerate(check.lines)
+    ]
     summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
     return Result(
         metrics={"ready": flight.ok, **flight.details()},
