@@ -61,6 +61,7 @@ from ._guard import refusing as refusing
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity
+from ._open import find_rig_config as find_rig_config
 from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open_board import OpenBoard as OpenBoard

@@ -33,7 +33,7 @@ def open_rig(name_or_path: str) -> Rig:
     RigError
         If the rig does not open.
     """
-    config = _config(name_or_path)
+    config = find_rig_config(name_or_path)
     return _driver(config)(config)
 
 
@@ -50,11 +50,25 @@ def open_board(name_or_path: str) -> OpenBoard:
     RigError
         As `open_rig`.
     """
-    config = _config(name_or_path)
+    config = find_rig_config(name_or_path)
     return open_bench_board(config) if config.driver == BENCH else _driver(config)(config)
 
 
-def _config(name_or_path: str) -> RigConfig:
+def find_rig_config(name_or_path: str) -> RigConfig:
+    """Return the configuration of a rig without opening it.
+
+    Parameters
+    ----------
+    name_or_path
+        See `open_rig`.
+
+    Raises
+    ------
+    RigNotFoundError
+        If there is no such name or file.
+    RigConfigError
+        If the file is invalid.
+    """
     if name_or_path in rig_names():
         return RigConfig(name=name_or_path, driver=name_or_path)
     if _is_path(name_or_path):

@@ -51,7 +51,7 @@ def config_path() -> Path | None:
 
 
 def default_rig() -> DefaultRig | None:
-    """Return the configured rig; None if there is none.
+    """Return the configured rig, or None without one.
 
     A path in the configuration file is relative to the folder of this file.
 
@@ -71,7 +71,7 @@ def default_rig() -> DefaultRig | None:
     return DefaultRig(name, str(path))
 
 
-def chosen_rig(option: str | None) -> str:
+def chosen_rig(option: Path | None) -> str:
     """Return the rig of the option ``--rig``, or else the configured rig.
 
     Raises
@@ -81,7 +81,7 @@ def chosen_rig(option: str | None) -> str:
         invalid.
     """
     if option is not None:
-        return option
+        return str(option)
     default, names = default_rig(), rig.rig_names()
     if default is None:
         raise UsageError(

@@ -28,7 +28,7 @@ _UNMETERED = MeterOptions()
 def run(
     out: Path,
     *,
-    rig: str | None = None,
+    rig: Path | None = None,
     plan: OptionalInput = None,
     metering: MeterOptions = _UNMETERED,
     object_name: str = "",
@@ -125,7 +125,7 @@ def run(
 def resume(
     session: Input,
     *,
-    rig: str | None = None,
+    rig: Path | None = None,
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,

@@ -22,9 +22,10 @@ _SIGN_EVERY_S = 0.25
 _SPARE_HOLD_MS = 3000
 _CLOCK = 0.99
 _HOT_C = 70.0
+_VIEW_GAMMA = 1 / 2.2
 
 
-def check(*, rig: str | None = None) -> Result:
+def check(*, rig: Path | None = None) -> Result:
     """Open a rig, describe its board and camera, and report possible problems.
 
     For example:
@@ -78,7 +79,7 @@ def check(*, rig: str | None = None) -> Result:
         )
 
 
-def light(led: Whole, *, rig: str | None = None, seconds: Positive = 5.0) -> Result:
+def light(led: Whole, *, rig: Path | None = None, seconds: Positive = 5.0) -> Result:
     """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
@@ -124,7 +125,7 @@ def light(led: Whole, *, rig: str | None = None, seconds: Positive = 5.0) -> Res
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off"])
 
 
-def off(*, rig: str | None = None) -> Result:
+def off(*, rig: Path | None = None) -> Result:
     """Turn all LEDs off. No camera is needed.
 
     For example:
@@ -148,7 +149,7 @@ def snap(
     out: Path,
     led: Whole | None = None,
     exposure_us: Microseconds = 20_000.0,
-    rig: str | None = None,
+    rig: Path | None = None,
     force: bool = False,
 ) -> Result:
     """Take one frame with one LED on, or with all LEDs off.
@@ -161,7 +162,8 @@ def snap(
     ----------
     out
         TIFF file to write, 16 bit, raw values of the sensor. The frame is not rotated upright, even
-        if the rig file gives the mounting of the camera.
+        if the rig file gives the mounting of the camera. A PNG file of the same name shows it
+        upright with 8 bits: white is the white level, and gamma 2.2 brightens dark parts.
     led
         LED number, from 0; default: all LEDs off.
     exposure_us
@@ -170,31 +172,37 @@ def snap(
         Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
         else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     force
-        Overwrite an existing file.
+        Overwrite existing files.
     """
     import numpy as np
 
+    view = out.with_suffix(".png")
     check_file(out, ".tif", force=force)
+    check_file(view, ".png", force=force)
     name = chosen_rig(rig)
     with rigs.open_rig(name) as opened:
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
         white = 2**opened.camera.info.bit_depth - 1
+        mounting = opened.config.mounting
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
+    shade = 255 * (np.minimum(pixels, white) / white) ** _VIEW_GAMMA
+    acquisition.write_png(view, mounting.upright(np.rint(shade).astype(np.uint8)))
     clipped = float((pixels >= white).mean())
     low, high = (float(value) for value in np.percentile(pixels, [1, 99]))
     return Result(
-        outputs={"frame": out},
+        outputs={"frame": out, "view": view},
         metrics={"clipped_fraction": clipped, "p1_dn": low, "p99_dn": high, "white_dn": white},
         summary=[
-            f"{out}: percentiles 1 % {low:g}, 99 % {high:g} of {white}, {clipped:.3%} clipped"
+            f"{out}: percentiles 1 % {low:g}, 99 % {high:g} of {white}, {clipped:.3%} clipped; "
+            f"view: {view.name}"
         ],
     )
 
 
-def selftest(*, rig: str | None = None) -> Result:
+def selftest(*, rig: Path | None = None) -> Result:
     """Find dead, dim, swapped, doubled and stuck LEDs with the camera, and missing wires.
 
     Place a matte object under the camera that fills most of its view. Swapped LEDs can be found
