@@ -17,7 +17,6 @@ from typing import Literal
 
 import acquisition
 import rig
-from sgp import __version__
 from sgp._entry import PACKAGES, foreign_package
 from sgp._result import Result
 from sgp._user_config import chosen_rig, config_path, default_rig
@@ -82,8 +81,8 @@ def _guarded(name: str, check: Callable[[], _Findings]) -> Iterator[_Found]:
 def _versions() -> _Findings:
     yield (
         "ok",
-        f"sgp {__version__}, Python {platform.python_version()}, {platform.system()} "
-        f"{platform.machine()}, in {sys.prefix}",
+        f"sgp {acquisition.software_version()}, Python {platform.python_version()}, "
+        f"{platform.system()} {platform.machine()}, in {sys.prefix}",
     )
     from importlib.metadata import PackageNotFoundError, requires, version
 
