@@ -30,6 +30,7 @@ from ._child import module_command as module_command
 from ._complaint import complaints as complaints
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
+from ._drivers import find_rig_file as find_rig_file
 from ._drivers import rig_names as rig_names
 from ._ending import end_later as end_later
 from ._ending import end_program as end_program

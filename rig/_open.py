@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 from rig._bench import open_bench_board
 from rig._config import RigConfig, read_rig_config
-from rig._drivers import find_driver, rig_names
-from rig._errors import RigConfigError, RigNotFoundError
+from rig._drivers import find_driver, find_rig_file, rig_names
+from rig._errors import RigConfigError
 from rig._open_board import OpenBoard
 from rig._rig import Rig
 
@@ -69,19 +68,10 @@ def find_rig_config(name_or_path: str) -> RigConfig:
     RigConfigError
         If the file is invalid.
     """
-    if name_or_path in rig_names():
+    path = find_rig_file(name_or_path)
+    if path is None:
         return RigConfig(name=name_or_path, driver=name_or_path)
-    if _is_path(name_or_path):
-        return read_rig_config(Path(name_or_path))
-    raise RigNotFoundError(
-        f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
-        "and no rig file of that name exists"
-    )
-
-
-def _is_path(name: str) -> bool:
-    path = Path(name)
-    return path.is_file() or path.name != name or path.suffix.lower() == ".toml"
+    return read_rig_config(path)
 
 
 def _driver(config: RigConfig) -> Callable[[RigConfig], Rig]:

@@ -79,8 +79,11 @@ def chosen_rig(option: Path | None) -> str:
     UsageError
         If there is neither, if the configured rig does not exist, or if the configuration file is
         invalid.
+    RigNotFoundError
+        If there is no rig or rig file of the name that the option gives.
     """
     if option is not None:
+        rig.find_rig_file(str(option))  # a missing rig is reported before libraries load
         return str(option)
     default, names = default_rig(), rig.rig_names()
     if default is None:

@@ -174,12 +174,12 @@ def snap(
     force
         Overwrite existing files.
     """
-    import numpy as np
-
-    view = out.with_suffix(".png")
+    name, view = chosen_rig(rig), out.with_suffix(".png")
     check_file(out, ".tif", force=force)
     check_file(view, ".png", force=force)
-    name = chosen_rig(rig)
+
+    import numpy as np
+
     with rigs.open_rig(name) as opened:
         if led is not None:
             _check_led(opened.config, led)

@@ -58,7 +58,7 @@ NEEDED = {
     ("capture", "resume"): ["."],
     ("capture", "check"): ["out"],
     ("rig", "light"): ["0"],
-    ("rig", "snap"): ["--out", "frame.tif"],
+    ("rig", "snap"): ["--out", "new/frame.tif"],
 }
 # These only describe a plan.
 WITHOUT = {("capture", "plan")}
@@ -80,9 +80,10 @@ def test_without_a_rig_a_command_refuses_and_lists_the_rigs(sgp, words, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_the_refusal_imports_no_library():
+@pytest.mark.parametrize("rig", [[], ["--rig", "dome"], ["--rig", "dome.toml"]], ids=str)
+def test_the_refusal_imports_no_library(rig):
     code = (
-        "import sys; from sgp.app import build, run; words = ['rig', 'off']; "
+        f"import sys; from sgp.app import build, run; words = {['rig', 'off', *rig]}; "
         "code = run(build(words), words); "
         "found = {'numpy', 'cv2', 'pydantic', 'serial', 'harvesters'} & set(sys.modules); "
         "sys.exit(str(found) if found else code)"
