@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
-# Many tests wait for a board or a camera: three workers keep two cores busy.
-WORKERS ?= 3
+# Many tests wait for a board or a camera: four workers keep two cores busy.
+WORKERS ?= 4
 
-.PHONY: demo test slow lint install clean clean-kernels genicam-1.5
+.PHONY: demo test slow lint install clean genicam-1.5
 
 demo: $(STAMP)
 	$(BIN)/sgp demo --out demo
@@ -36,10 +36,6 @@ $(STAMP): pyproject.toml constraints.txt
 # A GenTL producer from another project, for the camera tests, which find it through SGP_GENICAM_1_5.
 genicam-1.5: $(STAMP)
 	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --dest $(VENV)/wheels genicam==1.5.0
-
-# numba does not detect a change in a compiled function that another file calls.
-clean-kernels:
-	find rig acquisition calibration processing simulator sgp -name '*.nb[ci]' -delete
 
 clean:
 	rm -rf $(VENV) demo .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -42,6 +42,9 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
+from ._selftest.finding import Finding as Finding
+from ._selftest.selftest import SelfTest as SelfTest
+from ._selftest.selftest import selftest as selftest
 from ._session.calibrations import Calibrations as Calibrations
 from ._session.camera_report import CameraReport as CameraReport
 from ._session.compact import Compaction as Compaction
@@ -65,10 +68,10 @@ from ._source.reader import read_source as read_source
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
 from ._staging import staged as staged
-from ._storage import is_rest as is_rest
+from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
-from ._storage import refusal as refusal
-from ._storage import remove_rests as remove_rests
+from ._storage import remove_part_files as remove_part_files
+from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera

@@ -26,7 +26,7 @@ class DataError(SgpError, ValueError):
 
 
 @contextmanager
-def declared(path: Path) -> Iterator[None]:
+def convert_read_errors(path: Path) -> Iterator[None]:
     """Turn the errors of the bounded readers into those that file readers declare.
 
     Raises

@@ -7,8 +7,8 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from acquisition._errors import DataError, declared
-from rig import check_text, complaints
+from acquisition._errors import DataError, convert_read_errors
+from rig import check_text, validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -22,9 +22,9 @@ def parse_json(model: type[Model], text: str, path: Path, hint: str = "") -> Mod
         If the text is not JSON, or contains a key or value that the model refuses; the message
         names ``path`` and the key, and ends with ``hint``.
     """
-    with declared(path):
+    with convert_read_errors(path):
         check_text(text)
     try:
         return model.model_validate_json(text)
     except ValidationError as error:
-        raise DataError(f"{path}: {complaints(error)}{hint}") from error
+        raise DataError(f"{path}: {validation_message(error)}{hint}") from error

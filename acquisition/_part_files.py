@@ -33,13 +33,13 @@ def part_path(path: Path) -> Path:
     return path.with_name(_PART + path.name)
 
 
-def is_part(path: Path) -> bool:
-    """Return whether a file was left by a write that never finished."""
+def is_hidden(path: Path) -> bool:
+    """Return whether a file is hidden, as part files are; no file of a session is."""
     return path.name.startswith(".")
 
 
-def is_rest(path: Path) -> bool:
-    """Return whether a file has the name of a temporary file."""
+def is_part_file(path: Path) -> bool:
+    """Return whether a file has the name of a part file, a temporary file of a write."""
     return path.name.startswith(_PART)
 
 

@@ -22,9 +22,10 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
     """Provide a hidden folder to write files to; at the end they move into ``folder``.
 
     While the hidden folder exists, because the files are being written or because the write was
-    interrupted, `check_whole` refuses ``folder``. The hidden folder is inside ``folder``, because a
-    rename cannot move files to another disk; ``folder`` may exist, contain other files, or be the
-    root of a disk. The next call removes the files that a killed process left.
+    interrupted, `check_staging_finished` refuses ``folder``. The hidden folder is inside
+    ``folder``, because a rename cannot move files to another disk; ``folder`` may exist, contain
+    other files, or be the root of a disk. The next call removes the files that a killed process
+    left.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
         os.close(lock)
 
 
-def check_whole(folder: Path) -> None:
+def check_staging_finished(folder: Path) -> None:
     """Refuse a folder if its files are still being written or writing them was interrupted.
 
     Raises

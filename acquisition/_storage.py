@@ -18,8 +18,8 @@ from pathlib import Path
 
 from acquisition._errors import DataError, SessionInUseError, StorageError
 from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
-from acquisition._part_files import is_part as is_part
-from acquisition._part_files import is_rest as is_rest
+from acquisition._part_files import is_hidden as is_hidden
+from acquisition._part_files import is_part_file as is_part_file
 from acquisition._part_files import part_path as part_path
 from rig import SgpError
 
@@ -43,7 +43,7 @@ _HINTS = {
 }
 
 
-def refusal(path: Path, action: str, error: OSError) -> StorageError:
+def storage_error(path: Path, action: str, error: OSError) -> StorageError:
     """Return a StorageError that names path, action, reason and remedy of an OSError."""
     hint = _HINTS.get(error.errno or 0, "check the disk and the folder")
     return StorageError(f"{path}: cannot {action}: {error.strerror or error}; {hint}")
@@ -57,7 +57,7 @@ def disk(path: Path, action: str) -> Iterator[None]:
     except SgpError:
         raise
     except OSError as error:
-        raise refusal(path, action, error) from error
+        raise storage_error(path, action, error) from error
 
 
 @contextmanager
@@ -102,8 +102,8 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
             write_whole(part.descriptor, piece)
 
 
-def remove_rests(folder: Path) -> None:
-    """Remove the temporary files in a folder that no process is writing.
+def remove_part_files(folder: Path) -> None:
+    """Remove the part files in a folder that no process is writing.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def remove_rests(folder: Path) -> None:
     """
     with disk(folder, "remove temporary files"):
         for path in folder.iterdir():
-            if is_rest(path) and (path.is_symlink() or not path.is_dir()):
+            if is_part_file(path) and (path.is_symlink() or not path.is_dir()):
                 clear(path)
 
 

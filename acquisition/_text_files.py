@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquisition._errors import DataError, declared
+from acquisition._errors import DataError, convert_read_errors
 from rig import read_bounded
 
 
@@ -18,7 +18,7 @@ def read_text(path: Path) -> str:
     DataError
         If it cannot be read, is not text, or is larger than 16 MB.
     """
-    with declared(path):
+    with convert_read_errors(path):
         data = read_bounded(path)
     if b"\0" in data:
         raise DataError(f"{path}: not a text file")

@@ -9,15 +9,15 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 import rig
-from acquisition._errors import DataError, declared
-from rig import MAX_TOML_BYTES, complaints, read_bounded
+from acquisition._errors import DataError, convert_read_errors
+from rig import MAX_TOML_BYTES, read_bounded, validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
     """Parse TOML bytes; a DataError names ``path`` and the invalid line."""
-    with declared(path):
+    with convert_read_errors(path):
         return rig.parse_toml(data)
 
 
@@ -26,8 +26,8 @@ def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        complaint = complaints(error, known=model.model_fields)
-        raise DataError(f"{path}: {complaint}") from error
+        message = validation_message(error, known=model.model_fields)
+        raise DataError(f"{path}: {message}") from error
 
 
 def read_toml(model: type[Model], path: Path) -> Model:
@@ -40,7 +40,7 @@ def read_toml(model: type[Model], path: Path) -> Model:
     DataError
         If it cannot be read, is not TOML, or contains a key or value that the model refuses.
     """
-    with declared(path):
+    with convert_read_errors(path):
         data = read_bounded(path, MAX_TOML_BYTES)
     return validated(model, parse_toml(data, path), path)
 

@@ -19,7 +19,7 @@ import numpy as np
 from harness import command_line, copy_s, measured
 from matplotlib.axes import Axes
 
-from processing import NormalMap, read_normals, transfer_local
+from processing import NormalMap, Pose, read_normals, transfer_local
 from sgp._overview import Panel, write_overview
 from sgp._paper.faces import FACES
 
@@ -88,7 +88,7 @@ def main() -> None:
     for pixels in options.pixels:
         side = round(np.sqrt(pixels))
         source, target = relief(side, 0), relief(2 * side, 1)
-        cost, done = measured(partial(transfer_local, source, target, at=(side, side)))
+        cost, done = measured(partial(transfer_local, source, target, pose=Pose((side, side))))
         print(
             f"{int(done.region.sum())} pixels: {cost.cpu_s:.2f} CPU s, "
             f"{cost.cpu_s / copy_s(target.normals):.0f} copies, {cost.peak_mb:.0f} MB"

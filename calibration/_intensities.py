@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration._errors import EstimateError
-from rig import Notice
+from calibration._radiance.linear_stack import check_linear
+from rig import Notice, check_type, pluralize, short_repr
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +45,8 @@ class IntensityCalibration:
     residual: float
     pixels: int
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def calibrate_intensities(
@@ -83,6 +86,8 @@ def calibrate_intensities(
         If fewer than 100 pixels are lit by every light, or a light cannot reach as many from its
         position.
     """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(positions_mm=positions)")
     points = np.asarray(points_mm, np.float64)
     if not lights.near:
         raise DataError("intensities require lights with positions: calibrate the positions first")
@@ -137,8 +142,9 @@ def _lit_pixels(
     rows, columns = np.nonzero(lit)
     if len(rows) < _FEWEST:
         raise EstimateError(
-            f"{len(rows)} pixels of the plane are lit and unsaturated under every light, at least "
-            f"{_FEWEST} are required: check the exposure and the mask"
+            f"{pluralize(len(rows), 'pixel of the plane is', 'pixels of the plane are')} lit and "
+            f"unsaturated under every light, at least {_FEWEST} are required: check the exposure "
+            "and the mask"
         )
     step = -(-len(rows) // _PIXELS)
     return rows[::step], columns[::step]

@@ -2,9 +2,9 @@ from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
 from ._detail.properties import ChainStep as ChainStep
-from ._detail.properties import DetailLikeness as DetailLikeness
+from ._detail.properties import DetailComparison as DetailComparison
+from ._detail.properties import compare_details as compare_details
 from ._detail.properties import cross_exchange as cross_exchange
-from ._detail.properties import detail_likeness as detail_likeness
 from ._detail.properties import idempotence as idempotence
 from ._detail.properties import transfer_chain as transfer_chain
 from ._detail.rotation_similarity import RotationSimilarity as RotationSimilarity
@@ -14,6 +14,7 @@ from ._detail.separation import Separation as Separation
 from ._detail.separation import combine as combine
 from ._detail.separation import separate as separate
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
+from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult

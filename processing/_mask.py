@@ -10,7 +10,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from acquisition import DataError
-from calibration import EstimateError
+from calibration import EstimateError, check_linear
+from rig import short_repr
 
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -48,6 +49,8 @@ class ObjectMask:
     contrast: float
     separability: float
 
+    __repr__ = short_repr
+
 
 def object_mask(values: npt.ArrayLike) -> ObjectMask:
     """Find the object: the pixels that are much brighter than the background under some light.
@@ -74,6 +77,7 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
         If no object stands out: it fills the frame, the background is bright, or all images are
         black.
     """
+    check_linear("values", values)
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
         raise DataError(f"an object mask requires a stack (N, H, W), not {stack.shape}")

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, angle_deg
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
+from rig import short_repr
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
@@ -41,6 +42,8 @@ class AngularError:
     coverage: float
     map_deg: Float
 
+    __repr__ = short_repr
+
 
 def angular_error(
     estimate: NormalMap, truth: NormalMap | npt.ArrayLike, mask: Mask | None = None
@@ -66,6 +69,7 @@ def angular_error(
     DataError
         If the sizes differ or no pixel is left to compare.
     """
+    check_normal_map("estimate", estimate)
     truth_map = truth if isinstance(truth, NormalMap) else NormalMap.from_vectors(truth)
     counted = (
         truth_map.mask if mask is None else truth_map.mask & _checked_mask(mask, truth_map.size)
@@ -122,6 +126,8 @@ def ssim(
     DataError
         If the sizes differ or the mask is empty.
     """
+    check_normal_map("a", a)
+    check_normal_map("b", b)
     _check_sizes(a, b)
     counted = a.mask | b.mask if mask is None else _checked_mask(mask, a.size)
     if not counted.any():

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import check_type, pluralize
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -43,6 +44,10 @@ class NormalMap:
 
     normals: Float
     mask: Mask
+
+    def __repr__(self) -> str:
+        count = pluralize(int(np.count_nonzero(self.mask)), "normal")
+        return f"NormalMap({self.normals.dtype}{list(self.normals.shape)}, {count})"
 
     def __post_init__(self) -> None:
         normals = np.ascontiguousarray(self.normals, np.float32)
@@ -154,3 +159,16 @@ def _unsound(normals: Float, mask: Mask) -> npt.NDArray[np.int64]:
                 c += 1
             first[r] = c + 1
     return first
+
+
+def check_normal_map(name: str, value: object) -> None:
+    """Refuse an argument that is not a `NormalMap`, such as a plain array.
+
+    Raises
+    ------
+    TypeError
+        The message names the parameter and how to make a map.
+    """
+    check_type(
+        name, value, NormalMap, "NormalMap.from_vectors(array), or read_normals(path).normal_map"
+    )

@@ -11,15 +11,16 @@ import numpy.typing as npt
 from acquisition import (
     DataError,
     MissingPathError,
+    make_folder,
     read_image_with_alpha,
     read_mask,
     write_exr,
     write_mask,
     write_png,
 )
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice
+from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -44,6 +45,9 @@ class NormalMapFile(NamedTuple):
     normal_map: NormalMap
     warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
+
+    def __repr__(self) -> str:
+        return short_repr(self)
 
 
 def read_normals(
@@ -137,7 +141,7 @@ def write_normals(
     Parameters
     ----------
     folder
-        An existing folder; files of these names are replaced.
+        Folder of the files, created if it is missing; files of these names are replaced.
     normal_map
         The map to write. The PNG contains ``round((n / 2 + 0.5) * 65535)``, mid-grey outside the
         mask; green is up.
@@ -149,7 +153,9 @@ def write_normals(
     dict[str, Path]
         Output name to path: ``normals``, ``normals_png``, ``mask``.
     """
+    check_normal_map("normal_map", normal_map)
     folder = Path(folder)
+    make_folder(folder)
     outputs = {
         name: folder / f"{name}.exr",
         f"{name}_png": folder / f"{name}.png",
@@ -263,14 +269,19 @@ def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | No
     if mask is not None:
         not_finite &= mask
     if not_finite.any():
-        text = (
-            f"{np.count_nonzero(not_finite)} pixels have a NaN or infinite vector and are left out "
-            "of the mask"
+        words = (
+            "pixel has a NaN or infinite vector and is",
+            "pixels have a NaN or infinite vector and are",
         )
+        text = f"{pluralize(int(not_finite.sum()), *words)} left out of the mask"
         warnings.append(Notice("normals-not-finite", text, where))
     lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
     if lost:
-        text = f"{lost} pixels of the mask have no unit vector and are left out"
+        words = (
+            "pixel of the mask has no unit vector and is",
+            "pixels of the mask have no unit vector and are",
+        )
+        text = f"{pluralize(int(lost), *words)} left out"
         warnings.append(Notice("normals-not-unit", text, where))
     if np.mean(normal_map.normals[normal_map.mask][:, 2]) < 0:
         text = "most normals face away from the camera: check the sign of z"

@@ -12,11 +12,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rig._board.board import Board
 from rig._board.ports import find_board
 from rig._camera import Camera
-from rig._complaint import complaints
 from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError, close_after
 from rig._open_board import OpenBoard
 from rig._rig import Rig
+from rig._validation_message import validation_message
 
 
 class BenchOptions(BaseModel):
@@ -108,8 +108,8 @@ def _options(config: RigConfig) -> BenchOptions:
     try:
         return BenchOptions.model_validate(config.options)
     except ValidationError as error:
-        complaint = complaints(error, noun="option", known=BenchOptions.model_fields)
-        raise RigConfigError(f"rig {config.name}: {complaint}") from error
+        message = validation_message(error, noun="option", known=BenchOptions.model_fields)
+        raise RigConfigError(f"rig {config.name}: {message}") from error
 
 
 def _board(config: RigConfig, options: BenchOptions) -> Board:

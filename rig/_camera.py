@@ -9,6 +9,8 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from rig._short_repr import short_repr
+
 Trigger = Literal["software", "line"]
 
 
@@ -59,6 +61,15 @@ class CameraInfo:
     frame_period_us: float = 0.0
     turned_off: tuple[str, ...] = ()
 
+    @property
+    def white_dn(self) -> int:
+        """Largest raw value of this bit depth; a sample of this value is saturated."""
+        return int(2**self.bit_depth - 1)
+
+    def __repr__(self) -> str:
+        name = " ".join(filter(None, (self.vendor, self.model, self.serial)))
+        return f"CameraInfo({name}, {self.width} x {self.height} px, {self.pixel_format})"
+
 
 @dataclass(frozen=True, eq=False)
 class CameraFrame:
@@ -84,6 +95,8 @@ class CameraFrame:
     exposure_us: float
     gain_db: float
     temperature_c: float | None
+
+    __repr__ = short_repr
 
 
 class Camera(Protocol):

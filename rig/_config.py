@@ -7,10 +7,11 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig._complaint import complaints
 from rig._errors import RigConfigError, RigNotFoundError
 from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._mounting import Mounting
+from rig._plural import pluralize
+from rig._validation_message import validation_message
 
 # A limit of 100 m is larger than any dome.
 _Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
@@ -64,6 +65,9 @@ class RigConfig(BaseModel):
     mounting: Mounting = Mounting()
     options: dict[str, Any] = {}
 
+    def __repr__(self) -> str:
+        return f"RigConfig({self.name}, driver {self.driver}, {pluralize(self.leds, 'LED')})"
+
     @model_validator(mode="after")
     def _leds_fit(self) -> Self:
         for led in self.dead_leds:
@@ -71,7 +75,8 @@ class RigConfig(BaseModel):
                 raise ValueError(f"dead LED {led} is not one of 0 to {self.leds - 1}")
         if self.led_positions_mm and len(self.led_positions_mm) != self.leds:
             raise ValueError(
-                f"led_positions_mm has {len(self.led_positions_mm)} positions for {self.leds} LEDs"
+                f"led_positions_mm has {pluralize(len(self.led_positions_mm), 'position')} for "
+                f"{pluralize(self.leds, 'LED')}"
             )
         if len(set(self.led_positions_mm)) < len(self.led_positions_mm):
             raise ValueError("led_positions_mm has two LEDs at the same position")
@@ -97,5 +102,5 @@ def read_rig_config(path: Path) -> RigConfig:
     try:
         return RigConfig.model_validate(content)
     except ValidationError as error:
-        complaint = complaints(error, known=RigConfig.model_fields)
-        raise RigConfigError(f"{path}: {complaint}") from error
+        message = validation_message(error, known=RigConfig.model_fields)
+        raise RigConfigError(f"{path}: {message}") from error

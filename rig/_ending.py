@@ -19,12 +19,13 @@ from types import FrameType
 # Added to the number of the signal in the exit code of a program that a signal has ended.
 SIGNALLED = 128
 
-_COMPILERS = ("numba", "llvmlite")
+# pydantic compiles models, and turns exceptions into errors about the model.
+_COMPILERS = ("numba", "llvmlite", "pydantic")
 # Imports, which would fail half-way, and garbage collector callbacks, which swallow exceptions.
 _BRIEF = ("importlib", "_frozen_importlib", "_frozen_importlib_external", "weakref")
 _FINALIZER = "__del__"
 # An import may run an entire program, so the wait is limited; a compiler always ends.
-_BRIEF_PATIENCE_S = 3.0
+_BRIEF_PATIENCE_S = 10.0
 _AGAIN_EVERY_S = 0.1
 
 
@@ -84,7 +85,7 @@ def end_program(number: int, frame: FrameType | None) -> None:
     raise exception_of(number)
 
 
-def end_later(number: int) -> None:
+def resend_signal(number: int) -> None:
     """Send a signal to the main thread in a moment; for use when its exception was lost."""
     global _waiting
     _waiting = _waiting or _Waiting(number)

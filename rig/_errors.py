@@ -48,9 +48,9 @@ class FrameLostError(CameraError):
         """Whether frames found no free buffer because this computer did not return any in time."""
         return self.counts.get("underrun", 0) > 0
 
-    def because(self, more: str) -> Self:
-        """Return the same error with an addition to its message."""
-        return type(self)(f"{self}; {more}", self.counts)
+    def with_context(self, context: str) -> Self:
+        """Return the same error with an addition to its message, after a semicolon."""
+        return type(self)(f"{self}; {context}", self.counts)
 
 
 class FrameTimeoutError(FrameLostError):

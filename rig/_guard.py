@@ -165,7 +165,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     UnreadableError
         If they are not UTF-8 or not TOML, or if `check_text` refuses them.
     """
-    with refusing("is not TOML"):
+    with convert_parser_errors("is not TOML"):
         text = data.decode("utf-8")
         check_text(text)
         return tomllib.loads(text)
@@ -173,7 +173,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
 def parse_json(data: bytes | str) -> Any:
     """Parse a JSON text; raises as `parse_toml`."""
-    with refusing("is not JSON"):
+    with convert_parser_errors("is not JSON"):
         text = data if isinstance(data, str) else data.decode("utf-8")
         check_text(text)
         return json.loads(text)
@@ -215,7 +215,7 @@ def check_pixels(
 
 
 @contextmanager
-def refusing(what: str, *own: type[Exception]) -> Iterator[None]:
+def convert_parser_errors(what: str, *own: type[Exception]) -> Iterator[None]:
     """Convert any exception that a parser raises for damaged bytes to an `UnreadableError`.
 
     The block should contain only the call of the parser: an error in other code would be reported

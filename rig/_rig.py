@@ -8,6 +8,7 @@ from typing import Literal
 from rig._board.board import Board
 from rig._board.values import BoardEcho
 from rig._camera import Camera, Trigger
+from rig._check_type import check_led
 from rig._config import RigConfig
 from rig._errors import RigError, close_after, note
 from rig._open_board import OpenBoard
@@ -209,6 +210,7 @@ class Rig(OpenBoard):
         return self.board.off()
 
     def _check_led(self, led: int | None) -> None:
+        check_led(led)
         if led is None:
             return
         if not 0 <= led < self.config.leds:

@@ -122,7 +122,7 @@ def _locked(out: Path) -> Iterator[None]:
 def _make_room(out: Path, *, force: bool) -> None:
     """Remove the files of an earlier demo; refuse other files with the same names."""
     mark = out / MARK
-    acquisition.remove_rests(out)
+    acquisition.remove_part_files(out)
     if not mark.is_file() or mark.is_symlink():
         check_folder(out, force=force)
     hashes, at_work = _read(mark)

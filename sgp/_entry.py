@@ -114,12 +114,12 @@ def _handle(number: int, frame: FrameType | None) -> None:
 
 def _unraisable(lost: Any) -> None:
     """Repeat a signal whose exception was lost in a finalizer or a callback from C."""
-    end_later = getattr(sys.modules.get("rig"), "end_later", None)
+    resend_signal = getattr(sys.modules.get("rig"), "resend_signal", None)
     error = lost.exc_value
-    if end_later is not None and isinstance(error, KeyboardInterrupt):
-        end_later(signal.SIGINT)
-    elif end_later is not None and isinstance(error, SystemExit) and error.code in _ENDING:
-        end_later(_ENDING[error.code])
+    if resend_signal is not None and isinstance(error, KeyboardInterrupt):
+        resend_signal(signal.SIGINT)
+    elif resend_signal is not None and isinstance(error, SystemExit) and error.code in _ENDING:
+        resend_signal(_ENDING[error.code])
     else:
         sys.__unraisablehook__(lost)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
@@ -45,12 +45,6 @@ def _finite(text: str) -> float:
     return value
 
 
-def _exists(kind: object, path: Path | None) -> None:
-    """Refuse a missing input now: to import the readers takes a second."""
-    if path is not None and not path.exists():
-        raise acquisition.MissingPathError(f"{path}: no such file or folder")
-
-
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
@@ -58,8 +52,10 @@ def _short(text: str) -> str:
 # Longest part of a command line that a message quotes, in characters.
 _LONGEST = 40
 
-Input = Annotated[Path, Parameter(validator=_exists)]
-OptionalInput = Annotated[Path | None, Parameter(validator=_exists)]
+_INPUT = object()
+# Files or folders that must exist when the command starts.
+Input = Annotated[Path, _INPUT]
+OptionalInput = Annotated[Path | None, _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
@@ -108,6 +104,24 @@ class SourceOptions:
     distant: bool = False
     gamma: Gamma | None = None
     max_pixels: Pixels = rig.MAX_PIXELS
+
+
+def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:
+    """Check the inputs of a command before it runs, because its readers take a second to load.
+
+    Raises
+    ------
+    MissingPathError
+        If an argument of the type `Input` does not exist.
+    """
+    hints = get_type_hints(command, include_extras=True)
+    for name, value in arguments.items():
+        if is_dataclass(value):
+            require_inputs(type(value), vars(value))
+        elif _INPUT in getattr(hints.get(name), "__metadata__", ()):
+            for path in value if isinstance(value, tuple) else (value,):
+                if path is not None and not path.exists():
+                    raise acquisition.MissingPathError(f"{path}: no such file or folder")
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

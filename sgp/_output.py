@@ -62,12 +62,12 @@ def claim_folder(out: Path, record: str) -> Path:
         If the folder cannot be created or a file cannot be removed.
     """
     acquisition.make_folder(out)
-    acquisition.remove_rests(out)
+    acquisition.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            raise acquisition.refusal(path, "replace", error) from error
+            raise acquisition.storage_error(path, "replace", error) from error
     return out
 
 
@@ -151,7 +151,11 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     """
     _check_name(out)
     _check_place(out, out)
-    if out.is_dir() and not force and any(not acquisition.is_rest(path) for path in out.iterdir()):
+    if (
+        out.is_dir()
+        and not force
+        and any(not acquisition.is_part_file(path) for path in out.iterdir())
+    ):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already contains files: choose another folder{instead}")
 

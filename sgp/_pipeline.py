@@ -10,6 +10,7 @@ import numpy as np
 
 import acquisition
 import processing
+from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import (
@@ -22,16 +23,24 @@ from sgp._overview import (
 )
 from sgp._result import Result
 from sgp._stages import Stopwatch, compute_normals
-from sgp._write import write_normals_stage, write_separation, write_surface
+from sgp._write import (
+    normals_metrics,
+    separation_metrics,
+    surface_metrics,
+    write_normals_stage,
+    write_separation,
+    write_surface,
+)
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """All results of the pipeline for one source."""
+    """All results of the pipeline for one source; `result` has no figures so far."""
 
     normals: processing.Reconstruction
     parts: processing.Separation
     surface: processing.HeightMap
+    metrics: StagesMetrics
     result: Result
 
 
@@ -44,7 +53,7 @@ def process(
 ) -> Outcome:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
-    Each folder gets its own record. Outputs and metrics of the stages are merged under the
+    Each folder gets its own record. Outputs and figures of the stages are merged under the
     stage's name.
     """
     parameters = {"source": source.path, **asdict(options)}
@@ -56,7 +65,6 @@ def process(
         result.inputs = files
         write_record(out / name / record, "sgp run", parameters, result)
         merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
-        merged.metrics[name] = result.metrics
         merged.warnings += result.warnings
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
@@ -70,9 +78,12 @@ def process(
     with watch.stage("surface"):
         surface = processing.integrate(normal_map, camera=source.camera)
         write("surface", lambda folder: write_surface(folder, surface, normal_map))
-    if stage.error is not None:
-        merged.metrics["normals_mae_deg"] = stage.error.mae_deg
-    return Outcome(stage, parts, surface, merged)
+    metrics: StagesMetrics = {
+        "normals": normals_metrics(stage),
+        "detail": separation_metrics(parts),
+        "surface": surface_metrics(surface),
+    }
+    return Outcome(stage, parts, surface, metrics, merged)
 
 
 def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = None) -> list[Panel]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, create_model
 
 import acquisition
 import rig
+from sgp._metrics import COMMANDS
 
 FORMAT: Final = "sgp-result"
 VERSION: Final = 1
@@ -16,7 +19,7 @@ _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class Software(_Table):
@@ -44,7 +47,8 @@ class ResultRecord(_Table):
     outputs
         File names of the results, relative to the record.
     metrics
-        Figures by name, with units in the names; null where a figure is not defined.
+        Figures by name; None where a figure is not defined. docs/result-format.md lists the figures
+        of each command.
     warnings
         The lines of `notices`, as they were printed.
     notices
@@ -62,6 +66,12 @@ class ResultRecord(_Table):
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
 
+    def __repr__(self) -> str:
+        counts = (
+            f"{len(self.inputs)} inputs, {len(self.outputs)} outputs, {len(self.notices)} notices"
+        )
+        return f"ResultRecord({self.command}, {counts})"
+
 
 def read_record(path: str | Path) -> ResultRecord:
     """Read the record of a result.
@@ -76,8 +86,9 @@ def read_record(path: str | Path) -> ResultRecord:
     MissingPathError
         If there is no such file.
     DataError
-        If the file is not a record, is of another version, or a key is missing or invalid; the
-        message names the file.
+        If the file is not a record, is of another version, or a key or a figure is missing,
+        unknown or invalid; the message names the file. The figures of a command that this program
+        does not know are not checked.
     """
     path = Path(path)
     try:
@@ -97,6 +108,26 @@ def read_record(path: str | Path) -> ResultRecord:
         )
     try:
         # Lists become tuples in JSON mode only.
-        return ResultRecord.model_validate(values, strict=False)
+        record = ResultRecord.model_validate(values, strict=False)
+        check_metrics(record.command, record.metrics)
     except ValidationError as error:
-        raise acquisition.DataError(f"{path}: {rig.complaints(error)}") from error
+        raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error
+    return record
+
+
+def check_metrics(command: str, metrics: Mapping[str, JsonValue]) -> None:
+    """Check the figures of a command against its declared ones; other commands may have any.
+
+    Raises
+    ------
+    ValidationError
+        If a figure is missing, unknown or invalid.
+    """
+    if command not in COMMANDS:
+        return
+    # Of the records of `sgp run`, this is the one with the most figures in common.
+    declared = max(COMMANDS[command], key=lambda kind: len(metrics.keys() & kind.__annotations__))
+    model = create_model("Figures", __base__=_Table, metrics=(declared, ...))
+    # Names of files may contain bytes that are not UTF-8.
+    text = json.dumps({"metrics": metrics}, ensure_ascii=False).encode(errors="replace")
+    model.model_validate_json(text)

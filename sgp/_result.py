@@ -22,7 +22,7 @@ class Result:
     outputs
         Path of every file that a caller may use, by name.
     metrics
-        Figures by name; the names include the units.
+        Figures by name; the names include the units. `sgp._metrics` declares those of records.
     warnings
         What must be reported besides the figures, in the order of printing.
     summary
@@ -36,7 +36,7 @@ class Result:
     """
 
     outputs: dict[str, Path] = field(default_factory=dict)
-    metrics: dict[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, object] = field(default_factory=dict)
     warnings: list[rig.Notice] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)
     inputs: list[Path] = field(default_factory=list)

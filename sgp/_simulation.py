@@ -86,7 +86,7 @@ def record_simulated(
     config = rigs.RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
-        simulator.rig_for(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
+        simulator.open_rig_seeing(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
         Stages() as progress,
     ):
         return acquisition.record(

@@ -8,6 +8,7 @@ import numpy as np
 
 import acquisition
 import processing
+from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._result import Result
 
 
@@ -20,24 +21,14 @@ def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Resul
         path = folder / f"{name}.exr"
         acquisition.write_exr(path, getattr(solved, name).astype(np.float32))
         result.outputs[name] = path
-    inside = solved.normal_map.mask
-    result.metrics = {
-        "images": len(stage.lights),
-        "lights": "near" if stage.lights.near else "distant",
-        "pixels": int(stage.mask.sum()),
-        "coverage": float(inside.sum() / stage.mask.sum()),
-        "residual_rms": float(np.sqrt(np.mean(solved.residual[inside] ** 2, dtype=np.float64))),
-    }
+    metrics = normals_metrics(stage)
+    result.metrics = metrics
+    solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
-        f"{len(stage.lights)} images, {result.metrics['lights']} lights, "
-        f"{result.metrics['coverage']:.1%} of {result.metrics['pixels']} pixels solved"
+        f"{len(stage.lights)} images, {metrics['lights']} lights, "
+        f"{solved_share:.1%} of {metrics['pixels']} pixels solved"
     ]
     if stage.error is not None:
-        result.metrics |= {
-            "mae_deg": stage.error.mae_deg,
-            "median_deg": stage.error.median_deg,
-            "coverage": stage.error.coverage,
-        }
         result.summary.append(
             f"against ground truth: mean {stage.error.mae_deg:.2f} deg, "
             f"median {stage.error.median_deg:.2f} deg"
@@ -45,16 +36,42 @@ def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Resul
     return result
 
 
+def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
+    """Return the figures of an estimation of normals."""
+    solved = stage.stereo
+    inside = solved.normal_map.mask
+    metrics: NormalsMetrics = {
+        "images": len(stage.lights),
+        "lights": "near" if stage.lights.near else "distant",
+        "pixels": int(stage.mask.sum()),
+        "coverage": float(inside.sum() / stage.mask.sum()),
+        "residual_rms": float(
+            np.sqrt(np.mean(np.square(solved.residual[inside], dtype=np.float64)))
+        ),
+    }
+    if stage.error is not None:
+        metrics["coverage"] = stage.error.coverage
+        metrics["mae_deg"] = stage.error.mae_deg
+        metrics["median_deg"] = stage.error.median_deg
+    return metrics
+
+
 def write_separation(folder: Path, parts: processing.Separation) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs = processing.write_normals(folder, parts.shape, name="shape")
     outputs |= processing.write_normals(folder, parts.detail, name="detail")
-    separability = parts.separability_deg
+    metrics = separation_metrics(parts)
+    separability = metrics["separability_deg"]
     return Result(
         outputs=outputs,
-        metrics={"separability_deg": separability},
+        metrics=metrics,
         summary=[f"separability {separability:.2f} deg (shape left in the detail; 0 is best)"],
     )
+
+
+def separation_metrics(parts: processing.Separation) -> SeparationMetrics:
+    """Return the figures of a separation."""
+    return {"separability_deg": parts.separability_deg}
 
 
 def write_surface(
@@ -75,16 +92,22 @@ def write_surface(
     for suffix in formats:
         result.outputs[suffix] = folder / f"surface.{suffix}"
         processing.write_mesh(result.outputs[suffix], height_map, normals=normal_map)
+    metrics = surface_metrics(height_map)
+    result.metrics = metrics
+    result.summary = [
+        f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
+        f"{metrics['vertices']} vertices"
+    ]
+    return result
+
+
+def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
+    """Return the figures of a surface."""
     inside = height_map.height[height_map.mask]
-    result.metrics = {
+    return {
         "unit": height_map.unit,
         "height_range": float(np.ptp(inside)),
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,
         "iterations": height_map.iterations,
     }
-    result.summary = [
-        f"height range {result.metrics['height_range']:.4g} {height_map.unit}, "
-        f"{result.metrics['vertices']} vertices"
-    ]
-    return result

@@ -9,14 +9,18 @@ import numpy as np
 
 import acquisition
 import processing
+from sgp._metrics import HeightProfileMetrics
 from sgp._overview import profile_panel, write_overview
 from sgp._result import Result
 
 
 def write_height_profile(
     out: Path, target: processing.NormalMap, transferred: processing.NormalMap, result: Result
-) -> None:
-    """Integrate two maps, write their height profile as picture and table, and add its figures."""
+) -> HeightProfileMetrics:
+    """Integrate two maps, write their height profile as picture and table, return its figures.
+
+    The maps have no scale, so the heights are in pixels.
+    """
     profile = processing.height_profile(
         processing.integrate(target), processing.integrate(transferred)
     )
@@ -25,15 +29,15 @@ def write_height_profile(
     write_overview(picture, "Height profile", [panel], columns=1)
     write_profile_data(data, profile)
     result.outputs |= {"height_profile": picture, "height_profile_data": data}
-    result.metrics |= {
-        f"height_rms_{profile.unit}": profile.rms,
-        f"height_smoothed_rms_{profile.unit}": profile.smoothed_rms,
-        f"height_range_{profile.unit}": profile.target_range,
-    }
     result.summary.append(
         f"heights       rms difference {profile.rms:.3g} {profile.unit}, range "
         f"{profile.target_range:.3g} (smoothed {profile.smoothed_rms:.3g})"
     )
+    return {
+        "height_rms_px": profile.rms,
+        "height_smoothed_rms_px": profile.smoothed_rms,
+        "height_range_px": profile.target_range,
+    }
 
 
 def write_profile_data(path: Path, profile: processing.HeightProfile) -> None:

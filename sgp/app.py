@@ -229,8 +229,12 @@ def _take_common_options(app: App) -> None:
         debug
             Print the stack trace of an error.
         """
-        result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
-        return result, json
+        command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
+        if getattr(command, "__module__", "").startswith("sgp.commands."):
+            from sgp._options import require_inputs
+
+            require_inputs(command, bound.arguments)
+        return command(*bound.args, **bound.kwargs), json
 
 
 def run(app: App, tokens: list[str]) -> int:

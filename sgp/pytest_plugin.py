@@ -185,9 +185,9 @@ def simulated_rig(_sgp_bench: _Bench, _sgp_rendering: Rendering) -> Iterator[Rig
 
     The rig does not wait for the exposure times to pass.
     """
-    from simulator import rig_for
+    from simulator import open_rig_seeing
 
-    with rig_for(
+    with open_rig_seeing(
         _sgp_rendering, seed=_sgp_bench.seed or 0, noisy=_sgp_bench.noise, realtime=False
     ) as rig:
         yield rig

@@ -7,12 +7,14 @@ from ._errors import MissingPathError as MissingPathError
 from ._errors import RigConfigError as RigConfigError
 from ._errors import RigError as RigError
 from ._errors import StorageError as StorageError
+from ._open_rig import BenchFlaws as BenchFlaws
 from ._open_rig import open_rig as open_rig
-from ._open_rig import rig_for as rig_for
+from ._open_rig import open_rig_seeing as open_rig_seeing
 from ._owned_folder import OwnedFolder as OwnedFolder
 from ._owned_folder import remove_abandoned as remove_abandoned
 from ._render.chrome import MirroredLights as MirroredLights
 from ._render.chrome import find_mirrored_lights as find_mirrored_lights
+from ._render.cramer_rao import Measurement as Measurement
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import Rendering as Rendering
 from ._render.render import render as render
@@ -54,3 +56,4 @@ from ._shapes.surface import Ripples as Ripples
 from ._shapes.surface import SphericalCap as SphericalCap
 from ._shapes.surface import Surface as Surface
 from ._simulated_rig import simulated_rig as simulated_rig
+from ._wiring import Wiring as Wiring

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
-from rig import Rig, RigConfig, RigConfigError, complaints
+from rig import Rig, RigConfig, RigConfigError, validation_message
 from simulator._camera.image_formation import ImageFormation
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
@@ -73,6 +73,25 @@ class RigOptions(BaseModel):
     wiring: dict[str, Any] = {}
 
 
+@dataclass(frozen=True)
+class BenchFlaws:
+    """What is wrong with a simulated bench; the default has no flaw.
+
+    Parameters
+    ----------
+    wiring
+        Wiring faults of the LEDs.
+    lamps
+        Behaviour of the LEDs over time; None for that of the scene's lamps.
+    shake_px
+        Standard deviation, along each axis, of the image's position in a frame, 0 to 8 pixels.
+    """
+
+    wiring: Wiring = Wiring()
+    lamps: Lamps | None = None
+    shake_px: float = 0.0
+
+
 def open_rig(config: RigConfig) -> Rig:
     """Render a scene and open a simulated rig that sees it (driver ``simulated``).
 
@@ -96,8 +115,8 @@ def open_rig(config: RigConfig) -> Rig:
     try:
         options = RigOptions.model_validate(config.options)
     except ValidationError as error:
-        complaint = complaints(error, noun="option", known=RigOptions.model_fields)
-        raise RigConfigError(f"rig {config.name}: {complaint}") from error
+        message = validation_message(error, noun="option", known=RigOptions.model_fields)
+        raise RigConfigError(f"rig {config.name}: {message}") from error
     try:
         scene = _scene(options, config.leds)
         sensor = build(NoiseModel, asdict(scene.noise) | options.sensor, "sensor")
@@ -106,17 +125,16 @@ def open_rig(config: RigConfig) -> Rig:
         rendering = render(replace(scene, noise=sensor, lamps=lamps))
     except (DataError, MissingPathError) as error:
         raise RigConfigError(f"rig {config.name}: {error}") from error
-    return rig_for(
+    return open_rig_seeing(
         rendering,
         config,
         seed=options.seed,
         noisy=options.noise,
         realtime=options.realtime,
-        shake_px=options.shake_px,
         sensor_seed=options.sensor_seed,
         camera=options.camera,
         frame_rate_hz=options.frame_rate_hz,
-        wiring=wiring,
+        flaws=BenchFlaws(wiring=wiring, shake_px=options.shake_px),
     )
 
 
@@ -133,19 +151,17 @@ def _scene(options: RigOptions, leds: int) -> Scene:
     return scene_named(options.scene, width=width, height=height, leds=leds, seed=options.seed)
 
 
-def rig_for(
+def open_rig_seeing(
     rendering: Rendering,
     config: RigConfig | None = None,
     *,
     seed: int = 0,
     noisy: bool = True,
-    realtime: bool = True,
-    lamps: Lamps | None = None,
-    shake_px: float = 0.0,
     sensor_seed: int = 0,
+    realtime: bool = True,
     camera: CameraKind = "auto",
     frame_rate_hz: float = FRAME_RATE_HZ,
-    wiring: Wiring | None = None,
+    flaws: BenchFlaws = BenchFlaws(),
 ) -> Rig:
     """Open a simulated rig that sees a rendering, so that the caller has its ground truth.
 
@@ -156,12 +172,12 @@ def rig_for(
     config
         Configuration with as many LEDs as the rendering. The default is a rig called ``simulated``
         with the LED positions of the scene.
-    lamps
-        Lamps to use instead of the scene's.
-    seed, noisy, shake_px, sensor_seed
+    seed, noisy, sensor_seed
         See `ImageFormation`.
-    realtime, camera, frame_rate_hz, wiring
+    realtime, camera, frame_rate_hz
         See `simulated_rig`.
+    flaws
+        Flaws of the bench; the default has none.
 
     Returns
     -------
@@ -185,8 +201,7 @@ def rig_for(
     if not config.led_positions_mm and scene.lights.positions_mm is not None:
         positions_mm = tuple((x, y, z) for x, y, z in scene.lights.positions_mm.tolist())
         config = config.model_copy(update={"led_positions_mm": positions_mm})
-    lamps = lamps or scene.lamps
-    wiring = wiring or Wiring()
+    lamps, wiring = flaws.lamps or scene.lamps, flaws.wiring
     for fault, listed in (("dead", lamps.dead), ("wrongly wired", wiring.leds)):
         if any(led >= leds for led in listed):
             raise RigConfigError(
@@ -202,7 +217,7 @@ def rig_for(
             noisy=noisy,
             cfa=scene.lens.cfa,
             lamps=lamps,
-            shake_px=shake_px,
+            shake_px=flaws.shake_px,
             sensor_seed=sensor_seed,
         ),
         realtime=realtime,

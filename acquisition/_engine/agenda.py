@@ -52,9 +52,9 @@ class Agenda:
 
 def _is_compared(shot: PlannedShot, other: PlannedShot) -> bool:
     """Return whether ``other`` is the dark frame, or a longer exposure of the LED, of a shot."""
-    if shot.lit_led is None or shot.exposure_us is None or other.exposure_us is None:
+    if shot.led is None or shot.exposure_us is None or other.exposure_us is None:
         return False
-    if other.lit_led is None:
+    if other.led is None:
         return shot.exposure_us == other.exposure_us
-    same = (shot.role, shot.lit_led) == (other.role, other.lit_led)
+    same = (shot.role, shot.led) == (other.role, other.led)
     return same and shot.exposure_us < other.exposure_us

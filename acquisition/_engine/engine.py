@@ -161,7 +161,7 @@ def resume(
         if hooks.on_event is not None:
             for line in writer.set_aside_events:
                 hooks.on_event(line.event, line.details)
-        died = sorted(set(rig.config.dead_leds) & {shot.lit_led for shot in writer.missing})
+        died = sorted(set(rig.config.dead_leds) & {shot.led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
@@ -201,7 +201,7 @@ def check_resume(
     session, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
     missing = session.missing_without(one.frame for one in damaged or ())
     dead = rig.config.dead_leds
-    return session, recorded, tuple(shot for shot in missing if shot.lit_led not in dead)
+    return session, recorded, tuple(shot for shot in missing if shot.led not in dead)
 
 
 def _fitting(

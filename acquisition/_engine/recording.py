@@ -169,12 +169,12 @@ class Recording:
     def _note_light(self, stored: Stored) -> None:
         """Note the light of a frame; report the first frame of an exposure that shows none."""
         shot = stored.shot
-        if shot.lit_led is None or self._references.note(shot, quality_of(stored.line)):
+        if shot.led is None or self._references.note(shot, quality_of(stored.line)):
             return
         exposure_us = _exposure_us(shot)
         if exposure_us not in self._unseen_us:
             self._unseen_us.add(exposure_us)
-            self.event("no_light_seen", led=shot.lit_led, exposure_us=exposure_us)
+            self.event("no_light_seen", led=shot.led, exposure_us=exposure_us)
 
     def event(self, name: str, **details: Any) -> None:
         """Queue an event for writing, and report it."""
@@ -209,21 +209,21 @@ class Recording:
 
     def _dark_is_known(self, shot: PlannedShot) -> bool:
         """Return whether the dark frame for comparison is known, or none is planned."""
-        unjudged = shot.lit_led is None or not self._has_darks
+        unjudged = shot.led is None or not self._has_darks
         return unjudged or self._references.dark(shot) is not None
 
     def _longer_is_known(self, shot: PlannedShot) -> bool:
         """Return whether the LED was seen at a longer exposure, or none is planned."""
-        if shot.lit_led is None or not self._has_darks or self._references.light(shot) is not None:
+        if shot.led is None or not self._has_darks or self._references.light(shot) is not None:
             return True
         brackets = range(len(self._plan.exposures_us))
-        longest_us = max(self._plan.exposure_us(shot.lit_led, bracket) for bracket in brackets)
+        longest_us = max(self._plan.exposure_us(shot.led, bracket) for bracket in brackets)
         return _exposure_us(shot) >= longest_us
 
     def _take_one(self) -> None:
         planned = self._todo.first
         try:
-            shot = self._rig.shoot(planned.lit_led, _exposure_us(planned), self._plan.gain_db)
+            shot = self._rig.shoot(planned.led, _exposure_us(planned), self._plan.gain_db)
         except RigError as error:
             self._failed(planned, error)
         else:
@@ -235,7 +235,7 @@ class Recording:
         """Take all shots that fit one sequence, or as many as fit into the queue."""
         first = self._todo.first
         group = self._todo.take(lambda shot: self._may_follow(first, shot))
-        leds = [shot.lit_led for shot in group]
+        leds = [shot.led for shot in group]
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
         with closing(cast(Generator[Shot, None, None], shots)) as sequence:
             while (shot := self._next(sequence, group)) is not None:
@@ -253,7 +253,7 @@ class Recording:
         if shot.exposure_us != first.exposure_us or flats[0] != flats[1]:
             return False
         # Frames without light are measured as soon as they arrive.
-        dark = first.lit_led is None or self._dark_is_known(shot)
+        dark = first.led is None or self._dark_is_known(shot)
         return dark and self._longer_is_known(shot)
 
     def _next(self, sequence: Iterator[Shot], group: Sequence[PlannedShot]) -> Shot | None:
@@ -279,7 +279,7 @@ class Recording:
         """Queue a frame for writing; return False if it is already known to be rejected."""
         self._delivered = True
         quality, counts = None, True
-        if planned.lit_led is None:
+        if planned.led is None:
             # Measured now, because later frames are compared with it.
             quality = self._writer.measure(planned, shot.frame.pixels)
             counts = self._rejection(planned, quality) is None
@@ -300,7 +300,7 @@ class Recording:
         """Note that a shot must be taken again, or raise the error after too many failures."""
         counts, most = self._failures, self._plan.retakes
         if isinstance(error, FrameLostError):
-            self.event("frames_lost", file=shot.file, led=shot.lit_led, **error.counts)
+            self.event("frames_lost", file=shot.file, led=shot.led, **error.counts)
             counts = self._losses
             if self._frames_arrive(error):
                 most = max(most, LOST_RETAKES)
@@ -310,7 +310,7 @@ class Recording:
             if failures > 1:
                 error.add_note(f"{shot.file} was taken {failures} times")
             raise error
-        self.event("retake", file=shot.file, led=shot.lit_led, reason=str(error), failures=failures)
+        self.event("retake", file=shot.file, led=shot.led, reason=str(error), failures=failures)
 
     def _frames_arrive(self, error: FrameLostError) -> bool:
         """Return whether frames arrive at all, so that only some were lost."""
@@ -342,7 +342,7 @@ class Recording:
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",
             quality=quality,
-            above_dark=None if planned.lit_led is None else above_dark(quality, dark, range_dn),
+            above_dark=None if planned.led is None else above_dark(quality, dark, range_dn),
             before_line=turn,
         )
         return Stored(planned, line, rejected)

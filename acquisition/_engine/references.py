@@ -35,7 +35,7 @@ class References:
         planned = {} if plan is None else {shot.key: shot for shot in plan.shots()}
         lines = [frame.line for frame in session.frames if frame.line.key in planned]
         # Unlit frames first: lit ones are compared with them, and they may have been retaken later.
-        for line in sorted(lines, key=lambda line: planned[line.key].lit_led is not None):
+        for line in sorted(lines, key=lambda line: planned[line.key].led is not None):
             references.note(planned[line.key], quality_of(line))
         return references
 
@@ -46,7 +46,7 @@ class References:
         """
         if shot.exposure_us is None:
             return True
-        if shot.lit_led is None:
+        if shot.led is None:
             self._dark[shot.role, shot.exposure_us] = quality
             return True
         if (dark := self.dark(shot)) is None:
@@ -56,7 +56,7 @@ class References:
         )
         known = self.light(shot)
         if light is not None and (known is None or light.exposure_us > known.exposure_us):
-            self._light[shot.role, shot.lit_led] = light
+            self._light[shot.role, shot.led] = light
         return light is not None
 
     def dark(self, shot: PlannedShot) -> FrameQuality | None:
@@ -72,7 +72,7 @@ class References:
 
     def light(self, shot: PlannedShot) -> SeenLight | None:
         """Return the light of the LED of a shot at the longest exposure that showed it."""
-        return None if shot.lit_led is None else self._light.get((shot.role, shot.lit_led))
+        return None if shot.led is None else self._light.get((shot.role, shot.led))
 
 
 def quality_of(line: FrameLine) -> FrameQuality:

@@ -100,7 +100,7 @@ def rejection(
             f"the plan allows {max_clipped_fraction:.3%}; shorten the exposure, or raise "
             "max_clipped_fraction"
         )
-    if shot.lit_led is None or dark is None:
+    if shot.led is None or dark is None:
         return None
     if is_lit(quality.percentiles_dn, dark.percentiles_dn, range_dn):
         return None
@@ -112,12 +112,12 @@ def rejection(
         return None
     if _is_darker(quality.percentiles_dn, dark.percentiles_dn):
         return RigError(
-            f"{shot.file}: the frame of LED {shot.lit_led} is darker{exposure} than the frame with "
+            f"{shot.file}: the frame of LED {shot.led} is darker{exposure} than the frame with "
             "all LEDs off: other light fell on that one; darken the room, then record into a new "
             "folder"
         )
     return RigError(
-        f"{shot.file}: LED {shot.lit_led} gave no light{exposure}: the frame is no brighter than "
+        f"{shot.file}: LED {shot.led} gave no light{exposure}: the frame is no brighter than "
         "the one with all LEDs off; check the LED and the lens, lengthen the exposure, or list the "
         "LED in dead_leds of the rig file"
     )

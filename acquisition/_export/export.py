@@ -40,7 +40,7 @@ from acquisition._staging import staged
 from acquisition._value_files.camera import write_camera
 from acquisition._value_files.lights import write_lights
 from acquisition._values.lights import Lights
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, no_progress, pluralize
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +71,10 @@ class Export:
     _frames: tuple[Frame, ...]
     _samples: Samples
     _lights: Lights | None
+
+    def __repr__(self) -> str:
+        images = pluralize(len(self._frames), "image")
+        return f"Export({self.session.folder}, {self.layout}, {self.values}, {images})"
 
     def write(
         self,

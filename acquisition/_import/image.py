@@ -17,7 +17,7 @@ from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.images import Image, open_image, read_image
 from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
 from acquisition._text_files import text_of
-from rig import MAX_PIXELS, UnreadableError, refusing
+from rig import MAX_PIXELS, UnreadableError, convert_parser_errors
 
 # Some cameras measure the black level for each frame: allowed difference, relative to white.
 _BLACK_SLACK = 0.001
@@ -192,7 +192,7 @@ def _header(path: Path, max_pixels: int = MAX_PIXELS) -> ShotData:
 def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
     """Return an attribute, or None if it is missing; text that is not UTF-8 is read as Latin-1."""
     try:
-        with refusing(name):
+        with convert_parser_errors(name):
             value = spec.getattribute(name)
     except UnreadableError:
         return None

@@ -30,7 +30,7 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
@@ -53,6 +53,8 @@ class WatchResult:
     session: Session
     missing: tuple[PlannedShot, ...]
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def watch_folder(
@@ -188,7 +190,7 @@ class _Watcher:
                     "restore the session from a copy, or choose a new folder"
                 )
             self._recorded[frame.line.origin] = indices[frame.line.key]
-        text = f"continued with {len(self._recorded)} images"
+        text = f"continued with {pluralize(len(self._recorded), 'image')}"
         self._say(Notice("watch-continued", text, str(self._out), "info"))
 
     def _match(self, *, decide: bool) -> Match:
@@ -256,8 +258,10 @@ class _Watcher:
         missing = self._missing
         if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
             text = (
-                f"the last shot is recorded, but {len(missing)} before it are missing: save an "
-                f"image as {Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to add the first"
+                "the last shot is recorded, but "
+                f"{pluralize(len(missing), 'shot before it is', 'shots before it are')} missing: "
+                f"save an image as {Path(missing[0].file).stem}{Path(new[-1][0]).suffix} to add "
+                "the first"
             )
             self._say(Notice("shots-without-image", text))
         return bool(new)

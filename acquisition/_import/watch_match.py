@@ -9,6 +9,8 @@ from itertools import pairwise
 from statistics import median_low
 from typing import Final
 
+from rig import pluralize
+
 # Number of intervals from which the pace of a series is measured.
 PACE_INTERVALS: Final = 5
 # Shorter intervals come from copying the files of a memory card, not from the shots.
@@ -229,7 +231,7 @@ def _steps(before: Arrival, arrival: Arrival, later: Sequence[Arrival], pace: Pa
 
 
 def _gap(before: Arrival, arrival: Arrival, steps: int, pace: Pace | None) -> str:
-    missing = "1 image is" if steps == 2 else f"{steps - 1} images are"
+    missing = pluralize(steps - 1, "image is", "images are")
     if pace is None:
         return f"{missing} missing by number between {before.name} and {arrival.name}"
     return (

@@ -9,7 +9,7 @@ from pathlib import Path
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._values.lights import Lights, led_id
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, short_repr
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,8 @@ class Watch:
     settle_s: float = 1.0
     max_pixels: int = MAX_PIXELS
 
+    __repr__ = short_repr
+
 
 def lights_in_order(leds: int | Iterable[int]) -> tuple[PlannedShot, ...]:
     """Return one shot with unknown exposure for each LED: of so many from 0, or of those listed."""
@@ -67,7 +69,7 @@ def shots_by_name(shots: Sequence[PlannedShot]) -> dict[str, int]:
     names: dict[str, int] = {}
     for index, shot in enumerate(shots):
         names[Path(shot.file).stem.casefold()] = index
-        if shot.led is not None:
+        if shot.role == "light" and shot.led is not None:
             names.setdefault(led_id(shot.led).casefold(), index)
     return names
 
@@ -76,6 +78,7 @@ def lights_of_shots(shots: Sequence[PlannedShot], lights: Lights | None) -> Ligh
     """Return the lights of the shots' LEDs, with the names of the LEDs as ids."""
     if lights is None:
         return None
-    ids = list(dict.fromkeys(led_id(shot.led) for shot in shots if shot.led is not None))
+    leds = [shot.led for shot in shots if shot.role == "light" and shot.led is not None]
+    ids = list(dict.fromkeys(map(led_id, leds)))
     indices, _ = lights.match(ids)
     return replace(lights.take(indices), ids=tuple(ids))

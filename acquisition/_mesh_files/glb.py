@@ -9,7 +9,7 @@ import json
 import struct
 from typing import Any, Final
 
-from rig import UnreadableError, parse_json, refusing
+from rig import UnreadableError, convert_parser_errors, parse_json
 
 _MAGIC, _VERSION = b"glTF", 2
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -54,7 +54,7 @@ def shape_of_glb(data: bytes) -> bytes:
         raise UnreadableError("its JSON is not an object")
     kept = {name: content[name] for name in _KEPT if name in content}
     # Any exception in the checks means that the file is damaged.
-    with refusing("its structure is damaged"):
+    with convert_parser_errors("its structure is damaged"):
         _check_views(kept, len(rest) - 8)
         _check_accessors(kept)
         _check_meshes(kept)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig import Notice
+from rig import Notice, short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,3 +31,5 @@ class MeshFile:
     faces: npt.NDArray[np.int64] | None = None
     normals: npt.NDArray[np.float64] | None = None
     warnings: tuple[Notice, ...] = ()
+
+    __repr__ = short_repr

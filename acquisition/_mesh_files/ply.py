@@ -12,7 +12,7 @@ import numpy.typing as npt
 from acquisition._mesh_files.mesh_file import MeshFile
 from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body, whole
 from acquisition._mesh_files.ply_header import Element, read_header
-from rig import Notice, UnreadableError
+from rig import Notice, UnreadableError, pluralize
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
@@ -51,7 +51,11 @@ def _surface(
         fans, lost = _fans(_corners(elements["face"], tables["face"]))
         triangles.append(fans)
         if lost:
-            text = f"{lost} faces with fewer than three corners were left out"
+            words = (
+                "face with fewer than three corners was",
+                "faces with fewer than three corners were",
+            )
+            text = f"{pluralize(lost, *words)} left out"
             warnings = (Notice("faces-with-few-corners", text),)
     if _STRIPS in elements and elements[_STRIPS].count:
         strips = elements[_STRIPS]

@@ -9,14 +9,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._errors import DataError, declared
+from acquisition._errors import DataError, convert_read_errors
 from acquisition._mesh_files.glb import shape_of_glb
 from acquisition._mesh_files.mesh_file import MeshFile
 from acquisition._mesh_files.numbers import numbers_of
 from acquisition._mesh_files.ply import read_ply
 from acquisition._mesh_files.stl import read_stl
 from acquisition._text_files import text_of
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head, refusing
+from rig import MAX_BINARY_BYTES, UnreadableError, convert_parser_errors, read_bounded, read_head
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
 # With larger coordinates, areas and lengths would overflow.
@@ -45,12 +45,12 @@ def read_mesh_file(path: str | Path) -> MeshFile:
         If the file is of another kind, damaged or truncated, or has coordinates above 1e30.
     """
     file = Path(path)
-    with declared(file):
+    with convert_read_errors(file):
         read_head(file, 0)  # a missing file is reported before a wrong suffix
     suffix = file.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")
-    with declared(file):
+    with convert_read_errors(file):
         data = read_bounded(file, MAX_BINARY_BYTES)
         match suffix:
             case ".ply":
@@ -77,7 +77,10 @@ def _by_library(data: bytes, suffix: str) -> MeshFile:
     # Importing trimesh takes long.
     import trimesh
 
-    with refusing("not readable as a mesh: damaged or truncated"), np.errstate(all="ignore"):
+    with (
+        convert_parser_errors("not readable as a mesh: damaged or truncated"),
+        np.errstate(all="ignore"),
+    ):
         # From memory: with a file name trimesh would look for material files in its folder.
         loaded: Any = trimesh.load(
             io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True

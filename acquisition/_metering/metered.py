@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from acquisition._metering.light_level import MeteringGoal
 from acquisition._plan.plan import CapturePlan
-from rig import Notice
+from rig import Notice, short_repr
 
 _CODES: Final = {
     "dead": "led-dead",
@@ -67,6 +67,8 @@ class Metered:
     goal: MeteringGoal
     black_dn: float
     white_dn: float
+
+    __repr__ = short_repr
 
     @property
     def dead_leds(self) -> tuple[int, ...]:

@@ -112,7 +112,7 @@ class _Trial:
         self._low_us = info.exposure_min_us
         hold_us = _SHARE_OF_HOLD * rig.board.identity.max_hold_ms * 1000
         self.high_us = max(min(info.exposure_max_us, goal.longest_us, hold_us), self._low_us)
-        self.white_dn = float(2**info.bit_depth - 1)
+        self.white_dn = float(info.white_dn)
         # The shortest exposure collects hardly any room light or dark current: its level is black.
         unlit = rig.shoot(None, self._low_us, gain_db).frame
         self.black_dn = float(np.median(unlit.pixels))

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._errors import DataError, StorageError, declared
+from acquisition._errors import DataError, StorageError, convert_read_errors
 from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.png_chunks import SIGNATURE, check_png
 from acquisition._pixels.raw import is_raw
@@ -26,9 +26,9 @@ from rig import (
     MAX_PIXELS,
     UnreadableError,
     check_pixels,
+    convert_parser_errors,
     read_bounded,
     read_head,
-    refusing,
 )
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -89,7 +89,10 @@ def read_image_with_alpha(
     with _opened(path, max_pixels) as (file, spec, channels, dtype):
         # After the header check, which is faster and may refuse the file.
         _check_png_file(path)
-        with declared(path), refusing("cut short or damaged, copy it again"):
+        with (
+            convert_read_errors(path),
+            convert_parser_errors("cut short or damaged, copy it again"),
+        ):
             pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
             # JPEG returns pixels from a truncated file; only the message shows it.
             message = file.geterror()
@@ -155,11 +158,11 @@ def _opened(
     """Open an image; yield its reader, its spec, its colour channels and the NumPy sample type."""
     if is_raw(path):
         raise DataError(f"{path}: camera RAW is not an ordinary image: read it as RAW")
-    with declared(path):
+    with convert_read_errors(path):
         file_bytes = check_image_head(path, max_pixels)
         file = open_image(path)
     try:
-        with declared(path), refusing("not a readable image"):
+        with convert_read_errors(path), convert_parser_errors("not a readable image"):
             spec = file.spec()
             sample, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
         if sample not in _NATIVE or spec.deep or spec.depth > 1:
@@ -167,7 +170,7 @@ def _opened(
                 f"{path}: samples of type {sample} are not supported: save the image as 8 or 16 "
                 "bit unsigned, or float"
             )
-        with declared(path):
+        with convert_read_errors(path):
             bits = bits or 8 * spec.format.size()
             check_pixels(spec.width, spec.height, bits * spec.nchannels, file_bytes, max_pixels)
         yield file, spec, _colour_channels(spec, path), _NATIVE[sample]
@@ -186,7 +189,7 @@ def open_image(path: Path) -> oiio.ImageInput:
     hints = oiio.ImageSpec()
     hints.attribute("oiio:UnassociatedAlpha", 1)
     name = library_path(path)
-    with refusing("not a readable image"):
+    with convert_parser_errors("not a readable image"):
         file = oiio.ImageInput.open(name, hints)
         message = "" if file is not None else oiio.geterror()
     if file is None:
@@ -201,7 +204,7 @@ def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[A
 
 
 def _check_png_file(path: Path) -> None:
-    with declared(path):
+    with convert_read_errors(path):
         if read_head(path, len(SIGNATURE))[0] == SIGNATURE:
             check_png(read_bounded(path, MAX_BINARY_BYTES), str(path))
 

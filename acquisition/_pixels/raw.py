@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import rawpy
 
-from acquisition._errors import DataError, declared
+from acquisition._errors import DataError, convert_read_errors
 from acquisition._storage import library_path
 from acquisition._suffixes import RAW_SUFFIXES
-from rig import MAX_PIXELS, check_pixels, read_head, refusing
+from rig import MAX_PIXELS, check_pixels, convert_parser_errors, read_head, short_repr
 
 _UNREADABLE = "not a readable camera RAW file"
 
@@ -55,6 +55,8 @@ class RawFrame:
     iso: float | None = None
     taken: datetime | None = None
 
+    __repr__ = short_repr
+
 
 def is_raw(path: Path) -> bool:
     """Return whether a file has a suffix of camera RAW."""
@@ -74,10 +76,10 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
     """
     path = Path(path)
     with _opened(path) as (raw, file_bytes):
-        with declared(path):
+        with convert_read_errors(path):
             sizes = raw.sizes
             check_pixels(sizes.raw_width, sizes.raw_height, 16, file_bytes, max_pixels)
-        with declared(path), refusing(_UNREADABLE, rawpy.LibRawError):
+        with convert_read_errors(path), convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
             raw.unpack()
             pattern = raw.raw_pattern if raw.raw_type == rawpy.RawType.Flat else None
             if pattern is not None:
@@ -118,8 +120,8 @@ def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | 
     """
     with (
         _opened(path) as (raw, _),
-        declared(path),
-        refusing(_UNREADABLE, rawpy.LibRawError),
+        convert_read_errors(path),
+        convert_parser_errors(_UNREADABLE, rawpy.LibRawError),
     ):
         return _shot_metadata(raw)
 
@@ -129,9 +131,9 @@ def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int]]:
     """Open a RAW file without decoding its pixels; yield it and the size of the file in bytes."""
     raw = rawpy.RawPy()
     try:
-        with declared(path):
+        with convert_read_errors(path):
             _, file_bytes = read_head(path, 0)
-            with refusing(_UNREADABLE, rawpy.LibRawError):
+            with convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
                 raw.open_file(library_path(path))
         yield raw, file_bytes
     finally:

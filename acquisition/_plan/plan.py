@@ -23,6 +23,7 @@ from acquisition._errors import DataError
 from acquisition._plan.led_numbers import MOST_LEDS, led_numbers
 from acquisition._plan.planned_shot import PlannedShot, Role
 from acquisition._toml import read_toml, validated
+from rig import pluralize
 
 
 def _led_number(key: object) -> object:
@@ -97,6 +98,15 @@ class CapturePlan(BaseModel):
     retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
     max_clipped_fraction: Annotated[float, Field(strict=True, ge=0, le=1)] = 1.0
 
+    def __repr__(self) -> str:
+        counts = {
+            "LED": len(self.leds),
+            "bracket": len(self.exposures_us),
+            "shot": len(self.shots()),
+        }
+        shown = (pluralize(count, noun) for noun, count in counts.items())
+        return f"CapturePlan({', '.join(shown)})"
+
     @field_validator("leds", "exposures_us")
     @classmethod
     def _each_once(cls, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -118,8 +128,8 @@ class CapturePlan(BaseModel):
                 raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
             if len(exposures_us) != len(self.exposures_us):
                 raise ValueError(
-                    f"exposures_by_led: LED {led} has {len(exposures_us)} exposures, exposures_us "
-                    f"has {len(self.exposures_us)}: give one for each bracket"
+                    f"exposures_by_led: LED {led} has {pluralize(len(exposures_us), 'exposure')}, "
+                    f"exposures_us has {len(self.exposures_us)}: give one for each bracket"
                 )
             if len(set(exposures_us)) < len(exposures_us):
                 raise ValueError(f"exposures_by_led: LED {led} has an exposure twice")
@@ -231,7 +241,7 @@ class CapturePlan(BaseModel):
             for led, bracket in self._by_exposure(rank)
         ]
         flats = [
-            PlannedShot("flat", None, bracket, number, self.exposure_us(led, bracket), led)
+            PlannedShot("flat", led, bracket, number, self.exposure_us(led, bracket))
             for rank in ranks
             for number, led in enumerate(self._flat_leds())
             for bracket in [self._from_longest(led)[rank]]

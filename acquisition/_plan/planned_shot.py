@@ -22,7 +22,8 @@ class PlannedShot:
         ``light`` (one LED is on), ``dark``, ``ambient`` (both with all LEDs off) or ``flat`` (a
         white card).
     led
-        LED number from 0 for a light, None otherwise.
+        Number from 0 of the LED that is on, None if all are off; None, too, for a flat under an
+        unknown LED (a session without a plan).
     bracket
         Index of the bracket from 0; for dark and ambient frames the index of their exposure time
         in `CapturePlan.distinct_exposures_us`.
@@ -30,8 +31,6 @@ class PlannedShot:
         0 for the first shot of this LED and bracket, then 1, 2 ...
     exposure_us
         Requested exposure time, microseconds; None if it is unknown (imported images).
-    flat_led
-        LED that lights a flat; not part of its identity. None for other roles.
     """
 
     role: Role
@@ -39,17 +38,14 @@ class PlannedShot:
     bracket: int
     repeat: int
     exposure_us: float | None
-    flat_led: int | None = None
-
-    @property
-    def lit_led(self) -> int | None:
-        """The LED that is on during the shot, None if all LEDs are off."""
-        return self.flat_led if self.led is None else self.led
 
     @property
     def key(self) -> ShotKey:
-        """Identity of the shot; a retake has the key of the shot that it replaces."""
-        return self.role, self.led, self.bracket, self.repeat
+        """Identity of the shot; a retake has the key of the shot that it replaces.
+
+        The LED of a light is part of it, the LED of a flat is not.
+        """
+        return self.role, None if self.role == "flat" else self.led, self.bracket, self.repeat
 
     @property
     def file(self) -> str:
@@ -61,10 +57,10 @@ class PlannedShot:
         return f"{self._stem()}{f'_R{number}' if number else ''}.tif"
 
     def _stem(self) -> str:
-        if self.led is not None:
-            return f"{led_id(self.led)}_E{self.bracket}"
         if self.role == "flat":
             return f"F_E{self.bracket}"
+        if self.led is not None:
+            return f"{led_id(self.led)}_E{self.bracket}"
         if self.exposure_us is None:
             raise DataError(f"a {self.role} frame needs an exposure time: its file is named by it")
         exposure = float(self.exposure_us)

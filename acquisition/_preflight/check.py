@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-from rig import Notice, Severity
+from rig import Notice, Severity, short_repr
 
 State = Literal["ok", "warning", "failed", "not done"]
 
@@ -53,6 +53,8 @@ class Check:
     text: str
     values: dict[str, float | int | str | None] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     @property
     def lines(self) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from acquisition._preflight.trial_frames import (
     check_room,
     check_steadiness,
 )
-from rig import CameraFrame, Progress, Rig, RigError, no_progress
+from rig import CameraFrame, Progress, Rig, RigError, no_progress, pluralize
 
 _STEADY_SHOTS = 5
 
@@ -34,6 +34,10 @@ class Preflight:
     """Results of all checks, in order."""
 
     checks: tuple[Check, ...]
+
+    def __repr__(self) -> str:
+        failed = ", ".join(check.name for check in self.failed) or "none"
+        return f"Preflight({pluralize(len(self.checks), 'check')}, failed: {failed})"
 
     @property
     def ok(self) -> bool:
@@ -186,7 +190,7 @@ class _TrialFrames:
         info = rig.camera.info
         self._rig = rig
         self._plan = plan
-        self._white_dn = float(2**info.bit_depth - 1 if white_level_dn is None else white_level_dn)
+        self._white_dn = float(info.white_dn if white_level_dn is None else white_level_dn)
         self._led = plan.leds[len(plan.leds) // 2]
         brackets = range(len(plan.exposures_us))
         self._exposures_us = [plan.exposure_us(self._led, bracket) for bracket in brackets]

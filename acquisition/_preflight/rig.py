@@ -5,7 +5,8 @@ from __future__ import annotations
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._preflight.check import Check, State
-from rig import Rig, selftest
+from acquisition._selftest.selftest import selftest
+from rig import Rig, pluralize
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0
@@ -101,7 +102,8 @@ def check_brightness(rig: Rig, plan: CapturePlan) -> Check:
     """
     for led in plan.leds:
         rig.board.level(led, FULL_LEVEL)
-    text = f"{len(plan.leds)} LEDs at full brightness: exposures of any length get steady light"
+    leds = pluralize(len(plan.leds), "LED")
+    text = f"{leds} at full brightness: exposures of any length get steady light"
     return Check("brightness", "ok", text, {"level": FULL_LEVEL})
 
 
@@ -115,7 +117,7 @@ def check_leds(rig: Rig, plan: CapturePlan) -> Check:
     wrong = [finding for finding in tested.findings if finding.fault]
     lines = [finding.text for finding in wrong or tested.findings]
     if not wrong:
-        lines.insert(0, f"{len(tested.leds)} LEDs tested, no fault")
+        lines.insert(0, f"{pluralize(len(tested.leds), 'LED')} tested, no fault")
         return Check("LEDs", "ok", "; ".join(lines), values, tuple(lines))
     # Faults of LEDs that the plan does not use are warnings only.
     concerned = any(not finding.leds or set(finding.leds) & set(plan.leds) for finding in wrong)

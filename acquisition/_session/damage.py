@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._session.session_frame import SessionFrame
-from rig import Notice
+from rig import Notice, short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +26,8 @@ class Damage:
     frame: SessionFrame
     reason: str
     where: Path
+
+    __repr__ = short_repr
 
     @property
     def notice(self) -> Notice:

@@ -19,7 +19,7 @@ from acquisition._session.journal import (
     Index,
     Sha256,
 )
-from rig import complaints
+from rig import validation_message
 
 # Events that change the meaning of earlier lines. Only the code that performs the change writes
 # them.
@@ -206,7 +206,7 @@ def details_complaint(event: str, details: dict[str, Any], version: int) -> str 
     try:
         schema.model_validate(details)
     except ValidationError as error:
-        return complaints(error)
+        return validation_message(error)
     return None
 
 

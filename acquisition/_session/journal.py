@@ -28,7 +28,7 @@ from pydantic import (
 from acquisition._pixels.frame_quality import PERCENTILE_NAMES
 from acquisition._plan.planned_shot import Role, ShotKey
 from acquisition._storage import sha256_of
-from rig import complaints
+from rig import validation_message
 
 GENESIS = "0" * 64
 # Events that readers act on.
@@ -112,11 +112,12 @@ class Echo(_Part):
 class FrameLine(_Line):
     """A frame that is safe on disk. A frame without a complete line does not exist.
 
-    ``exposure_us`` is the exposure time that the camera reported, ``origin`` the source file of an
-    imported frame. A frame with status ``rejected`` is kept but does not count. ``mean_dn`` is the
-    mean grey value. ``above_dark`` of a lit frame is the difference of its mean from that of the
-    frame with all LEDs off at the same exposure, as a fraction of the range from black to white.
-    None stands for unknown values.
+    ``led`` is part of the identity: the LED of a light, None for other roles; the LED of a flat is
+    in ``echo``. ``exposure_us`` is the exposure time that the camera reported, ``origin`` the
+    source file of an imported frame. A frame with status ``rejected`` is kept but does not count.
+    ``mean_dn`` is the mean grey value. ``above_dark`` of a lit frame is the difference of its mean
+    from that of the frame with all LEDs off at the same exposure, as a fraction of the range from
+    black to white. None stands for unknown values.
     """
 
     kind: Literal["frame"] = "frame"
@@ -141,6 +142,9 @@ class FrameLine(_Line):
     above_dark: float | None = None
     status: Literal["ok", "rejected"]
     origin: str | None
+
+    def __repr__(self) -> str:
+        return f"FrameLine({self.seq}, {self.file}, {self.status})"
 
     @property
     def key(self) -> ShotKey:
@@ -168,6 +172,9 @@ class EventLine(_Line):
     kind: Literal["event"] = "event"
     event: Annotated[str, Field(pattern=r"^[a-z][a-z_]*$")]
     details: dict[str, JsonValue]
+
+    def __repr__(self) -> str:
+        return f"EventLine({self.seq}, {self.event})"
 
     @property
     def left_out(self) -> frozenset[int]:
@@ -286,7 +293,7 @@ def _understood(piece: bytes, seq: int) -> Line | str:
         del record["line_sha256"]
         line = _LINE.validate_python(record)
     except ValidationError as error:
-        return complaints(error)
+        return validation_message(error)
     except _RefusedError as error:
         return str(error)
     except (ValueError, TypeError, KeyError, RecursionError):

@@ -22,7 +22,7 @@ from acquisition._session.journal import (
     parse_journal,
 )
 from acquisition._storage import append_durably, disk, open_binary, read_file, write_durably
-from rig import complaints
+from rig import validation_message
 
 Clock = Callable[[], datetime]
 AnyLine = TypeVar("AnyLine", bound=Line)
@@ -126,7 +126,7 @@ class JournalFile:
             line = kind(seq=self._seq, time_utc=time_utc, **values)
             return line, *encode_line(_record(line), self._previous)
         except ValidationError as error:
-            reason = complaints(error)
+            reason = validation_message(error)
         except ValueError as error:
             reason = str(error)
         raise DataError(f"{self.path}: a line would be invalid: {reason}")

@@ -29,10 +29,10 @@ def wrong_light(planned: PlannedShot, lit: Mapping[str, int | None]) -> str | No
     str or None
         The contradiction, as the end of a sentence; None if all reports agree with the plan.
     """
-    any_led = planned.role == "flat" and planned.lit_led is None
+    any_led = planned.role == "flat" and planned.led is None
     for reporter, led in lit.items():
-        if (led is None) if any_led else (led != planned.lit_led):
-            expected = "an LED" if any_led else _name(planned.lit_led)
+        if (led is None) if any_led else (led != planned.led):
+            expected = "an LED" if any_led else _name(planned.led)
             return f"was planned with {expected}, but {reporter} reports {_name(led)}"
     return None
 

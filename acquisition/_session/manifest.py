@@ -160,6 +160,10 @@ class Manifest(Table):
     sensor: SensorRecord | None = None
     lights: LightsRecord | None = None
 
+    def __repr__(self) -> str:
+        started = f"{self.started_utc:%Y-%m-%d %H:%M} UTC"
+        return f"Manifest({self.object or 'no object'}, {started}, format {self.format_version})"
+
     @property
     def mounting(self) -> Mounting:
         """Mounting of the camera, from which stored frames are turned upright; default none."""

@@ -62,6 +62,6 @@ class OpenShots:
             if isinstance(line, FrameLine) and line.status == "ok":
                 self._missing.pop(line.key, None)
             elif isinstance(line, EventLine) and (dead := line.left_out):
-                for shot in [s for s in self._missing.values() if s.lit_led in dead]:
+                for shot in [s for s in self._missing.values() if s.led in dead]:
                     del self._missing[shot.key]
                     self._demanded -= 1

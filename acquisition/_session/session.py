@@ -25,11 +25,19 @@ from acquisition._session.layout import (
 from acquisition._session.manifest import Manifest, parse_manifest
 from acquisition._session.recorded import SetAsideFrame, recorded_frames
 from acquisition._session.session_frame import SessionFrame
-from acquisition._storage import is_part, sha256_of
+from acquisition._storage import is_hidden, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
-from rig import MAX_TEXT_BYTES, MAX_TOML_BYTES, Notice, SgpError, UnreadableError, read_bounded
+from rig import (
+    MAX_TEXT_BYTES,
+    MAX_TOML_BYTES,
+    Notice,
+    SgpError,
+    UnreadableError,
+    pluralize,
+    read_bounded,
+)
 
 # Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30
@@ -83,6 +91,10 @@ class Session:
     warnings: tuple[Notice, ...]
     lost_lines: Notice | None = None
 
+    def __repr__(self) -> str:
+        state = "complete" if self.complete else f"incomplete, {len(self.missing)} missing"
+        return f"Session({self.folder}, {pluralize(len(self.frames), 'frame')}, {state})"
+
     @classmethod
     def open(cls, folder: str | Path, *, damaged_frames: bool = False) -> Session:
         """Open a session, complete or not. Frames are read and checked only when requested.
@@ -111,7 +123,7 @@ class Session:
         kept = {frame.line.key for frame in self.frames if frame.line.seq not in gone}
         dead = _dead_leds(self.events, self.manifest)
         shots = () if plan is None else plan.shots()
-        return tuple(s for s in shots if s.key not in kept and s.lit_led not in dead)
+        return tuple(s for s in shots if s.key not in kept and s.led not in dead)
 
     @property
     def camera_model(self) -> CameraModel | None:
@@ -212,10 +224,11 @@ def _examine(folder: Path) -> Examination:
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
     dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
-    missing = tuple(shot for shot in absent if shot.lit_led not in dead)
+    missing = tuple(shot for shot in absent if shot.led not in dead)
     if complete and missing and journal.damage is None:
         problems.append(
-            f"{folder / COMPLETE}: exists although {len(missing)} planned frames are missing, "
+            f"{folder / COMPLETE}: exists although "
+            f"{pluralize(len(missing), 'planned frame is', 'planned frames are')} missing, "
             f"first {missing[0].file}"
         )
     lost_lines = None
@@ -233,7 +246,7 @@ def _examine(folder: Path) -> Examination:
         events=events,
         complete=complete,
         missing=missing,
-        left_out=tuple(shot for shot in absent if shot.lit_led in dead),
+        left_out=tuple(shot for shot in absent if shot.led in dead),
         warnings=tuple(warnings),
         lost_lines=lost_lines,
     )
@@ -281,16 +294,12 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[Notice | None, b
         "do not count"
     )
     text = (
-        f"{_counted(len(files), 'file')} without a line in the journal, first {files[0]}: "
+        f"{pluralize(len(files), 'file')} without a line in the journal, first {files[0]}: "
         f"{lost if many else explained}"
     )
     if many:
         return Notice("journal-lines-lost", text, str(folder / FRAMES)), True
     return Notice("frames-without-line", text, str(folder / FRAMES)), False
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:
@@ -382,4 +391,4 @@ def _completion(
 def _names(folder: Path) -> Iterator[Path]:
     """Yield the files of a folder, if it exists, except those of unfinished writes."""
     if folder.is_dir():
-        yield from sorted(path for path in folder.iterdir() if not is_part(path))
+        yield from sorted(path for path in folder.iterdir() if not is_hidden(path))

@@ -39,6 +39,11 @@ class SessionFrame:
     file_sha256: str
     shape: tuple[int, ...]
 
+    def __repr__(self) -> str:
+        led = "" if self.led is None else f", LED {self.led}"
+        exposure = "" if self.exposure_us is None else f", {self.exposure_us:g} us"
+        return f"SessionFrame({self.path.name}, {self.role}{led}{exposure}, shape {self.shape})"
+
     @property
     def role(self) -> Role:
         """``light``, ``dark``, ``ambient`` or ``flat``."""
@@ -46,13 +51,18 @@ class SessionFrame:
 
     @property
     def led(self) -> int | None:
-        """LED number from 0, None for frames that are not identified by an LED."""
+        """Number from 0 of the LED that was on, None if all were off or if it is unknown.
+
+        The LED of a flat is known if the board reported it.
+        """
+        if self.role == "flat":
+            return None if self.line.echo is None else self.line.echo.led
         return self.line.led
 
     @property
     def light_id(self) -> str:
-        """``L07`` for a frame lit by LED 7, otherwise the stem of the file."""
-        return Path(self.line.file).stem if self.led is None else led_id(self.led)
+        """``L07`` for a light frame of LED 7, otherwise the stem of the file."""
+        return Path(self.line.file).stem if self.line.led is None else led_id(self.line.led)
 
     @property
     def bracket(self) -> int:

@@ -16,7 +16,7 @@ from acquisition._session.manifest import FORMAT_VERSION
 from acquisition._session.recorded import SetAsideFrame
 from acquisition._session.session import Session
 from acquisition._software import software_version
-from acquisition._storage import disk, is_part, make_folder, sync_folder
+from acquisition._storage import disk, is_hidden, make_folder, sync_folder
 
 
 def set_frames_aside(
@@ -116,7 +116,7 @@ def clear_frames(
     for path in paths:
         if path.name in recorded:
             continue
-        if is_part(path):
+        if is_hidden(path):
             if not path.is_dir():  # hidden folders belong to other programs and stay
                 with disk(path, "remove"):
                     path.unlink()

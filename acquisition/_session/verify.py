@@ -9,8 +9,8 @@ from acquisition._session.frame_damage import frame_damage
 from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine
-from acquisition._storage import is_part
-from rig import Notice
+from acquisition._storage import is_hidden
+from rig import Notice, pluralize
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ class Verification:
     damaged: tuple[str, ...]
     set_aside: tuple[str, ...]
     bytes: int
+
+    def __repr__(self) -> str:
+        state = "complete" if self.complete else f"incomplete, {len(self.missing)} missing"
+        counts = f"{pluralize(self.frames, 'frame')}, {pluralize(len(self.problems), 'problem')}"
+        return f"Verification({self.folder}, {state}, {counts})"
 
     @property
     def ok(self) -> bool:
@@ -127,7 +132,7 @@ def _check_files(
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
         if path.name in recorded:
             continue
-        if is_part(path):
+        if is_hidden(path):
             if not path.is_dir():
                 text = "was left by an unfinished write; it can be deleted"
                 warnings.append(Notice("part-file-left", text, str(path), "info"))

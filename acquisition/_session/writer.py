@@ -36,7 +36,7 @@ from acquisition._session.session_frame import SessionFrame
 from acquisition._session.shared_use import SharedUse
 from acquisition._session.stored_frame import store_frame
 from acquisition._storage import write_durably
-from rig import Progress, no_progress
+from rig import Progress, no_progress, pluralize
 
 
 class SessionWriter:
@@ -249,7 +249,7 @@ class SessionWriter:
         exposure_us = shot.exposure_us if report.exposure_us is None else report.exposure_us
         values = {
             "role": shot.role,
-            "led": shot.led,
+            "led": shot.key[1],  # the LED of a flat is in its echo
             "bracket": shot.bracket,
             "repeat": shot.repeat,
             "exposure_us": _number(exposure_us),
@@ -310,8 +310,9 @@ class SessionWriter:
         missing = self.missing
         if missing:
             raise DataError(
-                f"{self.folder}: {len(missing)} planned frames are missing, first "
-                f"{missing[0].file}; take them before completing"
+                f"{self.folder}: "
+                f"{pluralize(len(missing), 'planned frame is', 'planned frames are')} missing, "
+                f"first {missing[0].file}; take them before completing"
             )
         with self._used():
             self._proofs.check_all()

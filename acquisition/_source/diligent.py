@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._errors import DataError, declared
+from acquisition._errors import DataError, convert_read_errors
 from acquisition._source.image_folder import images_source, with_ignored
 from acquisition._source.mat5 import read_mat5
 from acquisition._source.source import Source
@@ -77,7 +77,7 @@ def read_diligent(
 
 
 def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
-    with declared(path):
+    with convert_read_errors(path):
         data = read_bounded(path, MAX_BINARY_BYTES)
     try:
         normals = read_mat5(data, _TRUTH_VARIABLE, size[0] * size[1] * 3)

@@ -9,7 +9,7 @@ from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
-from rig import Notice
+from rig import Notice, pluralize
 
 # Other files of an export, which hold no further data.
 _FOR_OTHERS = ("export.json", "alicevision_lights.json")
@@ -39,8 +39,9 @@ def with_export_notes(source: Source) -> Source:
         return replace(source, warnings=(*source.warnings, notice))
     missing = [frame.file for frame in notes.frames if not (folder / frame.file).is_file()]
     if missing:
+        words = (f"image that {RECORD_FILE} lists is", f"images that {RECORD_FILE} lists are")
         raise DataError(
-            f"{folder}: {len(missing)} images that {RECORD_FILE} lists are missing, the first is "
+            f"{folder}: {pluralize(len(missing), *words)} missing, the first is "
             f"{missing[0]}: restore them, or export the session again"
         )
     named = [name for name in (notes.lights_file, notes.camera_file) if name is not None]

@@ -19,7 +19,7 @@ from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES
 from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import light_id
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, pluralize
 
 
 def read_images(
@@ -59,13 +59,15 @@ def read_lp_folder(
     if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
         raise DataError(
-            f"{lp}: lists {len(listed)} images, but only {len(set(present))} of them are there, "
+            f"{lp}: lists {pluralize(len(listed), 'image')}, but only {len(set(present))} of them "
+            f"{'is' if len(set(present)) == 1 else 'are'} there, "
             f"{absent} is not: add the image or remove its line"
         )
     series = present or numbered_series(images)
     if not series:
         raise DataError(
-            f"{folder}: no images for the {len(lights)} lights of {lp.name}: add the images"
+            f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}: add "
+            "the images"
         )
     source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))

@@ -13,7 +13,7 @@ from acquisition._source.image_folder import images_source, lp_files, read_image
 from acquisition._source.recording_json import RECORD_FILE
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
-from acquisition._staging import check_whole
+from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from rig import MAX_PIXELS, Notice
@@ -63,7 +63,7 @@ def read_source(
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
-    check_whole(path if path.is_dir() else path.parent)
+    check_staging_finished(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path, max_pixels))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:

@@ -25,7 +25,10 @@ class _Record(BaseModel):
 
 
 class ExportedFrame(_Record):
-    """One image: its file in the folder, and the shot of the session that it shows."""
+    """One image: its file in the folder, and the shot of the session that it shows.
+
+    ``led`` is the LED of a light, None for the other roles.
+    """
 
     file: _Name
     role: Role

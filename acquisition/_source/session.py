@@ -16,7 +16,7 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
-from rig import MAX_PIXELS, Mounting, Notice
+from rig import MAX_PIXELS, Mounting, Notice, pluralize
 
 
 def read_session(
@@ -61,14 +61,15 @@ def read_session(
         warnings.append(Notice("session-incomplete", text, str(folder)))
     if session.missing:
         text = (
-            f"{len(session.missing)} planned frames are missing, the first is "
-            f"{session.missing[0].file}"
+            f"{pluralize(len(session.missing), 'planned frame is', 'planned frames are')} missing, "
+            f"the first is {session.missing[0].file}"
         )
         warnings.append(Notice("frames-missing", text, str(folder)))
     if session.left_out:
-        leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+        leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
         text = (
-            f"{len(session.left_out)} planned frames were left out because these LEDs failed: "
+            f"{pluralize(len(session.left_out), 'planned frame was', 'planned frames were')} left "
+            f"out because {'this LED' if len(leds) == 1 else 'these LEDs'} failed: "
             f"{', '.join(leds)}"
         )
         warnings.append(Notice("frames-left-out", text, str(folder)))

@@ -15,7 +15,7 @@ from acquisition._pixels.images import Image, read_image
 from acquisition._plan.planned_shot import Role
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
-from rig import MAX_PIXELS, Notice
+from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
 MaskOrigin = Literal["given", "folder", "recording"]
@@ -53,6 +53,8 @@ class Frame:
     exposure_us: float | None = None
     load: Callable[[], Image] | None = field(default=None, repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
+
+    __repr__ = short_repr
 
     def read(self) -> Image:
         """Return the pixels as stored, without subtracting the black level and without scaling.
@@ -134,6 +136,14 @@ class Source:
     files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
     warnings: tuple[Notice, ...] = ()
+
+    def __repr__(self) -> str:
+        height, width = self.size
+        parts = [str(self.path), self.kind, pluralize(len(self.frames), "frame")]
+        parts[-1] += f" of {width} x {height} px"
+        known = ("lights", "mask", "camera", "normals_truth")
+        parts += [name for name in known if getattr(self, name) is not None]
+        return f"Source({', '.join(parts)})"
 
     @property
     def size(self) -> tuple[int, int]:

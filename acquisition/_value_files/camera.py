@@ -15,6 +15,7 @@ from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
 from acquisition._values.camera_model import CameraModel
+from rig import check_type
 
 # Indices of fx, fy, cx, cy, k1, k2, p1, p2 among the parameters of each COLMAP model.
 _COLMAP = {
@@ -90,6 +91,7 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
     StorageError
         If the file cannot be written.
     """
+    check_type("camera", camera, CameraModel, "CameraModel(K, width, height)")
     path = Path(path)
     match path.suffix.lower():
         case ".json":

@@ -16,6 +16,7 @@ from acquisition._value_files.lights_text import (
     parse_lp,
 )
 from acquisition._values.lights import Lights
+from rig import check_type
 
 
 def read_lights(path: str | Path) -> Lights:
@@ -77,6 +78,7 @@ def write_lights(
     StorageError
         If the file cannot be written.
     """
+    check_type("lights", lights, Lights, "Lights(directions)")
     path = Path(path)
     match path.suffix.lower():
         case ".json":

@@ -10,6 +10,7 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._values.lights import Array, Lights
+from rig import pluralize
 
 DIRECTIONS_FILE = "light_directions.txt"
 INTENSITIES_FILE = "light_intensities.txt"
@@ -41,8 +42,9 @@ def parse_lp(text: str, path: Path) -> Lights:
         )
     if count.lstrip("0") != str(len(lines) - 1):
         raise DataError(
-            f"{path} line {first}: the count is {count[:40]}, but {len(lines) - 1} lights follow: "
-            "correct the count or the rows"
+            f"{path} line {first}: the count is {count[:40]}, but "
+            f"{pluralize(len(lines) - 1, 'light follows', 'lights follow')}: correct the count or "
+            "the rows"
         )
     names: dict[str, None] = {}
     vectors = []

@@ -45,6 +45,12 @@ class CameraModel:
     working_distance_mm: float | None = None
     distortion: Array = field(default_factory=lambda: np.zeros(5))
 
+    def __repr__(self) -> str:
+        distance = self.working_distance_mm
+        far = "" if distance is None else f", working distance {distance:g} mm"
+        size = f"{self.width} x {self.height} px"
+        return f"CameraModel({size}, focal length {self.focal_px:.1f} px{far})"
+
     def __post_init__(self) -> None:
         K = np.array(self.K, np.float64)
         if K.shape != (3, 3) or not np.isfinite(K).all():

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from rig import pluralize
 
 Array = npt.NDArray[np.float64]
 
@@ -86,6 +87,12 @@ class Lights:
     mu: Array | None = None
     ids: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        kind = "direction" if self.positions_mm is None else "position"
+        unit = "" if self.positions_mm is None else " in mm"
+        last = f" to {self.ids[-1]}" if len(self) > 1 else ""
+        return f"Lights({pluralize(len(self), kind)}{unit}, {self.ids[0]}{last})"
+
     def __post_init__(self) -> None:
         chosen = self.directions if self.positions_mm is None else self.positions_mm
         if chosen is None or (self.directions is not None and self.positions_mm is not None):
@@ -94,7 +101,9 @@ class Lights:
         count = len(vectors)
         ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
-            raise DataError(f"{len(ids)} ids for {count} lights: give each light an id")
+            raise DataError(
+                f"{pluralize(len(ids), 'id')} for {count} lights: give each light an id"
+            )
         length = np.linalg.norm(vectors, axis=1)
         if np.any(length < 1e-9):
             raise DataError(f"light {ids[int(np.argmin(length))]} is a zero vector")
@@ -230,7 +239,7 @@ class Lights:
                 return [matches[name] for name in names], True
         if len(names) != len(self):
             raise DataError(
-                f"{len(names)} images for {len(self)} lights: "
+                f"{pluralize(len(names), 'image')} for {pluralize(len(self), 'light')}: "
                 "every image needs a light, by file name, or by order if the counts are equal"
             )
         # The default ids of lights without names express only their order.

@@ -58,6 +58,12 @@ class NoiseModel:
     hot_pixel_fraction: float = 0.0
     hot_pixel_e_per_s: float = 0.0
 
+    def __repr__(self) -> str:
+        return (
+            f"NoiseModel({self.electrons_per_dn:g} e/DN, read noise {self.read_noise_e:g} e, "
+            f"black level {self.black_level_dn:g} DN, {self.bit_depth} bit)"
+        )
+
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Lights, Linearizer, same_exposure
+from acquisition import (
+    CameraModel,
+    DataError,
+    Frame,
+    Lights,
+    Linearizer,
+    Source,
+    same_exposure,
+)
 from calibration._errors import EstimateError
 from calibration._radiance.demosaic import demosaic
-from rig import Notice, Progress, no_progress
-
-if TYPE_CHECKING:
-    from acquisition import Frame, Source
+from rig import Notice, Progress, check_type, no_progress
 
 FloatImage = npt.NDArray[np.float32]
 
@@ -54,6 +59,11 @@ class Stack:
     mask: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
+
+    def __repr__(self) -> str:
+        parts = [f"{self.values.dtype}{list(self.values.shape)}"]
+        parts += [name for name in ("lights", "mask", "camera") if getattr(self, name) is not None]
+        return f"Stack({', '.join(parts)})"
 
     def take(self, indices: Sequence[int]) -> Stack:
         """Return the stack of the images with these indices, in this order."""
@@ -109,6 +119,7 @@ def linear_stack(
     EstimateError
         If all samples of all images are saturated or black.
     """
+    check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
     if not lit:
         raise DataError(f"{source.path}: no image with a light")
@@ -220,12 +231,33 @@ def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> N
     brightest = np.fmax.reduce([np.fmax.reduce(image, axis=None) for image in values])
     if np.isnan(brightest):
         raise EstimateError(
-            f"{source.path}: every sample of all {len(ids)} images is saturated: "
+            f"{source.path}: every sample of {_all(len(ids))} is saturated: "
             "record with a shorter exposure time"
         )
     # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
     if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
         raise EstimateError(
-            f"{source.path}: all {len(ids)} images are black: check the lights and the exposure"
+            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
+            "lights and the exposure"
+        )
+
+
+def _all(images: int) -> str:
+    return "the image" if images == 1 else f"all {images} images"
+
+
+def check_linear(name: str, values: object) -> None:
+    """Refuse an array of integers where linear values are required.
+
+    Raises
+    ------
+    TypeError
+        If the array has a type that is not floating point.
+    """
+    kind = getattr(values, "dtype", None)
+    if kind is not None and kind.kind != "f":
+        raise TypeError(
+            f"{name} must be linear values of a floating-point type, not {kind}: "
+            "linear_stack(source) makes them from raw values"
         )

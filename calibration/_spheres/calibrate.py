@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, angle_deg, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack
+from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._spheres.cone import Cone, fit_cone
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
@@ -30,7 +30,7 @@ from calibration._spheres.sphere_image import (
     places,
     saturation_warning,
 )
-from rig import Notice
+from rig import Notice, pluralize
 
 _DISAGREEMENT_DEG = 3.0
 _POOR_RESIDUAL_DEG = 0.2
@@ -90,6 +90,7 @@ def calibrate_spheres(
         If no sphere is found, a light has no highlight, or a light is visible on fewer than two
         spheres although positions are requested. The message names the light or the spheres.
     """
+    check_linear("stack", stack)
     values, names = _values(stack)
     if camera is not None and camera.size != values.shape[1:]:
         raise DataError(
@@ -152,7 +153,10 @@ def _values(
         )
     names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
-        raise DataError(f"{len(names)} lights for {len(values)} images: give one for each image")
+        raise DataError(
+            f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
+            "each image"
+        )
     return values, names
 
 

@@ -17,6 +17,7 @@ from calibration._spheres.robust import (
     tukey_weights,
     weighted_solve,
 )
+from rig import short_repr
 
 # A smaller part of the circumference does not determine an ellipse, only a circle.
 ELLIPSE_COVERAGE = 0.75
@@ -42,6 +43,8 @@ class Ellipse:
     centre_px: tuple[float, float]
     semi_axes_px: tuple[float, float]
     angle_deg: float = 0.0
+
+    __repr__ = short_repr
 
     @property
     def radius_px(self) -> float:

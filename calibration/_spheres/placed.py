@@ -11,7 +11,7 @@ from calibration._spheres.cone import Cone
 from calibration._spheres.light_positions import KnownSpheres
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
-from rig import Notice
+from rig import Notice, pluralize
 
 _OUTLINE_SIGMA_PX = 0.05
 # Spheres are placed near the working plane. If their computed distance from it exceeds this
@@ -26,12 +26,13 @@ def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> 
         return np.repeat(radii, len(images))
     if found and len(radii) != len(images):
         raise EstimateError(
-            f"{len(images)} spheres found for {len(radii)} radii, {places(images)}: "
+            f"{pluralize(len(images), 'sphere')} found for {len(radii)} radii, {places(images)}: "
             "give one radius for each sphere, or masks or circles"
         )
     if len(radii) != len(images):
         raise DataError(
-            f"{len(radii)} radii for {len(images)} spheres: give one radius, or one for each sphere"
+            f"{len(radii)} radii for {pluralize(len(images), 'sphere')}: give one radius, or one "
+            "for each sphere"
         )
     if found:
         order = np.argsort([image.outline.radius_px for image in images])

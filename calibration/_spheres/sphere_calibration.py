@@ -12,7 +12,7 @@ from acquisition import Lights
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
-from rig import Notice
+from rig import Notice, short_repr
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Sphere:
     rms_px: float
     centre_mm: tuple[float, float, float] | None = None
     radius_mm: float | None = None
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,8 @@ class SphereCalibration:
     used: npt.NDArray[np.bool_]
     residuals_deg: Array
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.robust import Array
-from rig import Notice
+from rig import Notice, short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,8 @@ class SphereImage:
     points_px: Array
     coverage: float
     highlights: Highlights
+
+    __repr__ = short_repr
 
     @property
     def rms_px(self) -> float:

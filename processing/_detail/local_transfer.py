@@ -13,9 +13,10 @@ from processing._detail.rotation import rotate_from_z
 from processing._detail.seam import SeamSteps, blend_detail, seam_steps
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.similarity import Similarity
+from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
+from rig import pluralize
 
 Mask = npt.NDArray[np.bool_]
 
@@ -50,6 +51,10 @@ class LocalTransferResult:
     shape_filter: ShapeFilter
     amplitude: float
 
+    def __repr__(self) -> str:
+        pixels = pluralize(int(np.count_nonzero(self.region)), "pixel")
+        return f"LocalTransferResult({self.normal_map!r}, region of {pixels}, {self.placement!r})"
+
     @cached_property
     def fidelity(self) -> TransferFidelity:
         """Errors in the region, blending included, with the filter that separated the maps."""
@@ -77,10 +82,7 @@ def transfer_local(
     *,
     source_mask: Mask | None = None,
     target_mask: Mask | None = None,
-    at: tuple[float, float] | None = None,
-    scale: float = 1.0,
-    rotate_deg: float = 0.0,
-    mirror: bool = False,
+    pose: Pose = Pose(),
     amplitude: float = 1.0,
     shape_filter: ShapeFilter = ShapeFilter(w=10),
     reach_px: float | None = None,
@@ -103,12 +105,10 @@ def transfer_local(
         ``(H, W)`` bool of the source's size, the part. Default: the complete source.
     target_mask
         ``(H, W)`` bool of the target's size, the pixels that may receive the part. Default: all.
-    at
-        Column and row of the target at which the centre of the source mask's bounding box is
-        placed. Default: the centre of the target mask's bounding box; without a target mask, and
-        if the maps have the same size, the position does not change.
-    scale, rotate_deg, mirror
-        See `Similarity`.
+    pose
+        Position, scale, rotation and mirroring of the part on the target. Default position: the
+        centre of the target mask's bounding box; without a target mask, and if the maps have the
+        same size, the position does not change.
     amplitude
         Factor on the slopes of the detail.
     shape_filter
@@ -128,6 +128,8 @@ def transfer_local(
         If a mask does not fit its map, the masks do not overlap, the position is missing for maps
         of different size, the filter does not fit, or a number is out of range.
     """
+    check_normal_map("source", source)
+    check_normal_map("target", target)
     reach = float(shape_filter.w) if reach_px is None else reach_px
     if not 0 < reach < np.inf:
         raise DataError(f"a blending reach of {reach} px is invalid: give a number above 0")
@@ -136,15 +138,16 @@ def transfer_local(
     for name, mask in (("source", part), ("target", room)):
         if not mask.any():
             raise DataError(f"the {name} mask and the {name}'s normals do not overlap")
-    if at is None and target_mask is None and source.size != target.size:
+    if pose.at is None and target_mask is None and source.size != target.size:
         raise DataError(
             f"a source of {_text(source)} pixels has no position on a target of {_text(target)}: "
             "give a position or a target mask"
         )
     anchor = _middle(part)
+    at = pose.at
     if at is None:
         at = anchor if target_mask is None else _middle(room)
-    placement = Similarity(anchor, at, scale, rotate_deg, mirror)
+    placement = Similarity(anchor, at, pose.scale, pose.rotate_deg, pose.mirror)
     placed = placement.place(source, target.size)
     region = placement.place_mask(part, target.size) & room
     if placed is None or not (region & placed.mask).any():

@@ -17,11 +17,12 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, transfer
 from processing._metrics import angular_error, ssim
 from processing._normal_map import NormalMap
+from rig import short_repr
 
 
 @dataclass(frozen=True)
-class DetailLikeness:
-    """The similarity of two details.
+class DetailComparison:
+    """How well two details agree.
 
     Parameters
     ----------
@@ -37,8 +38,10 @@ class DetailLikeness:
     ssim: float
     ssim_paper: float
 
+    __repr__ = short_repr
 
-def detail_likeness(detail: NormalMap, meant: NormalMap) -> DetailLikeness:
+
+def compare_details(detail: NormalMap, reference: NormalMap) -> DetailComparison:
     """Compare two details of the same size.
 
     Raises
@@ -46,14 +49,14 @@ def detail_likeness(detail: NormalMap, meant: NormalMap) -> DetailLikeness:
     DataError
         If the sizes differ.
     """
-    return DetailLikeness(
-        angular_error(detail, meant).mae_deg,
-        ssim(detail, meant),
-        ssim(detail, meant, protocol="paper"),
+    return DetailComparison(
+        angular_error(detail, reference).mae_deg,
+        ssim(detail, reference),
+        ssim(detail, reference, protocol="paper"),
     )
 
 
-def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness]:
+def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailComparison]:
     """Separate a detail repeatedly, and compare the detail of each order with the first.
 
     Parameters
@@ -65,8 +68,8 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness
 
     Returns
     -------
-    dict[int, DetailLikeness]
-        Similarity by order, starting at 2.
+    dict[int, DetailComparison]
+        Comparison with the first detail, by order, starting at 2.
 
     Raises
     ------
@@ -76,11 +79,11 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailLikeness
     if highest < 2:
         raise DataError(f"the detail of a detail has order 2 or more, not {highest}")
     again = parts.detail
-    likeness = {}
+    comparisons = {}
     for order in range(2, highest + 1):
         again = separate(again, shape_filter=parts.shape_filter).detail
-        likeness[order] = detail_likeness(again, parts.detail)
-    return likeness
+        comparisons[order] = compare_details(again, parts.detail)
+    return comparisons
 
 
 @dataclass(frozen=True)
@@ -92,8 +95,8 @@ class ChainStep:
     target
         Index of the target that received the detail.
     to_previous, to_original
-        Similarity of the detail separated from the result to the transferred detail, and to the
-        detail of the source.
+        Comparison of the detail separated from the result with the transferred detail, and with
+        the detail of the source.
     shape_mae_deg
         Mean angle between the shape of the target and the shape of the result.
     pixels
@@ -101,10 +104,12 @@ class ChainStep:
     """
 
     target: int
-    to_previous: DetailLikeness
-    to_original: DetailLikeness
+    to_previous: DetailComparison
+    to_original: DetailComparison
     shape_mae_deg: float
     pixels: int
+
+    __repr__ = short_repr
 
 
 def transfer_chain(
@@ -149,8 +154,8 @@ def transfer_chain(
         steps.append(
             ChainStep(
                 index,
-                to_previous=detail_likeness(separated.detail, detail),
-                to_original=detail_likeness(separated.detail, original),
+                to_previous=compare_details(separated.detail, detail),
+                to_original=compare_details(separated.detail, original),
                 shape_mae_deg=angular_error(separated.shape, shapes[index]).mae_deg,
                 pixels=first.mask.size,
             )

@@ -12,7 +12,7 @@ from acquisition import DataError
 from processing._detail.rotation import rotate_from_z
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,9 @@ class Separation:
     shape: NormalMap
     detail: NormalMap
     shape_filter: ShapeFilter
+
+    def __repr__(self) -> str:
+        return f"Separation({self.shape!r}, {self.shape_filter!r})"
 
     @cached_property
     def separability_map_deg(self) -> npt.NDArray[np.float32]:
@@ -75,6 +78,7 @@ def separate(
     DataError
         If the filter is unknown or its window is larger than the map.
     """
+    check_normal_map("normal_map", normal_map)
     return Separation(*shape_filter.split(normal_map), shape_filter)
 
 
@@ -96,6 +100,8 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     DataError
         If the sizes differ or the masks do not overlap.
     """
+    check_normal_map("shape", shape)
+    check_normal_map("detail", detail)
     if shape.size != detail.size:
         raise DataError(
             f"a shape of {shape.size[1]} x {shape.size[0]} pixels and a detail of "

@@ -23,6 +23,26 @@ _FARTHEST_PX = 1e6
 
 
 @dataclass(frozen=True)
+class Pose:
+    """Position, size and orientation of a part of one surface on another.
+
+    Parameters
+    ----------
+    at
+        Column and row of the target at which the centre of the part's bounding box is placed; None
+        for the default of the function that places it.
+    scale, rotate_deg, mirror
+        Factor on lengths, counter-clockwise rotation in degrees, and whether left and right are
+        exchanged first; see `Similarity`, which also checks their ranges.
+    """
+
+    at: tuple[float, float] | None = None
+    scale: float = 1.0
+    rotate_deg: float = 0.0
+    mirror: bool = False
+
+
+@dataclass(frozen=True)
 class Similarity:
     """The placement of one image on another.
 

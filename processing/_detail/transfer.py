@@ -15,7 +15,7 @@ from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.separation import Separation, separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 
 Float = npt.NDArray[np.float32]
 
@@ -37,6 +37,9 @@ class TransferFidelity:
     shape: NormalMap
     detail: NormalMap
     result: Separation
+
+    def __repr__(self) -> str:
+        return f"TransferFidelity({self.result!r})"
 
     @cached_property
     def shape_error_deg(self) -> Float:
@@ -97,6 +100,10 @@ class TransferResult:
     shape_filter: ShapeFilter
     amplitude: float
     placement: Placement
+
+    def __repr__(self) -> str:
+        used = f"{self.shape_filter!r}, amplitude={self.amplitude:g}"
+        return f"TransferResult({self.normal_map!r}, {used})"
 
     @cached_property
     def fidelity(self) -> TransferFidelity:
@@ -162,6 +169,8 @@ def transfer(
         If the filter does not fit one of the maps, a number is out of range, or the masks do not
         overlap at `at`.
     """
+    check_normal_map("source", source)
+    check_normal_map("target", target)
     if refine < 0:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
     placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, MeshFile, read_mesh_file
 from processing._projection.manifold import wind_alike
-from rig import Notice
+from rig import Notice, short_repr
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
@@ -47,6 +47,8 @@ class Geometry:
     faces: Whole | None = None
     normals: Double | None = None
     warnings: tuple[Notice, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, np.float64)
@@ -163,8 +165,9 @@ def _cloud(mesh: MeshFile) -> Geometry:
         off = ~(np.abs(length - 1) < _UNIT_TOLERANCE)
         if off.any():
             text = (
-                f"{int(off.sum())} of {len(off)} points have a normal that is not a unit vector "
-                "(or a colour): all normals are fitted to the points instead"
+                f"{off.sum()} of {len(off)} points {'has' if off.sum() == 1 else 'have'} a normal "
+                "that is not a unit vector (or a colour): all normals are fitted to the points "
+                "instead"
             )
             warnings.append(Notice("point-normals-not-unit", text))
             normals = None

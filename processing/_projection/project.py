@@ -16,7 +16,7 @@ from processing._projection.point_cloud import draw_points, fit_surfels, too_few
 from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
 from processing._projection.view import Raster, fit_raster
-from rig import Notice
+from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -46,6 +46,8 @@ class Projection:
     depth: Float | None
     pixel_mm: float
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def project(

@@ -15,7 +15,7 @@ from processing._reconstruction.lit_images import lit_images
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, check_type, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +50,14 @@ class Reconstruction:
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
     warnings: tuple[Notice, ...]
+
+    def __repr__(self) -> str:
+        parts = [str(self.source.path), repr(self.stereo.normal_map)]
+        if self.surface is not None:
+            parts.append(f"height in {self.surface.unit}")
+        if self.error is not None:
+            parts.append(f"mean error {self.error.mae_deg:.2f} deg")
+        return f"Reconstruction({', '.join(parts)})"
 
 
 def reconstruct(
@@ -103,6 +111,7 @@ def reconstruct(
     >>> result = reconstruct(read_source("recordings/owl"))  # doctest: +SKIP
     >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
     """
+    check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, gamma=gamma, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]

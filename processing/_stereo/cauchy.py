@@ -15,6 +15,8 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 
+# Compiled in: processing/_stereo/pixel_algebra.py b9dec358891c
+
 _ITERATIONS = 10
 # 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard
 # deviation.

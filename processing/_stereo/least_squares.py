@@ -16,6 +16,8 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 
+# Compiled in: processing/_stereo/pixel_algebra.py b9dec358891c
+
 
 def least_squares(values: Float, vectors: Float) -> tuple[Double, Double]:
     """Solve ``value = vector . m`` by least squares, attached shadows included.

@@ -8,13 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from calibration import EstimateError
+from calibration import EstimateError, check_linear
 from processing._normal_map import NormalMap
 from processing._stereo.estimator import ESTIMATORS
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.pixel_algebra import MAX_CONDITION
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -51,6 +51,8 @@ class PhotometricStereoResult:
     residual: Float
     used: npt.NDArray[np.uint16]
     warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
 
 
 def photometric_stereo(
@@ -98,6 +100,8 @@ def photometric_stereo(
         If there are fewer than 3 lights, the lights are in one plane, or no pixel can be
         determined.
     """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(directions)")
     if method not in METHODS:
         raise DataError(
             f"{method!r} is not a method of photometric stereo: use {' or '.join(METHODS)}"
@@ -131,7 +135,10 @@ def photometric_stereo(
         raise EstimateError(_why_nothing(stack, mask))
     total = int(np.count_nonzero(mask))
     lost = total - int(np.count_nonzero(has_normal))
-    text = f"{lost} of {total} pixels of the mask have no normal: black, or too few usable samples"
+    text = (
+        f"{lost} of {total} pixels of the mask {'has' if lost == 1 else 'have'} no normal: black, "
+        "or too few usable samples"
+    )
     return PhotometricStereoResult(
         normal_map=NormalMap(normals.reshape(*mask.shape, 3), has_normal),
         albedo=albedo,
@@ -148,7 +155,8 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         )
     if len(stack) != len(lights):
         raise DataError(
-            f"{len(stack)} images for {len(lights)} lights: give one light for each image"
+            f"{pluralize(len(stack), 'image')} for {pluralize(len(lights), 'light')}: give "
+            "one light for each image"
         )
     if mask.dtype != np.bool_ or mask.shape != stack.shape[1:]:
         raise DataError(
@@ -163,7 +171,8 @@ def _check_lights(vectors: Double) -> None:
     """Reject lights that leave a direction of the normal undetermined."""
     if len(vectors) < 3:
         raise EstimateError(
-            f"{len(vectors)} lights do not determine a normal: at least 3 are required"
+            f"{pluralize(len(vectors), 'light does', 'lights do')} not determine a normal: at "
+            "least 3 are required"
         )
     strength = np.linalg.svd(vectors, compute_uv=False)
     condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)

@@ -1,7 +1,7 @@
 """Compiled least squares over the samples of one pixel, shared by the estimators.
 
-numba's cache of a kernel checks the file of the kernel, not the files of the functions that it
-calls. After a change in this file, delete the caches of its callers with ``make clean-kernels``.
+numba does not compile a kernel again after a change in a function of another file that it calls.
+After a change in this file, the lines "Compiled in" of its callers must change; a test prints them.
 """
 
 from __future__ import annotations

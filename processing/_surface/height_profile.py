@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._surface.integration import HeightMap
+from rig import check_type, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -37,6 +38,8 @@ class HeightProfile:
     result: Float
     smoothed: Float
     unit: str
+
+    __repr__ = short_repr
 
     @property
     def rms(self) -> float:
@@ -75,6 +78,8 @@ def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
     DataError
         If the sizes or units differ or the masks do not overlap.
     """
+    check_type("target", target, HeightMap, "integrate(normal_map) returns one")
+    check_type("result", result, HeightMap, "integrate(normal_map) returns one")
     if target.mask.shape != result.mask.shape or target.unit != result.unit:
         raise DataError("cannot compare two surfaces of different size or unit")
     both = target.mask & result.mask

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._normal_map import NormalMap
+from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.chord_rule import orthographic_edges, perspective_edges
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.multigrid import Solution, solve
@@ -64,6 +64,10 @@ class HeightMap:
     iterations: int
     relative_residual: float
     warnings: tuple[Notice, ...]
+
+    def __repr__(self) -> str:
+        shape = f"{self.height.dtype}{list(self.height.shape)}"
+        return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
 
     def points(self) -> Float:
         """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
@@ -119,6 +123,7 @@ def integrate(
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
     """
+    check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
         raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
     window = _bounding_box(normal_map.mask)
@@ -221,10 +226,12 @@ def _warnings(count: int, isolated: int, solution: Solution) -> tuple[Notice, ..
         )
         warnings.append(Notice("surface-in-parts", text))
     if isolated:
-        text = (
+        one = "1 pixel of the mask is isolated or faces away from the camera and has no height"
+        many = (
             f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
             "height"
         )
+        text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
     if not solution.converged:
         text = (

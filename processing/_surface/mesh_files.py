@@ -16,6 +16,7 @@ import numpy.typing as npt
 from acquisition import DataError, write_durably
 from processing._normal_map import NormalMap
 from processing._surface.integration import HeightMap
+from rig import check_type, short_repr
 
 Float = npt.NDArray[np.float32]
 
@@ -43,6 +44,8 @@ class Mesh:
     faces: npt.NDArray[np.int32]
     normals: Float | None = None
 
+    __repr__ = short_repr
+
 
 def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> Mesh:
     """Make a mesh from a height map: one vertex per pixel of its mask, in reading order.
@@ -67,6 +70,7 @@ def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> M
     DataError
         If the normals do not cover the height map, or it contains no triangle.
     """
+    check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     mask = height_map.mask
     if normals is not None and (normals.size != mask.shape or np.any(mask & ~normals.mask)):
         raise DataError(
@@ -148,6 +152,7 @@ def write_mesh(
     StorageError
         If the file cannot be written.
     """
+    check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     path = Path(path)
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl, ".glb": _glb}.get(path.suffix.lower())
     if encode is None:

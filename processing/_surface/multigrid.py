@@ -25,6 +25,8 @@ Double = npt.NDArray[np.float64]
 _SWEEPS = 2
 # Below this number of pixels, starting threads costs more time than it saves.
 _SERIAL_PIXELS = 1 << 14
+# Below this relative residual, rounding errors would grow with every iteration.
+_ROUNDING = 1e-14
 # Maximum size of the coarsest grid, which is solved exactly by its pseudo-inverse.
 _COARSEST_PIXELS = 100
 
@@ -68,7 +70,7 @@ def solve(
     b
         ``(H+2, W+2)`` right-hand side, 0 on pixels without edges.
     tolerance
-        Relative residual at which the iteration stops.
+        Relative residual at which the iteration stops; values below 1e-14 mean 1e-14.
     max_iterations
         Maximum number of iterations.
 
@@ -85,7 +87,7 @@ def solve(
     scale = float(np.abs(b).max())
     levels = _coarsen(right, down)
     residual = b / scale
-    target = tolerance * norm_b / scale
+    target = max(tolerance, _ROUNDING) * norm_b / scale
     direction, product = np.zeros_like(b), np.zeros_like(b)
     gamma, norm_r, iteration = 0.0, norm_b / scale, 0
     while norm_r > target and iteration < max_iterations:

@@ -204,7 +204,7 @@ class Board:
         outcome = self._line.ask("RUN", str(count), _PACES[pace]).done().repeats(1)
         return BoardEcho(outcome.seq, None)
 
-    def did(self, index: int) -> StepReport | None:
+    def step_report(self, index: int) -> StepReport | None:
         """Return the report of a step of the running or last sequence; None before it has ended."""
         outcome = self._line.ask("DID", str(index))
         if outcome.error == ErrorCode.NO_SUCH_STEP:

@@ -29,13 +29,13 @@ class FoundPort:
         Device path.
     identity
         Identity of the LED board that answered, None if no board answered.
-    complaint
+    problem
         What is wrong with the port if no board answered, otherwise empty.
     """
 
     port: str
     identity: BoardIdentity | None
-    complaint: str
+    problem: str
 
 
 def find_boards(
@@ -56,7 +56,7 @@ def find_boards(
     -------
     tuple of FoundPort
         Ports in the order of ``ports``. A port that is silent, sends other data, is busy or has
-        disappeared has a complaint; nothing is raised for it, and no port is waited for much longer
+        disappeared has a problem; nothing is raised for it, and no port is waited for much longer
         than ``timeout_s``.
     """
     if ports is None:
@@ -121,8 +121,8 @@ def find_board(
             "use, or unplug the others"
         )
     others = [f"{board.name} is on {port}" for port, board in boards.items()]
-    complaints = [port.complaint for port in found if port.complaint]
-    if not complaints:  # each complaint ends with its own advice
-        complaints = ["check cable and power"]
+    problems = [port.problem for port in found if port.problem]
+    if not problems:  # each problem ends with its own advice
+        problems = ["check cable and power"]
         others = others or ["this computer has no serial port"]
-    raise BoardError(f"no LED board{called} found: {'; '.join(others + complaints)}")
+    raise BoardError(f"no LED board{called} found: {'; '.join(others + problems)}")

@@ -19,6 +19,7 @@ from rig._genicam.settings import EXPOSURE, Settings
 from rig._genicam.setup import CameraOptions, check_needs, set_up
 from rig._genicam.system import OpenDevice, open_device
 from rig._genicam.trigger import TriggerControl
+from rig._plural import pluralize
 
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1
@@ -273,11 +274,10 @@ def _cause(counts: Mapping[str, int], otherwise: str) -> str:
         )
     if (underrun := counts["underrun"]) == 0:
         return otherwise
-    frames = "1 frame" if underrun == 1 else f"{underrun} frames"
     return (
-        f"{frames} found none of the {counts['buffers']} buffers free, because this computer is "
-        "too busy to fetch them in time: end other programs, or set frame_rate_hz in the rig file "
-        "for a slower camera"
+        f"{pluralize(underrun, 'frame')} found none of the {counts['buffers']} buffers free, "
+        "because this computer is too busy to fetch them in time: end other programs, or set "
+        "frame_rate_hz in the rig file for a slower camera"
     )
 
 

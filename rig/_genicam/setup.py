@@ -118,7 +118,13 @@ def set_up(
 def _choose_format(nodes: Nodes, wanted: str | None) -> PixelFormat:
     offered = nodes.choices("PixelFormat")
     name = wanted or best_format(offered)
-    form = PixelFormat.of(name) if name is not None else None
+    if name is None:
+        raise CameraError(
+            f"camera {nodes.camera}, PixelFormat: the camera offers no format of raw samples, for "
+            f"instance Mono12 or BayerRG12p, only {', '.join(offered) or 'nothing'}: use another "
+            "camera"
+        )
+    form = PixelFormat.of(name)
     if form is None:
         raise CameraError(
             f"camera {nodes.camera}, PixelFormat: must be a format of raw samples, for instance "

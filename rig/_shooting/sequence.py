@@ -9,6 +9,7 @@ from itertools import pairwise
 from rig._board.values import BoardEcho, StepReport
 from rig._camera import CameraFrame
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
+from rig._plural import pluralize
 from rig._shooting.alive import SignOfLife
 from rig._shooting.shooting import Bench, check_light
 from rig._shooting.shot import Shot, led_name
@@ -79,7 +80,7 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
 def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
     """Wait for the board's report of a step."""
     ends_s = max(lit_s, time.monotonic()) + _REPORT_TIMEOUT_S
-    while (report := bench.board.did(index)) is None:
+    while (report := bench.board.step_report(index)) is None:
         if time.monotonic() >= ends_s:
             raise BoardError(
                 f"LED board on {bench.board.port} has not done step {index} of its sequence, "
@@ -105,7 +106,7 @@ def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> Came
     )
     if not isinstance(error, FrameLostError):
         return CameraError(f"{error}; {where}: {check}")
-    return error.because(where if error.host_is_slow else f"{where}: {check}")
+    return error.with_context(where if error.host_is_slow else f"{where}: {check}")
 
 
 def _progress(bench: Bench) -> str:
@@ -118,4 +119,4 @@ def _progress(bench: Bench) -> str:
         "HALT": "the board stopped by itself, because an exposure or a sign of life was missing,",
         "RUN": "the board continues",
     }.get(status.state, f"the board is {status.state}")
-    return f"; {stopped} after {status.done} steps"
+    return f"; {stopped} after {pluralize(status.done, 'step')}"

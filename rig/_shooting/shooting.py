@@ -139,7 +139,7 @@ def _flash(bench: Bench, led: int | None, times: ShotTimes, light: str) -> tuple
     try:
         frame = camera.fetch(frame_id, bench.config.frame_timeout_s)
     except FrameLostError as error:
-        raise error.because(pulsed if error.host_is_slow else f"{pulsed}: {check}") from error
+        raise error.with_context(pulsed if error.host_is_slow else f"{pulsed}: {check}") from error
     except CameraError as error:
         raise CameraError(f"{error}; {pulsed}: {check}") from error
     echo = BoardEcho(report.seq, report.led, report.lit_us, report.active_us)

@@ -27,6 +27,9 @@ class Shot:
     led: int | None
     echo: BoardEcho | None
 
+    def __repr__(self) -> str:
+        return f"Shot({led_name(self.led)}, {self.frame!r})"
+
 
 def led_name(led: int | None) -> str:
     """Return the name of an LED for messages."""

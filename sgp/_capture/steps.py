@@ -128,7 +128,7 @@ def dry_run(
     return Result(
         metrics={"shots": count, "seconds": seconds, "bytes": size, "recorded": False},
         summary=[
-            f"dry run: {count} shots in {seconds:.1f} s with all LEDs off, nothing was recorded; "
-            f"they would take {size / 1e6:.0f} MB"
+            f"dry run: {rigs.pluralize(count, 'shot')} in {seconds:.1f} s with all LEDs off, "
+            f"nothing was recorded; they would take {size / 1e6:.0f} MB"
         ],
     )

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import acquisition
+import rig as rigs
 from sgp._capture.resume_command import ResumeCommand
 from sgp._console import Stages, note
 from sgp._exit import UsageError
@@ -129,13 +130,20 @@ class CaptureTalk:
         # The engine adds a note to the error if the board did not answer.
         notes = getattr(error, "__notes__", ())
         again = self._again.text(retake_damaged=self._damaged)
-        frames = "missing and damaged frames" if self._damaged else "missing frames"
         dark = not any("not confirmed off" in line for line in notes)
+        missing = len(session.missing)
+        if missing:
+            intact = rigs.pluralize(len(session.frames), "frame is", "frames are")
+            frames = "missing and damaged frames" if self._damaged else "missing frames"
+            state = f"{intact} intact, {rigs.pluralize(missing, 'is', 'are')} missing"
+            remedy = f"takes the {frames}"
+        else:
+            state = "all frames are recorded"
+            remedy = "takes the damaged frames" if self._damaged else "completes the session"
         note(
-            f"{self._again.session}: incomplete, {len(session.frames)} frames are intact, "
-            f"{len(session.missing)} are missing; "
+            f"{self._again.session}: incomplete, {state}; "
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
-            f"`{again}` takes the {frames}"
+            f"`{again}` {remedy}"
         )
 
 

@@ -23,19 +23,14 @@ class Face(NamedTuple):
         Names of the maps.
     ellipse
         Ellipse around the face: column, row and half axes, in pixels of the source.
-    at
-        Column and row of its centre in the target.
-    scale, rotate_deg, mirror
-        As in `transfer_local`.
+    pose
+        Its place on the target.
     """
 
     source: str
     target: str
     ellipse: tuple[int, int, int, int]
-    at: tuple[float, float]
-    scale: float
-    rotate_deg: float
-    mirror: bool
+    pose: processing.Pose
 
     def set_in(
         self,
@@ -53,16 +48,17 @@ class Face(NamedTuple):
             source,
             target,
             source_mask=part,
-            at=self.at,
-            scale=self.scale,
-            rotate_deg=self.rotate_deg,
-            mirror=self.mirror,
+            pose=self.pose,
             shape_filter=processing.ShapeFilter(order=order, w=FACE_W),
             reach_px=reach_px,
         )
 
 
 FACES: Mapping[str, Face] = {
-    "Cat onto Bear": Face("cat", "bear", (390, 166, 45, 35), (303, 188), 1.2, 6, False),
-    "Buddha onto Bear": Face("buddha", "bear", (305, 118, 27, 34), (303, 185), 1.5, 0, True),
+    "Cat onto Bear": Face(
+        "cat", "bear", (390, 166, 45, 35), processing.Pose((303, 188), scale=1.2, rotate_deg=6)
+    ),
+    "Buddha onto Bear": Face(
+        "buddha", "bear", (305, 118, 27, 34), processing.Pose((303, 185), scale=1.5, mirror=True)
+    ),
 }

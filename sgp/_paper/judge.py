@@ -83,14 +83,14 @@ def judge(
             judged[name][method] = figure
 
     for method, result in results.items():
-        add(PLAIN, method, maps.likeness(result, result))
+        add(PLAIN, method, maps.compare(result, result))
         again, surface = result, result
         if method in in_normals:
             again = in_normals[method](read_source, read_target)
             surface = surfaces.round_trip(result)
         add(SAME_SURFACES, method, read.errors_deg(again))
         add(AS_SURFACES, method, read.errors_deg(surface))
-    add(PLAIN, FLOOR, maps.likeness(read_target, read_source))
+    add(PLAIN, FLOOR, maps.compare(read_target, read_source))
     return judged
 
 
@@ -108,7 +108,7 @@ class _Meant:
         self._shape = processing.separate(target, shape_filter=self._filter).shape
         self._detail = processing.separate(source, shape_filter=self._filter).detail
 
-    def likeness(
+    def compare(
         self, shape_of: processing.NormalMap, detail_of: processing.NormalMap
     ) -> tuple[float, ...]:
         """Return the `PLAIN` figures of one map's shape and another's detail."""
@@ -124,4 +124,4 @@ class _Meant:
 
     def errors_deg(self, result: processing.NormalMap) -> tuple[float, ...]:
         """Return the mean errors of a map's shape and detail."""
-        return self.likeness(result, result)[::2]
+        return self.compare(result, result)[::2]

@@ -52,9 +52,9 @@ def of_textures(
                 strict=True,
             ):
                 apart.setdefault(f"{label}, order {order}", []).append(value)
-            for higher, likeness in processing.idempotence(parts).items():
+            for higher, comparison in processing.idempotence(parts).items():
                 again.setdefault(f"order {higher}, filter of order {order}", []).append(
-                    likeness.ssim_paper
+                    comparison.ssim_paper
                 )
             if order == 8:
                 panels.append(normals_panel(f"{name}: detail", parts.detail))

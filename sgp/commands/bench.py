@@ -6,6 +6,7 @@ from pathlib import Path
 
 import acquisition
 from sgp._console import note
+from sgp._metrics import BenchMetrics
 from sgp._options import Count
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result, dumps
@@ -64,6 +65,7 @@ def paper(
     acquisition.write_durably(result.outputs["tables"], f"{text}\n".encode())
     tables = {table.key: asdict(table) for table in comparison.tables}
     acquisition.write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
-    result.metrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
+    metrics: BenchMetrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
+    result.metrics = metrics
     result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result

@@ -13,6 +13,7 @@ import calibration
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import IntensitiesMetrics, SpheresMetrics
 from sgp._options import Input, OptionalInput, Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
@@ -178,18 +179,20 @@ def intensities(
         stack.values, positions.take(order), opened.camera.points_on_plane(), card
     )
     strength = np.asarray(estimate.lights.intensities)[:, 0]
+    metrics: IntensitiesMetrics = {
+        "intensities": strength.tolist(),
+        "mu": estimate.mu,
+        "residual": estimate.residual,
+        "pixels": estimate.pixels,
+    }
     result = Result(
         outputs={"lights": out},
-        metrics={
-            "intensities": strength,
-            "mu": estimate.mu,
-            "residual": estimate.residual,
-            "pixels": estimate.pixels,
-        },
+        metrics=metrics,
         warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
         summary=[
-            f"{len(strength)} lights, intensities {strength.min():.2f} to {strength.max():.2f} of "
-            f"their mean, mu {estimate.mu:.2f}; residual on the card {estimate.residual:.1%}"
+            f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
+            f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
+            f"residual on the card {estimate.residual:.1%}"
         ],
         inputs=[*files, lights],
     )
@@ -231,27 +234,26 @@ def _write_lights(
 
 def _describe(estimate: calibration.SphereCalibration) -> Result:
     residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
-    result = Result(
-        metrics={
-            "lights": len(estimate.lights),
-            "near": estimate.lights.near,
-            "spheres": [
-                {
-                    "centre_px": sphere.outline.centre_px,
-                    "semi_axes_px": sphere.outline.semi_axes_px,
-                    "centre_mm": sphere.centre_mm,
-                    "radius_mm": sphere.radius_mm,
-                    "coverage": sphere.coverage,
-                    "rms_px": sphere.rms_px,
-                }
-                for sphere in estimate.spheres
-            ],
-            "residual_deg": float(np.mean(residual)) if len(residual) else None,
-        }
-    )
-    kind = "positions" if estimate.lights.near else "directions"
-    balls = "1 sphere" if len(estimate.spheres) == 1 else f"{len(estimate.spheres)} spheres"
-    result.summary = [f"{len(estimate.lights)} light {kind} from {balls}"]
+    metrics: SpheresMetrics = {
+        "lights": len(estimate.lights),
+        "near": estimate.lights.near,
+        "spheres": [
+            {
+                "centre_px": sphere.outline.centre_px,
+                "semi_axes_px": sphere.outline.semi_axes_px,
+                "centre_mm": sphere.centre_mm,
+                "radius_mm": sphere.radius_mm,
+                "coverage": sphere.coverage,
+                "rms_px": sphere.rms_px,
+            }
+            for sphere in estimate.spheres
+        ],
+        "residual_deg": float(np.mean(residual)) if len(residual) else None,
+    }
+    result = Result(metrics=metrics)
+    kind = "light position" if estimate.lights.near else "light direction"
+    balls = rig.pluralize(len(estimate.spheres), "sphere")
+    result.summary = [f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"]
     for sphere in estimate.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")

@@ -230,8 +230,8 @@ def verify(session: Input) -> Result:
         ok=checked.ok and checked.complete,
     )
     if checked.problems:
-        several = "s" if len(checked.problems) > 1 else ""
-        result.summary.append(f"{session}: DAMAGED, {len(checked.problems)} problem{several}")
+        problems = rigs.pluralize(len(checked.problems), "problem")
+        result.summary.append(f"{session}: DAMAGED, {problems}")
         if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
             again = ResumeCommand(session).text(retake_damaged=True)
             rig = "" if default_rig() else ", with --rig,"
@@ -241,18 +241,22 @@ def verify(session: Input) -> Result:
     elif not checked.complete:
         missing = "but the session was not finished"
         if checked.missing:
-            missing = f"{len(checked.missing)} are missing, first {checked.missing[0]}"
-        result.summary.append(
-            f"{session}: incomplete, {checked.frames} frames are intact, {missing}"
-        )
+            are = rigs.pluralize(len(checked.missing), "is", "are")
+            missing = f"{are} missing, first {checked.missing[0]}"
+        intact = rigs.pluralize(checked.frames, "frame is", "frames are")
+        result.summary.append(f"{session}: incomplete, {intact} intact, {missing}")
     else:
         result.summary.append(
-            f"{session}: intact and complete, {checked.frames} frames, {checked.bytes / 1e6:.1f} MB"
+            f"{session}: intact and complete, {rigs.pluralize(checked.frames, 'frame')}, "
+            f"{checked.bytes / 1e6:.1f} MB"
         )
         if checked.left_out:
+            words = ("planned frame was", "planned frames were")
+            skipped = rigs.pluralize(len(checked.left_out), *words)
             result.summary.append(
-                f"{len(checked.left_out)} planned frames were skipped because their LED died, "
-                f"first {checked.left_out[0]}"
+                f"{skipped} skipped because their LED died, first {checked.left_out[0]}"
+                if len(checked.left_out) > 1
+                else f"{skipped} skipped because its LED died: {checked.left_out[0]}"
             )
     return result
 
@@ -277,7 +281,8 @@ def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> R
     gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
     lost = []
     if gone:
-        text = f"{len(gone)} frame files are missing, first {gone[0]}: see verify"
+        files = rigs.pluralize(len(gone), "frame file is", "frame files are")
+        text = f"{files} missing, first {gone[0]}: see verify"
         lost.append(rigs.Notice("frame-files-missing", text, severity="error"))
     result = describe(opened, [*lost, *_left_out(opened)])
     if sheet is not None:
@@ -339,8 +344,8 @@ def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
 
 def _left_out(session: acquisition.Session) -> list[rigs.Notice]:
     """Return a notice about planned shots that were skipped because their LED died."""
-    leds = dict.fromkeys(str(shot.lit_led) for shot in session.left_out)
+    leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
     if not leds:
         return []
-    text = f"LED {', '.join(leds)} died: {len(session.left_out)} shots skipped"
+    text = f"LED {', '.join(leds)} died: {rigs.pluralize(len(session.left_out), 'shot')} skipped"
     return [rigs.Notice("frames-left-out", text)]

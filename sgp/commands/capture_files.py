@@ -13,6 +13,7 @@ import acquisition
 import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
+from sgp._metrics import ExportMetrics
 from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole, led_list
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
@@ -115,18 +116,22 @@ def export(
         written = prepared.write(out, on_progress=progress, replaced=earlier_files(out, _RECORD))
     notes = prepared.notes
     images = len(notes.frames)
+    metrics: ExportMetrics = {
+        "images": images,
+        "values": notes.values,
+        "subtracted": notes.subtracted,
+        "black_level_dn": notes.camera.black_level_dn,
+        "white_level_dn": notes.camera.white_dn,
+        "exposures_us": sorted({f.exposure_us for f in notes.frames if f.exposure_us}),
+    }
     return Result(
         outputs={path.name: path for path in written},
-        metrics={
-            "images": images,
-            "values": notes.values,
-            "subtracted": notes.subtracted,
-            "black_level_dn": notes.camera.black_level_dn,
-            "white_level_dn": notes.camera.white_dn,
-            "exposures_us": sorted({f.exposure_us for f in notes.frames if f.exposure_us}),
-        },
+        metrics=metrics,
         warnings=list(prepared.warnings),
-        summary=[f"{out}: {images} images, {notes.values} values, subtracted: {notes.subtracted}"],
+        summary=[
+            f"{out}: {rig.pluralize(images, 'image')}, {notes.values} values, "
+            f"subtracted: {notes.subtracted}"
+        ],
         inputs=[*prepared.inputs, *(path for path in (lights,) if path is not None)],
     )
 
@@ -276,7 +281,8 @@ def _import_watched(
         raise
     result = info(out)
     result.ok = watched.session.complete
-    result.metrics["missing"] = [shot.file for shot in watched.missing]
+    missing = [shot.file for shot in watched.missing]
+    result.metrics = {**result.metrics, "missing": missing}
     result.warnings += [n for n in watched.warnings if str(n) not in printed]
     if watched.missing:
         result.summary.append(
@@ -291,4 +297,5 @@ def _note_how_to_continue(out: Path) -> None:
         session = acquisition.Session.open(out)
     except (acquisition.DataError, acquisition.MissingPathError):
         return  # nothing was recorded
-    note(f"{out}: {len(session.frames)} frames are intact; run the same command again to continue")
+    intact = rig.pluralize(len(session.frames), "frame is", "frames are")
+    note(f"{out}: {intact} intact; run the same command again to continue")

@@ -10,6 +10,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
+from sgp._metrics import CompareMetrics
 from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -64,22 +65,23 @@ def compare(
         )
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
+    metrics: CompareMetrics = {
+        "mae_deg": error.mae_deg,
+        "median_deg": error.median_deg,
+        "coverage": error.coverage,
+        "ssim": processing.ssim(*maps, where),
+        "ssim_paper": processing.ssim(*maps, where, protocol="paper"),
+    }
     result = Result(
-        metrics={
-            "mae_deg": error.mae_deg,
-            "median_deg": error.median_deg,
-            "coverage": error.coverage,
-            "ssim": processing.ssim(*maps, where),
-            "ssim_paper": processing.ssim(*maps, where, protocol="paper"),
-        },
+        metrics=metrics,
         warnings=[*first.warnings, *second.warnings],
         inputs=[*first.files, *second.files, *([] if mask is None else [mask])],
     )
     result.summary = [
         f"angular error  mean {error.mae_deg:.3f} deg, median {error.median_deg:.3f} deg",
         f"coverage       {error.coverage:.2%} of {np.isfinite(error.map_deg).sum()} pixels",
-        f"SSIM           {result.metrics['ssim']:.4f} over the mask, "
-        f"{result.metrics['ssim_paper']:.4f} in the paper's protocol",
+        f"SSIM           {metrics['ssim']:.4f} over the mask, "
+        f"{metrics['ssim_paper']:.4f} in the paper's protocol",
     ]
     if out is not None:
         from sgp._overview import map_panel, write_overview

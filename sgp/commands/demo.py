@@ -13,6 +13,7 @@ import processing
 import simulator
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
+from sgp._metrics import DemoMetrics, ErrorMetrics
 from sgp._options import Seed, SourceOptions
 from sgp._output import write_record
 from sgp._overview import map_panel, source_title, spheres_panel, write_overview
@@ -84,7 +85,8 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
             spheres_panel("chrome spheres and highlights", stack, estimate),
         ]
         write_overview(out / "overview.png", source_title(source, f"coin, seed {seed}"), panels)
-    result.metrics |= errors.metrics() | {"seconds": watch.seconds}
+    metrics: DemoMetrics = {**outcome.metrics, **errors.metrics(), "seconds": watch.seconds}
+    result.metrics = metrics
     result.outputs |= {
         "calibration": spheres.folder,
         "recording": coin.folder,
@@ -106,7 +108,7 @@ def _capture(
     exposures_us: tuple[float, ...],
 ) -> acquisition.Session:
     plan = acquisition.CapturePlan(leds=tuple(range(len(scene.lights))), exposures_us=exposures_us)
-    with simulator.rig_for(rendering, seed=seed) as rig, Stages() as progress:
+    with simulator.open_rig_seeing(rendering, seed=seed) as rig, Stages() as progress:
         return acquisition.record(
             rig,
             plan,
@@ -172,7 +174,7 @@ class _Errors:
         self.height_range_mm = float(np.ptp(truth.height_mm[truth.mask]))
         self.height_mae_mm = float(np.abs(self.height_map_mm[both]).mean())
 
-    def metrics(self) -> dict[str, float]:
+    def metrics(self) -> ErrorMetrics:
         return {
             "light_error_deg": float(self.light_deg.mean()),
             "light_error_mm": float(self.light_mm.mean()),

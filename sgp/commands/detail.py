@@ -7,6 +7,7 @@ from typing import Literal
 
 import processing
 import rig
+from sgp._metrics import CombineMetrics
 from sgp._options import Count, Input, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -99,14 +100,19 @@ def combine(
     combined = processing.combine(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     count = int(combined.mask.sum())
+    metrics: CombineMetrics = {"pixels": count}
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
-        text = f"{lost} pixels of the shape have no detail and are masked out"
+        words = (
+            "pixel of the shape has no detail and is",
+            "pixels of the shape have no detail and are",
+        )
+        text = f"{rig.pluralize(lost, *words)} masked out"
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
         outputs=processing.write_normals(claim_folder(out, "normals.json"), combined),
-        metrics={"pixels": count},
+        metrics=metrics,
         warnings=warnings,
-        summary=[f"{count} normals in {out}"],
+        summary=[f"{rig.pluralize(count, 'normal')} in {out}"],
         inputs=[*first.files, *second.files],
     )

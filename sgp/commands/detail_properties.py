@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +10,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
+from sgp._metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
 from sgp._options import Count, Input, Order, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
@@ -72,7 +72,7 @@ def properties(
         warnings=[line for one in read for line in one.warnings],
         inputs=[file for one in read for file in one.files],
     )
-    panels = _of_one(normal_map, parts, result)
+    metrics, panels = _of_one(normal_map, parts, result.summary)
     surfaces = {
         "height": processing.integrate(normal_map).height,
         "detail_height": processing.integrate(parts.detail).height,
@@ -81,7 +81,11 @@ def properties(
         shaded_panel("Surface, lit from the upper left", surfaces["height"]),
         shaded_panel("Surface of the detail", surfaces["detail_height"]),
     ]
-    exchange = _of_several(normal_map, others, (normals, *targets), parts, result) if others else []
+    exchange: list[Panel] = []
+    if others:
+        paths = (normals, *targets)
+        exchange = _of_several(normal_map, others, paths, parts, metrics, result.summary)
+    result.metrics = metrics
     claim_folder(out, "properties.json")
     for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
         result.outputs[name] = out / f"{name}.exr"
@@ -95,31 +99,41 @@ def properties(
 
 
 def _of_one(
-    normal_map: processing.NormalMap, parts: processing.Separation, result: Result
-) -> list[Panel]:
-    """Measure a single map; add its figures to `result` and return pictures."""
+    normal_map: processing.NormalMap, parts: processing.Separation, summary: list[str]
+) -> tuple[PropertiesMetrics, list[Panel]]:
+    """Measure a single map; add lines to the summary, return figures and pictures."""
     alike = processing.rotation_similarity(parts.shape, parts.shape_filter.w)
     orders = processing.idempotence(parts)
-    result.metrics |= {
+    metrics: PropertiesMetrics = {
         "separability_deg": parts.separability_deg,
         "detail_to_map_ssim": processing.ssim(parts.detail, normal_map),
         "detail_to_map_ssim_paper": processing.ssim(parts.detail, normal_map, protocol="paper"),
-        "rotation_similarity": asdict(alike),
-        "idempotence": {str(order): asdict(likeness) for order, likeness in orders.items()},
+        "rotation_similarity": {
+            "angle_deg": alike.angle_deg,
+            "norm_1": alike.norm_1,
+            "norm_2": alike.norm_2,
+            "norm_inf": alike.norm_inf,
+        },
+        "idempotence": {str(order): _likeness(found) for order, found in orders.items()},
     }
     again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
-    result.summary += [
+    summary += [
         f"separability   {parts.separability_deg:.2f} deg (shape left in the detail; 0 is best)",
         f"rotations      differ by {alike.angle_deg:.2f} deg; norms 1, 2, inf: "
         f"{alike.norm_1:.4f}, {alike.norm_2:.4f}, {alike.norm_inf:.4f}",
         f"idempotence    SSIM in the paper's protocol by order {again}",
     ]
     title = f"Separability, mean {parts.separability_deg:.2f} deg"
-    return [
+    panels = [
         normals_panel("Map", normal_map),
         normals_panel("Detail", parts.detail),
         map_panel(title, parts.separability_map_deg, "deg", error=True),
     ]
+    return metrics, panels
+
+
+def _likeness(found: processing.DetailComparison) -> LikenessMetrics:
+    return {"mae_deg": found.mae_deg, "ssim": found.ssim, "ssim_paper": found.ssim_paper}
 
 
 def _of_several(
@@ -127,32 +141,39 @@ def _of_several(
     others: list[processing.NormalMap],
     paths: tuple[Path, ...],
     parts: processing.Separation,
-    result: Result,
+    metrics: PropertiesMetrics,
+    summary: list[str],
 ) -> list[Panel]:
-    """Measure transfers of a map's detail to other maps; add the figures and return pictures."""
+    """Measure transfers of a map's detail to other maps; add figures and lines, return pictures."""
     source, *targets = (path.name for path in paths)
     by = parts.shape_filter
     chain = processing.transfer_chain(normal_map, others, shape_filter=by)
-    result.summary.append(
+    summary.append(
         f"chain          {chain[0].pixels} pixels; detail error against the previous, the first map"
     )
-    steps = []
+    steps: list[ChainStepMetrics] = []
     for step in chain:
-        steps.append({**asdict(step), "target": str(paths[1 + step.target])})
-        result.summary.append(
+        steps.append(
+            {
+                "target": str(paths[1 + step.target]),
+                "to_previous": _likeness(step.to_previous),
+                "to_original": _likeness(step.to_original),
+                "shape_mae_deg": step.shape_mae_deg,
+                "pixels": step.pixels,
+            }
+        )
+        summary.append(
             f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "
             f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
         )
     both = processing.cross_exchange(normal_map, others[0], shape_filter=by)
     errors = [done.fidelity.detail_mae_deg for done in both]
-    result.summary.append(
+    summary.append(
         f"exchange       {errors[0]:.2f} deg on the target, {errors[1]:.2f} deg on the source"
     )
-    result.metrics |= {
-        "chain": steps,
-        "exchange_detail_mae_deg": errors,
-        "exchange_shape_mae_deg": [done.fidelity.shape_mae_deg for done in both],
-    }
+    metrics["chain"] = steps
+    metrics["exchange_detail_mae_deg"] = errors
+    metrics["exchange_shape_mae_deg"] = [done.fidelity.shape_mae_deg for done in both]
     panels = []
     names = ((source, targets[0]), (targets[0], source))
     for (detail, shape), done, error in zip(names, both, errors, strict=True):

@@ -14,6 +14,7 @@ import acquisition
 import processing
 import rig
 from sgp._exit import UsageError
+from sgp._metrics import TransferMetrics
 from sgp._options import (
     Count,
     Degrees,
@@ -146,10 +147,12 @@ def transfer(
             *maps,
             source_mask=_mask(local.source_mask, maps[0]),
             target_mask=_mask(local.target_mask, maps[1]),
-            at=None if place is None else (place[0], place[1]),
-            scale=local.scale,
-            rotate_deg=local.rotate_deg,
-            mirror=local.mirror,
+            pose=processing.Pose(
+                None if place is None else (place[0], place[1]),
+                local.scale,
+                local.rotate_deg,
+                local.mirror,
+            ),
             amplitude=amplitude,
             shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
         )
@@ -169,9 +172,10 @@ def transfer(
     )
     claim_folder(out, "normals.json")
     result.outputs = processing.write_normals(out, done.normal_map)
-    _write_errors(out, done, result)
+    metrics = _write_errors(out, done, result)
     if profile:
-        write_height_profile(out, maps[1], done.normal_map, result)
+        metrics = {**metrics, **write_height_profile(out, maps[1], done.normal_map, result)}
+    result.metrics = metrics
     return result
 
 
@@ -187,8 +191,8 @@ def _whole(place: list[float]) -> tuple[int, int]:
 
 def _write_errors(
     out: Path, done: processing.TransferResult | processing.LocalTransferResult, result: Result
-) -> None:
-    """Write error maps and their picture, and add the figures to `result`."""
+) -> TransferMetrics:
+    """Write error maps and their picture, and return the figures."""
     own, paper = done.fidelity, done.fidelity_paper
     maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
     means = {"shape": own.shape_mae_deg, "detail": own.detail_mae_deg}
@@ -200,39 +204,41 @@ def _write_errors(
         panels.append(map_panel(title, values, "deg", error=True))
     result.outputs["errors_picture"] = out / "errors.png"
     write_overview(result.outputs["errors_picture"], "Transfer", panels, columns=3)
-    for fidelity, suffix in ((own, ""), (paper, "_paper")):
-        result.metrics |= {
-            f"shape_mae_deg{suffix}": fidelity.shape_mae_deg,
-            f"detail_mae_deg{suffix}": fidelity.detail_mae_deg,
-        }
-    pairs = {"shape": (own.result.shape, own.shape), "detail": (own.result.detail, own.detail)}
-    for name, (part, reference) in pairs.items():
-        result.metrics[f"{name}_ssim"] = processing.ssim(part, reference, own.detail.mask)
-        result.metrics[f"{name}_ssim_paper"] = processing.ssim(part, reference, protocol="paper")
+    shapes, details = (own.result.shape, own.shape), (own.result.detail, own.detail)
+    received = own.detail.mask
+    metrics: TransferMetrics = {
+        "shape_mae_deg": own.shape_mae_deg,
+        "detail_mae_deg": own.detail_mae_deg,
+        "shape_mae_deg_paper": paper.shape_mae_deg,
+        "detail_mae_deg_paper": paper.detail_mae_deg,
+        "shape_ssim": processing.ssim(*shapes, received),
+        "shape_ssim_paper": processing.ssim(*shapes, protocol="paper"),
+        "detail_ssim": processing.ssim(*details, received),
+        "detail_ssim_paper": processing.ssim(*details, protocol="paper"),
+        "pixels": int(received.sum()),
+    }
     result.summary = [
         _where(done),
         f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
         f"detail error  {own.detail_mae_deg:.2f} deg (paper's filter {paper.detail_mae_deg:.2f})",
     ]
-    result.metrics["pixels"] = int(own.detail.mask.sum())
     if isinstance(done, processing.LocalTransferResult):
-        result.metrics |= {
-            "seam_step_deg": done.seam.seam_deg,
-            "interior_step_deg": done.seam.interior_deg,
-            "seam_ratio": done.seam.ratio,
-        }
+        metrics["seam_step_deg"] = done.seam.seam_deg
+        metrics["interior_step_deg"] = done.seam.interior_deg
+        metrics["seam_ratio"] = done.seam.ratio
         result.summary.append(
             f"seam          {done.seam.seam_deg:.2f} deg per pixel, interior "
             f"{done.seam.interior_deg:.2f}"
         )
     else:
-        result.metrics["source_window"] = done.placement.source_window
-        result.metrics["tiles"] = done.placement.tiles
+        metrics["source_window"] = done.placement.source_window
+        metrics["tiles"] = done.placement.tiles
+    return metrics
 
 
 def _where(done: processing.TransferResult | processing.LocalTransferResult) -> str:
     if isinstance(done, processing.LocalTransferResult):
-        return f"detail transferred to {int(done.region.sum())} pixels"
+        return f"detail transferred to {rig.pluralize(int(done.region.sum()), 'pixel')}"
     x, y, width, height = done.placement.source_window
     across, down = done.placement.tiles
     return f"{width} x {height} pixels of the source from {x},{y}, tiled {across} x {down} times"

@@ -13,6 +13,7 @@ from cyclopts.validators import Number
 import acquisition
 import processing
 from sgp._exit import UsageError
+from sgp._metrics import ProjectMetrics
 from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -136,7 +137,7 @@ def project(
             acquisition.write_exr(result.outputs[name], values)
     mask = seen.normal_map.mask
     height, width = mask.shape
-    result.metrics = {
+    metrics: ProjectMetrics = {
         "width": width,
         "height": height,
         "mm_per_px": seen.pixel_mm,
@@ -146,8 +147,9 @@ def project(
         "faces": 0 if read.faces is None else len(read.faces),
         "unit": used,
     }
+    result.metrics = metrics
     result.summary = [
-        f"{width} x {height} pixels of {seen.pixel_mm:.4g} mm, {result.metrics['pixels']} on the "
-        f"object, height range {result.metrics['height_range_mm']:.4g} mm"
+        f"{width} x {height} pixels of {seen.pixel_mm:.4g} mm, {metrics['pixels']} on the "
+        f"object, height range {metrics['height_range_mm']:.4g} mm"
     ]
     return result

@@ -184,7 +184,7 @@ def snap(
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
-        white = 2**opened.camera.info.bit_depth - 1
+        white = opened.camera.info.white_dn
         mounting = opened.config.mounting
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
@@ -220,14 +220,12 @@ def selftest(*, rig: Path | None = None) -> Result:
     """
     name = chosen_rig(rig)
     with rigs.open_rig(name) as opened, Stages() as progress:
-        result = rigs.selftest(opened, on_progress=progress)
+        result = acquisition.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
     if name in rigs.rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
-    verdict = "no faults" if result.ok else f"{len(faults)} faults"
-    if len(faults) == 1:
-        verdict = "1 fault"
+    verdict = "no faults" if result.ok else rigs.pluralize(len(faults), "fault")
     return Result(
         metrics={
             "leds": list(result.leds),
@@ -236,7 +234,8 @@ def selftest(*, rig: Path | None = None) -> Result:
             "findings": [asdict(finding) for finding in result.findings],
         },
         summary=[
-            f"{len(result.leds)} LEDs tested at {result.exposure_us:g} us: {verdict}",
+            f"{rigs.pluralize(len(result.leds), 'LED')} tested at {result.exposure_us:g} us: "
+            f"{verdict}",
             *(f"- {finding.text}" for finding in faults),
         ],
         warnings=[finding.notice for finding in notes],
@@ -257,14 +256,14 @@ def _doubts(status: rigs.BoardStatus, config: rigs.RigConfig) -> list[rigs.Notic
     doubts = []
     if status.faults:
         text = (
-            f"the board received {status.faults} damaged lines since it started: use a shorter or "
-            "better cable, away from motors and mains cables"
+            f"the board received {rigs.pluralize(status.faults, 'damaged line')} since it started: "
+            "use a shorter or better cable, away from motors and mains cables"
         )
         doubts.append(rigs.Notice("board-lines-damaged", text))
     if status.trips:
         text = (
-            f"the board's watchdog turned LEDs off {status.trips} times since it started: a "
-            "program died, or this computer was too busy, while an LED was on"
+            f"the board's watchdog turned LEDs off {rigs.pluralize(status.trips, 'time')} since it "
+            "started: a program died, or this computer was too busy, while an LED was on"
         )
         doubts.append(rigs.Notice("board-watchdog", text))
     if status.temperature_c is not None and status.temperature_c > _HOT_C:

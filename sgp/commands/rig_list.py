@@ -66,13 +66,13 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
 def _answer(found: rig.FoundPort) -> str:
     board = found.identity
     if board is None:
-        return f"port     {found.complaint.removeprefix('LED board on ')}"
+        return f"port     {found.problem.removeprefix('LED board on ')}"
     return f"board    {board.name} on {found.port}, {board.leds} LEDs, firmware {board.firmware}"
 
 
 def _port(found: rig.FoundPort) -> dict[str, Any]:
     board = None if found.identity is None else asdict(found.identity)
-    return {"port": found.port, "board": board, "complaint": found.complaint}
+    return {"port": found.port, "board": board, "complaint": found.problem}
 
 
 def _camera(found: rig.FoundCamera) -> dict[str, Any]:

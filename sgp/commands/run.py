@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
@@ -53,7 +54,10 @@ def run(
     with watch.stage("overview"):
         title = source_title(opened, source.name)
         write_overview(result.outputs["overview"], title, overview_panels(outcome))
-    result.metrics["seconds"] = watch.seconds
+    error = outcome.normals.error
+    truth: TruthMetrics = {} if error is None else {"normals_mae_deg": error.mae_deg}
+    metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}
+    result.metrics = metrics
     result.outputs["summary"] = out / "summary.json"
     result.summary.append(f"look at  {result.outputs['overview']}")
     return result

@@ -13,6 +13,7 @@ import rig
 import simulator
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import SimulateMetrics
 from sgp._options import Leds, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
@@ -96,19 +97,20 @@ def simulate(
         exposures = exposures[:1]  # the layout has one image per light
     truth = rendering.truth
     height, width = truth.size
+    metrics: SimulateMetrics = {
+        "lights": len(truth.lights),
+        "width": width,
+        "height": height,
+        "exposures_us": list(exposures),
+        "pixels": int(truth.mask.sum()),
+        "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
+        "seconds": watch.seconds,
+    }
     result = Result(
-        metrics={
-            "lights": len(truth.lights),
-            "width": width,
-            "height": height,
-            "exposures_us": list(exposures),
-            "pixels": int(truth.mask.sum()),
-            "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
-            "seconds": watch.seconds,
-        },
+        metrics=metrics,
         summary=[
-            f"{scene}: {len(truth.lights)} lights, {width} x {height} pixels, exposure time "
-            + " and ".join(f"{exposure:g} us" for exposure in exposures)
+            f"{scene}: {rig.pluralize(len(truth.lights), 'light')}, {width} x {height} pixels, "
+            "exposure time " + " and ".join(f"{exposure:g} us" for exposure in exposures)
         ],
         inputs=files,
     )
@@ -147,14 +149,16 @@ def simulate(
             shutil.rmtree(session.folder)
         saved = save_truth(out / "truth")
         result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
-        result.summary.append(f"{out}: {len(truth.lights)} images in the DiLiGenT layout")
+        result.summary.append(
+            f"{out}: {rig.pluralize(len(truth.lights), 'image')} in the DiLiGenT layout"
+        )
     else:
         with watch.stage("record"):
             session = recorded(out)
         saved = save_truth(out / _TRUTH)
         result.outputs["session"] = out
         result.summary.append(
-            f"{out}: {len(session.frames)} frames, ground truth in {out / _TRUTH}"
+            f"{out}: {rig.pluralize(len(session.frames), 'frame')}, ground truth in {out / _TRUTH}"
         )
     result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
     return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from acquisition import NoiseModel
+from rig import short_repr
 from simulator._scene.lamps import Lamps
 
 
@@ -39,3 +40,5 @@ class ImageFormation:
     lamps: Lamps = Lamps()
     shake_px: float = 0.0
     sensor_seed: int = 0
+
+    __repr__ = short_repr

@@ -13,6 +13,8 @@ from acquisition import NoiseModel
 from simulator._camera.pixel_dice import hashed, log_of, normal_pair, unit
 from simulator._dice import stream
 
+# Compiled in: simulator/_camera/pixel_dice.py 97f2401bf4d8
+
 # Below this mean, Poisson numbers are drawn exactly; above it, by an expansion whose distribution
 # function, rounded to whole electrons, is within 0.0015 of the exact one.
 EXACT_BELOW_E = np.float32(12.0)

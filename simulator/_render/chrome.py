@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import short_repr
 from simulator._render.mirror import between, mirror_points, mm_per_pixel, toward
 from simulator._render.shadow import Occluders
 from simulator._scene.scene import ChromeSphere, Scene
@@ -49,6 +50,8 @@ class MirroredLights:
     spots: Array
     shares: Array
     sigma_px: float
+
+    __repr__ = short_repr
 
 
 def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> MirroredLights:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -18,21 +19,47 @@ Values = npt.NDArray[np.float32]
 _SINGULAR = 1e-10
 
 
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """How a camera measures the light that arrives at its pixels.
+
+    Parameters
+    ----------
+    noise
+        Model of the sensor.
+    photons_per_us
+        Photons per microsecond of a white surface under irradiance 1, one number or ``(H, W)``,
+        for example with vignetting.
+    exposures_us
+        Exposure times of the images of each light, microseconds above 0: one per bracket, repeated
+        images repeated.
+    background_per_us
+        Photons per microsecond from the room, one number or ``(H, W)``.
+    channel
+        ``(H, W)`` channel of each pixel of a mosaic, 0, 1 or 2. None for a monochrome camera, which
+        sees the mean over the three channels of intensity times albedo.
+    gain_db
+        Analogue gain, decibels.
+    """
+
+    noise: NoiseModel
+    photons_per_us: float | npt.NDArray[np.floating]
+    exposures_us: Sequence[float]
+    background_per_us: float | npt.NDArray[np.floating] = 0.0
+    channel: npt.NDArray[np.integer] | None = None
+    gain_db: float = 0.0
+
+
 def cramer_rao_deg(
     normals: npt.NDArray[np.floating],
     albedo: npt.NDArray[np.floating],
     lights: Lights,
-    noise: NoiseModel,
+    measurement: Measurement,
     *,
-    photons_per_us: float | npt.NDArray[np.floating],
-    exposures_us: Sequence[float],
     points_mm: npt.NDArray[np.floating] | None = None,
     shadows: npt.NDArray[np.bool_] | None = None,
-    background_per_us: float | npt.NDArray[np.floating] = 0.0,
-    channel: npt.NDArray[np.integer] | None = None,
-    gain_db: float = 0.0,
 ) -> Values:
-    r"""Return the Cramer-Rao bound of the angular error of normals under this sensor.
+    r"""Return the Cramer-Rao bound of the angular error of normals under a measurement.
 
     The model is Lambertian: light i with vector ``l_i`` (direction times irradiance) yields
     ``s_i = A l_i . m`` electrons with ``m = albedo * normal`` and A electrons per unit. If v_i is
@@ -56,25 +83,13 @@ def cramer_rao_deg(
         ``(H, W)``, or ``(H, W, 3)`` for coloured surfaces.
     lights
         N near or distant lights.
-    noise
-        Model of the sensor.
-    photons_per_us
-        Photons per microsecond of a white surface under irradiance 1, one number or ``(H, W)``,
-        for example with vignetting.
-    exposures_us
-        Exposure times of the images of each light: one per bracket, repeated images repeated.
+    measurement
+        How the camera measures them; its maps have the size of the normals.
     points_mm
         ``(H, W, 3)`` points of the surface; needed for near lights.
     shadows
         ``(N, H, W)`` True where a light does not reach the point. Surfaces that face away from a
         light need not be marked.
-    background_per_us
-        Photons per microsecond from the room, one number or ``(H, W)``.
-    channel
-        ``(H, W)`` channel of each pixel of a mosaic, 0, 1 or 2. None for a monochrome camera, which
-        sees the mean over the three channels of intensity times albedo.
-    gain_db
-        Analogue gain, decibels.
 
     Returns
     -------
@@ -88,10 +103,11 @@ def cramer_rao_deg(
         If shapes differ, an exposure time is not positive, or near lights are given without points.
     """
     shape = normals.shape[:2]
-    _check(normals, albedo, lights, exposures_us, points_mm, shadows, channel)
-    share, seen = _colours(albedo, channel)
+    _check(normals, albedo, lights, measurement, points_mm, shadows)
+    share, seen = _colours(albedo, measurement.channel)
+    noise = measurement.noise
     scale = noise.quantum_efficiency
-    electrons_per_dn = noise.electrons_per_dn / 10.0 ** (gain_db / 20.0)
+    electrons_per_dn = noise.electrons_per_dn / 10.0 ** (measurement.gain_db / 20.0)
     white_e = (noise.converter_end_dn - noise.black_level_dn) * electrons_per_dn
     out = np.full(shape, np.nan, np.float32)
     _bound(
@@ -105,9 +121,9 @@ def cramer_rao_deg(
         _light_table(lights),
         np.ascontiguousarray(lights.intensities, np.float64),
         lights.near,
-        _plane("photons_per_us", photons_per_us, shape) * scale,
-        _plane("background_per_us", background_per_us, shape) * scale,
-        np.array(exposures_us, np.float64),
+        _plane("photons_per_us", measurement.photons_per_us, shape) * scale,
+        _plane("background_per_us", measurement.background_per_us, shape) * scale,
+        np.array(measurement.exposures_us, np.float64),
         noise.dark_current_e_per_s / 1e6,
         noise.read_noise_e**2 + electrons_per_dn**2 / 12,
         white_e if noise.full_well_e is None else min(white_e, noise.full_well_e),
@@ -120,18 +136,18 @@ def _check(
     normals: npt.NDArray[np.floating],
     albedo: npt.NDArray[np.floating],
     lights: Lights,
-    exposures_us: Sequence[float],
+    measurement: Measurement,
     points_mm: npt.NDArray[np.floating] | None,
     shadows: npt.NDArray[np.bool_] | None,
-    channel: npt.NDArray[np.integer] | None,
 ) -> None:
     shape = normals.shape[:2]
+    exposures_us = measurement.exposures_us
     wanted = {
         "normals": (normals, (*shape, 3)),
         "albedo": (albedo, (*shape, 3) if albedo.ndim == 3 else shape),
         "points_mm": (points_mm, (*shape, 3)),
         "shadows": (shadows, (len(lights), *shape)),
-        "channel": (channel, shape),
+        "channel": (measurement.channel, shape),
     }
     for name, (array, size) in wanted.items():
         if array is not None and array.shape != size:

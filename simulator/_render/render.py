@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from rig import Progress, no_progress
+from rig import Progress, no_progress, short_repr
 from simulator._render.chrome import draw_mirrored_lights, find_mirrored_lights
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets_sphere, see
@@ -59,6 +59,8 @@ class Rendering:
     ambient: Values
     truth: Truth
     scene: Scene
+
+    __repr__ = short_repr
 
     def plane(self, led: int | None) -> Values:
         """Return the image of one LED alone, or of the ambient light for None.

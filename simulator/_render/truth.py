@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights, NoiseModel
+from rig import pluralize
 from simulator._scene.lens import Lens
 
 Array = npt.NDArray[np.float64]
@@ -55,6 +56,11 @@ class Truth:
     noise: NoiseModel
     electrons_per_us: float
     shadows: npt.NDArray[np.bool_] | None = None
+
+    def __repr__(self) -> str:
+        lights, spheres = len(self.lights), len(self.sphere_radii_mm)
+        shape = f"{self.normals.dtype}{list(self.normals.shape)}"
+        return f"Truth({shape}, {pluralize(lights, 'light')}, {pluralize(spheres, 'sphere')})"
 
     @property
     def camera(self) -> CameraModel | None:

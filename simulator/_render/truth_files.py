@@ -21,7 +21,7 @@ from acquisition import (
     write_lights,
     write_mask,
 )
-from simulator._render.cramer_rao import cramer_rao_deg
+from simulator._render.cramer_rao import Measurement, cramer_rao_deg
 from simulator._render.render import Rendering
 from simulator._render.truth import Truth
 from simulator._scene.scene_file import write_scene
@@ -126,13 +126,15 @@ def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArr
         truth.normals,
         truth.albedo,
         truth.lights,
-        truth.noise,
-        photons_per_us=truth.electrons_per_us * truth.lens.vignette(x, y),
-        exposures_us=exposures_us,
+        Measurement(
+            truth.noise,
+            truth.electrons_per_us * truth.lens.vignette(x, y),
+            exposures_us,
+            background_per_us=rendering.ambient,
+            channel=truth.lens.channel(x, y),
+        ),
         points_mm=truth.points_mm,
         shadows=shadows,
-        background_per_us=rendering.ambient,
-        channel=truth.lens.channel(x, y),
     )
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from acquisition import DataError
+from rig import short_repr
 from simulator._dice import normal_pair, stream, uniform
 
 _TAG = 0x1A3B  # keeps the lamps' random numbers apart from the sensor's
@@ -47,6 +48,8 @@ class Lamps:
     pwm_hz: float | None = None
     pwm_duty: float = 1.0
     dead: tuple[int, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for item in fields(self):

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
+from rig import short_repr
 from simulator._scene.distortion import distorted, undistorted
 
 Array = npt.NDArray[np.float64]
@@ -65,6 +66,8 @@ class Lens:
     vignetting: float = 0.0
     psf_sigma_px: float = 0.7
     cfa: str | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if not 0 <= self.vignetting <= 1:

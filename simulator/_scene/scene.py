@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
+from rig import pluralize
 from simulator._scene.lamps import Lamps
 from simulator._scene.lens import Lens
 from simulator._scene.reflectance import Lambert, Material
@@ -116,6 +117,13 @@ class Scene:
     shadows: bool = True
     soft_shadow_samples: int = 1
     lamps: Lamps = field(default_factory=Lamps)
+
+    def __repr__(self) -> str:
+        height, width = self.lens.size
+        body = "no body" if self.body is None else type(self.body).__name__
+        lights, spheres = len(self.lights), len(self.spheres)
+        counts = f"{pluralize(lights, 'light')}, {pluralize(spheres, 'sphere')}"
+        return f"Scene({body}, {counts}, {width} x {height} px)"
 
     def __post_init__(self) -> None:
         for name in ("electrons_per_us", "board_radius_mm", "led_radius_mm"):

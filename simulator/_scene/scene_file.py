@@ -13,7 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from trimesh.exchange.ply import export_ply
 
 from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
-from rig import MAX_PIXELS, MAX_TOML_BYTES, UnreadableError, complaints, parse_toml, read_bounded
+from rig import (
+    MAX_PIXELS,
+    MAX_TOML_BYTES,
+    UnreadableError,
+    parse_toml,
+    read_bounded,
+    validation_message,
+)
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import bench_sensor
 from simulator._scene.scene import ChromeSphere, Scene
@@ -177,8 +184,8 @@ def read_scene(
     except UnreadableError as error:
         raise DataError(f"{path}: {error}") from error
     except ValidationError as error:
-        complaint = complaints(error, noun="key", known=SceneFile.model_fields)
-        raise DataError(f"{path}: {complaint}") from error
+        message = validation_message(error, noun="key", known=SceneFile.model_fields)
+        raise DataError(f"{path}: {message}") from error
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
 

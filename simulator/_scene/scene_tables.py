@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from acquisition import DataError
-from rig import complaints
+from rig import validation_message
 
 Kinds = Mapping[str, Callable[..., Any]]
 
@@ -50,8 +50,8 @@ def build(maker: Callable[..., Any], values: Mapping[str, Any], where: str, **de
     try:
         read = model.model_validate(values)
     except ValidationError as error:
-        complaint = complaints(error, noun="key", known=keys)
-        raise DataError(f"[{where}]: {complaint}") from error
+        message = validation_message(error, noun="key", known=keys)
+        raise DataError(f"[{where}]: {message}") from error
     check_range(read, where)
     try:
         return maker(**{name: getattr(read, name) for name in keys})

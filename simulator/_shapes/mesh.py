@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, read_mesh_file
+from rig import short_repr
 from simulator._shapes.body import BodyHits
 from simulator._shapes.bvh import TriangleTree
 
@@ -49,6 +50,8 @@ class MeshBody:
     faces: Faces
     smooth: bool = True
     name: str = "mesh"
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         vertices, faces = np.asarray(self.vertices_mm), np.asarray(self.faces)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
+from acquisition._engine.engine import record
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.journal import EventLine
 from acquisition._session.labels import Labels
@@ -50,7 +53,7 @@ class Bench:
     info = CameraInfo("Maker", "Eye", "42", 10, 7, "Mono12", 12, None, 10.0, 1e6)
 
     def __init__(self) -> None:
-        self.lit_led: int | None = None
+        self.led: int | None = None
         self.commands = 0
         self.frames = 0
         self.shots: list[int | None] = []
@@ -64,7 +67,7 @@ class Bench:
         self.log: list[str] = []
 
     def on(self, led: int, hold_ms: float) -> BoardEcho:
-        self.lit_led = led
+        self.led = led
         self.commands += 1
         self.log.append("on")
         return BoardEcho(self.commands, led)
@@ -72,7 +75,7 @@ class Bench:
     def off(self) -> BoardEcho:
         if self.off_fails:
             raise BoardError("fake: OFF is not answered")
-        was_on, self.lit_led = self.lit_led, None
+        was_on, self.led = self.led, None
         self.commands += 1
         self.log.append("off")
         return BoardEcho(self.commands, was_on)
@@ -84,14 +87,14 @@ class Bench:
 
     def trigger(self) -> int:
         self.frames += 1
-        self.shots.append(self.lit_led)
+        self.shots.append(self.led)
         self.on_trigger(self.frames)
         return self.frames
 
     def fetch(
         self, frame_id: int, timeout_s: float, waiting: Callable[[], None] | None = None
     ) -> CameraFrame:
-        led = None if self.lit_led in self.dead else self.lit_led
+        led = None if self.led in self.dead else self.led
         pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 
@@ -114,3 +117,24 @@ def rig_on(bench: Bench, **config: Any) -> Rig:
 def events_of(session: Session) -> list[EventLine]:
     """Return the events except pauses: the fake camera is faster than any disk."""
     return [line for line in session.events if line.event not in ("paused", "resumed")]
+
+
+def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
+    """Record until the camera fails at a given frame."""
+
+    def fail(number: int) -> None:
+        if number == at:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, plan, folder, LABELS)
+    bench.on_trigger = lambda number: None
+    bench.shots.clear()
+    return folder
+
+
+def flip(path: Path) -> None:
+    """Change the last bit of the last sample."""
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))

@@ -73,7 +73,7 @@ def test_a_recording(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
     )
     assert session.complete
     assert bench.shots == [None, None, None, None, 3, 0, 5, 3, 0, 5]
-    assert bench.lit_led is None
+    assert bench.led is None
     assert files == [f"frames/{shot.file}" for shot in PLAN.shots()]
     assert steps == [("recording", done, 10) for done in range(1, 11)]
     for frame in session.frames:
@@ -131,7 +131,7 @@ def test_an_error_during_a_shot(
     bench.on_trigger = fail
     with pytest.raises(type(error)):
         record(rig, PLAN, tmp_path / "s", LABELS)
-    assert bench.lit_led is None
+    assert bench.led is None
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete, found.frames, len(found.missing)) == (True, False, 5, 5)
     session = Session.open(tmp_path / "s")
@@ -154,7 +154,7 @@ def test_an_error_in_the_callback_leaves_the_leds_off(
 
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", LABELS, hooks=RecordingHooks(on_frame=stop))
-    assert bench.lit_led is None
+    assert bench.led is None
     # The frames taken before are kept.
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames
@@ -170,7 +170,7 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
     def full(descriptor: int, data: Any) -> int:
         if bench.frames >= 6:
             if threading.current_thread() is threading.main_thread():
-                leds_on.append(bench.lit_led)
+                leds_on.append(bench.led)
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return real(descriptor, data)
 
@@ -180,7 +180,7 @@ def test_a_full_disk_turns_the_leds_off_before_anything_else(
     # The last event is written by the shooting thread after the LEDs are off.
     assert set(leds_on) <= {None}
     assert bench.log[-1] == "off"
-    assert bench.lit_led is None
+    assert bench.led is None
     monkeypatch.undo()
     found = verify_session(tmp_path / "s")
     assert (found.ok, found.complete) == (True, False)
@@ -304,7 +304,7 @@ def test_a_camera_that_delivers_frames_of_another_size(
 
 
 def test_rig_errors_are_raised_unchanged(rig: RealRig, bench: Bench, tmp_path: Path) -> None:
-    bench.on_trigger = lambda number: setattr(bench, "lit_led", None)
+    bench.on_trigger = lambda number: setattr(bench, "led", None)
     with pytest.raises(RigError, match="LED 3 was requested"):
         record(rig, PLAN, tmp_path / "s", LABELS)
     assert [frame.led for frame in Session.open(tmp_path / "s").frames] == [None] * 4
@@ -434,7 +434,7 @@ def test_too_much_clipping_is_refused(rig: RealRig, bench: Bench, tmp_path: Path
     plan = PLAN.changed(max_clipped_fraction=0.1)
     with pytest.raises(DataError, match=r"L05_E0\.tif: .* clipped at 200 us, the plan allows 10"):
         record(rig, plan, tmp_path / "s", LABELS)
-    assert bench.lit_led is None
+    assert bench.led is None
     assert ("light", 5, 0, 0) in [shot.key for shot in Session.open(tmp_path / "s").missing]
 
 
@@ -480,7 +480,7 @@ def test_a_slow_disk_pauses_the_shooting_and_loses_nothing(
     def on_event(name: str, details: Any) -> None:
         if name == "paused":
             taken.append(bench.frames)
-            assert bench.lit_led is None
+            assert bench.led is None
             assert bench.log[-1] == "off"
             gate.open.set()
 
@@ -498,7 +498,7 @@ def test_a_stuck_disk_is_reported_with_the_leds_off(
     gate = _Gate(monkeypatch)
     with pytest.raises(StorageError, match=r"no write has finished for 0.3 s, 6 writes"):
         record(rig, PLAN, tmp_path / "s", LABELS, stall_s=0.3)
-    assert bench.lit_led is None
+    assert bench.led is None
     assert bench.frames == _recording.ROOM
     # The stuck writer still holds the lock, and its frame does not count.
     with pytest.raises(StorageError, match="another process"):
@@ -542,7 +542,7 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
         )
     assert signal.getsignal(signal.SIGINT) is before
     assert reported == ["stopping"]
-    assert bench.lit_led is None
+    assert bench.led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames == 6
     assert [line.event for line in events_of(session)] == ["interrupted"]
@@ -552,7 +552,7 @@ def test_ctrl_c_twice_ends_at_once(rig: RealRig, bench: Bench, tmp_path: Path) -
     bench.on_trigger = _press_ctrl_c(2)
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", LABELS)
-    assert bench.lit_led is None
+    assert bench.led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == 5
     assert [line.event for line in events_of(session)] == ["interrupted"]
@@ -585,7 +585,7 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
     bench.on_trigger = press_soon
     with pytest.raises(KeyboardInterrupt):
         record(rig, PLAN, tmp_path / "s", LABELS)
-    assert bench.lit_led is None
+    assert bench.led is None
     gate.open.set()
 
 
@@ -622,7 +622,7 @@ def test_retakes_are_taken_before_the_white_card(
 
     def light_again(number: int) -> None:
         before = bench.shots[card[0] :] if card else bench.shots
-        bench.dead = {led} if before.count(led) == 1 and bench.lit_led == led else set()
+        bench.dead = {led} if before.count(led) == 1 and bench.led == led else set()
 
     bench.on_trigger = light_again
     plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)

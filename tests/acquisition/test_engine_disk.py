@@ -57,7 +57,7 @@ def test_no_recorded_frame_is_lost_whichever_call_the_disk_refuses(
     for nth in range(1, calls + 1):
         folder = tmp_path / str(nth)
         _, bench = recorded(folder, call, nth, forever)
-        assert bench.lit_led is None
+        assert bench.led is None
         if not (folder / "session.toml").exists():
             record(rig_on(Bench()), SHORT, folder, LABELS)  # the folder counts as empty
             continue

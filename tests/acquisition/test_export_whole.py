@@ -253,7 +253,7 @@ def test_a_missing_image_that_the_record_lists_is_reported(session: Path, tmp_pa
     out = tmp_path / "out"
     prepare_export(session, "alicevision").write(out)
     (out / "L01.png").unlink()
-    with pytest.raises(DataError, match=r"1 images that recording\.json lists are missing"):
+    with pytest.raises(DataError, match=r"1 image that recording\.json lists is missing"):
         read_source(out)
 
 

@@ -30,7 +30,7 @@ from tests.acquisition.mutants import rows_of, seal
 LIGHT = PlannedShot("light", 3, 0, 0, 10.0)
 DARK = PlannedShot("dark", None, 0, 0, 10.0)
 AMBIENT = PlannedShot("ambient", None, 0, 0, 10.0)
-FLAT = PlannedShot("flat", None, 0, 0, 10.0, flat_led=3)
+FLAT = PlannedShot("flat", 3, 0, 0, 10.0)
 SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
 
 
@@ -122,7 +122,7 @@ def test_a_frame_of_another_led_is_not_kept(
     with pytest.raises(RigError, match=said):
         record(rig, PLAN, tmp_path / "s", LABELS)
     assert len(Session.open(tmp_path / "s").recorded) == at - 1
-    assert bench.lit_led is None
+    assert bench.led is None
     assert resume(rig, tmp_path / "s").complete
 
 
@@ -174,10 +174,10 @@ def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
                 writer.write_frame(shot, pixels, echo=Echo(seq=1, led=led))
         # The LED of a flat is taken from the plan, not from the caller.
         with pytest.raises(DataError, match="was planned with LED 3"):
-            writer.write_frame(replace(flat, flat_led=7), pixels, echo=Echo(seq=1, led=7))
+            writer.write_frame(replace(flat, led=7), pixels, echo=Echo(seq=1, led=7))
         assert list((tmp_path / "s" / "frames").iterdir()) == []
         for shot in writer.missing:
-            writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.lit_led))
+            writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.led))
         writer.complete()
     assert verify_session(tmp_path / "s").ok
 

@@ -191,7 +191,7 @@ def test_lp_files_of_other_programs(
         pytest.param("0\n", "line 1: the count is 0, but 0 lights follow", id="no lights"),
         pytest.param("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count", id="count missing"),
         pytest.param(
-            "3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 lights follow", id="count too big"
+            "3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 light follows", id="count too big"
         ),
         pytest.param(
             "1\na 0 0 1\nb 0 0 1\n",

@@ -264,14 +264,14 @@ def test_a_saturated_frame_only_shows_that_less_is_needed() -> None:
 def test_on_the_simulated_rig_the_percentile_is_within_3_per_cent(
     scene: str, seed: int, cfa: str | None, gain_db: float
 ) -> None:
-    from simulator._open_rig import rig_for
+    from simulator._open_rig import open_rig_seeing
     from simulator._render.render import render
     from simulator._scene.rig_scenes import scene_named
 
     made = scene_named(scene, width=160, height=128, leds=8, seed=seed)
     rendering = render(replace(made, lens=replace(made.lens, cfa=cfa)))
     plan = CapturePlan(leds=tuple(range(8)), exposures_us=(20_000.0, 800.0), gain_db=gain_db)
-    with rig_for(rendering, seed=seed, realtime=False, camera="inside") as rig:
+    with open_rig_seeing(rendering, seed=seed, realtime=False, camera="inside") as rig:
         found = meter(rig, plan)
         assert found.dead_leds == ()
         for led in plan.leds:

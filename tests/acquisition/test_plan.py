@@ -201,10 +201,10 @@ def test_flats_come_last_and_are_lit_by_leds_spread_over_all(flats: int, lit: li
     assert [shot.role for shot in shots[-2 * flats - 1 :]] == ["light", *["flat"] * (2 * flats)]
     for bracket in (0, 1):
         found = [shot for shot in shots if shot.role == "flat" and shot.bracket == bracket]
-        assert [shot.lit_led for shot in found] == lit
+        assert [shot.led for shot in found] == lit
         names = [f"F_E{bracket}.tif", *(f"F_E{bracket}_R{n}.tif" for n in range(1, flats))]
         assert [shot.file for shot in found] == names
-        assert [shot.led for shot in found] == [None] * flats
+        assert [shot.key[1] for shot in found] == [None] * flats
         assert [shot.exposure_us for shot in found] == [
             BY_LED.exposure_us(led, bracket) for led in lit
         ]

@@ -34,7 +34,7 @@ from acquisition._preflight.trial_frames import (
 from rig import BoardError, RigConfig
 from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera
-from simulator._open_rig import rig_for
+from simulator._open_rig import BenchFlaws, open_rig_seeing
 from simulator._render.render import Rendering, render
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import scene_named
@@ -58,7 +58,7 @@ def rendering() -> Rendering:
 
 def flown(rendering: Rendering, plan: CapturePlan, folder: Path, **rig: Any) -> Preflight:
     values = {"seed": 2, "realtime": False, "camera": "inside", **rig}
-    with rig_for(rendering, **values) as opened:
+    with open_rig_seeing(rendering, **values) as opened:
         return preflight(opened, plan, folder, self_test=False)
 
 
@@ -72,7 +72,7 @@ def named(flight: Preflight, name: str) -> Check:
 
 def test_a_working_rig_passes_and_no_file_is_left(rendering: Rendering, tmp_path: Path) -> None:
     reports: list[tuple[str, int, int]] = []
-    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+    with open_rig_seeing(rendering, seed=2, realtime=False, camera="inside") as rig:
         flight = preflight(
             rig,
             PLAN,
@@ -93,8 +93,13 @@ def test_a_working_rig_passes_and_no_file_is_left(rendering: Rendering, tmp_path
 
 def test_a_dead_led_fails_only_plans_that_use_it(rendering: Rendering, tmp_path: Path) -> None:
     config = RigConfig(name="sim", driver="simulated", leds=LEDS)
-    with rig_for(
-        rendering, config, seed=2, realtime=False, camera="inside", lamps=Lamps(dead=(3,))
+    with open_rig_seeing(
+        rendering,
+        config,
+        seed=2,
+        realtime=False,
+        camera="inside",
+        flaws=BenchFlaws(lamps=Lamps(dead=(3,))),
     ) as rig:
         flight = preflight(rig, PLAN, tmp_path)
         rest = preflight(rig, PLAN.without((3,))[0], tmp_path)
@@ -108,13 +113,13 @@ def test_a_dead_led_fails_only_plans_that_use_it(rendering: Rendering, tmp_path:
 def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    pulsed = Lamps(pwm_hz=1e6 / 1024, pwm_duty=0.3)
-    flight = flown(rendering, PLAN, tmp_path, lamps=pulsed)
+    pulsed = BenchFlaws(lamps=Lamps(pwm_hz=1e6 / 1024, pwm_duty=0.3))
+    flight = flown(rendering, PLAN, tmp_path, flaws=pulsed)
     assert named(flight, "steadiness").state == "warning"
     assert "1024 us" in named(flight, "steadiness").text
     # An exposure of an integer number of periods is steady.
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(20_480.0, 1024.0))
-    assert states(flown(rendering, plan, tmp_path, lamps=pulsed))["steadiness"] == "ok"
+    assert states(flown(rendering, plan, tmp_path, flaws=pulsed))["steadiness"] == "ok"
 
 
 @pytest.mark.parametrize(
@@ -193,7 +198,7 @@ def test_automatic_functions_that_were_on_are_named(
     made = partial(_simulated_rig.GentlDevice, automatics=automatics)
     monkeypatch.setattr(_simulated_rig, "GentlDevice", made)
     plan = CapturePlan(leds=PLAN.leds, exposures_us=(1000.0,))
-    with rig_for(rendering, seed=2, camera="gentl") as rig:
+    with open_rig_seeing(rendering, seed=2, camera="gentl") as rig:
         check = check_camera(rig, plan)
     assert check.state == "ok"
     assert check.values["turned_off"] == nodes
@@ -215,7 +220,7 @@ def test_an_exposure_beyond_the_longest_hold_of_the_board_fails(
 def test_a_camera_error_is_a_failed_check_with_its_message(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+    with open_rig_seeing(rendering, seed=2, realtime=False, camera="inside") as rig:
         cast(VirtualCamera, rig.camera).faults[4] = "lost"
         flight = preflight(rig, PLAN, tmp_path)
         assert rig.board.status().led is None
@@ -231,7 +236,7 @@ def test_a_board_that_does_not_answer_is_a_failed_check(
     def silent() -> None:
         raise BoardError("LED board on /dev/x: STATUS is not answered")
 
-    with rig_for(rendering, seed=2, realtime=False, camera="inside") as rig:
+    with open_rig_seeing(rendering, seed=2, realtime=False, camera="inside") as rig:
         monkeypatch.setattr(rig.board, "status", silent)
         flight = preflight(rig, PLAN, tmp_path)
     assert named(flight, "board").text == "LED board on /dev/x: STATUS is not answered"

@@ -134,7 +134,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
 
     def trigger(number: int) -> None:
         # The lens is covered for dark frames, including the retake.
-        bench.room = 0.0 if bench.lit_led is None and number != 2 else ROOM
+        bench.room = 0.0 if bench.led is None and number != 2 else ROOM
         if number == 2:
             ambient_is_taken.set()
         # The first LED waits for the disk, so that the dark frame is written before the last one.

@@ -124,7 +124,7 @@ def test_frames_that_are_not_judged_by_their_light(shot: PlannedShot, dark: bool
 
 
 def test_a_flat_is_judged_by_the_led_that_lights_it() -> None:
-    error = judged(PlannedShot("flat", None, 0, 0, 500.0, 3), frame(1))
+    error = judged(PlannedShot("flat", 3, 0, 0, 500.0), frame(1))
     assert "LED 3 gave no light" in str(error)
 
 

@@ -70,7 +70,7 @@ def test_exactly_the_missing_shots_are_taken(
         rig, tmp_path / "s", hooks=RecordingHooks(on_progress=lambda *report: steps.append(report))
     )
     assert session.complete
-    assert bench.shots == [shot.lit_led for shot in PLAN.shots()[at - 1 :]]
+    assert bench.shots == [shot.led for shot in PLAN.shots()[at - 1 :]]
     recorded = [step for step in steps if step[0] == "recording"]
     assert recorded == [("recording", done, 10) for done in range(at, 11)]
     assert [line.event for line in events_of(session)] == ["failed", "reopened"]
@@ -320,7 +320,7 @@ def test_a_session_of_version_2_is_resumed_in_version_2(
 
 
 def _of_led(session: Session, led: int) -> list[str]:
-    return [shot.file for shot in session.left_out if shot.lit_led == led]
+    return [shot.file for shot in session.left_out if shot.led == led]
 
 
 # Shots 5 to 7 are LEDs 3, 0, 5 in the first bracket, 8 to 10 in the second, 11 and 12 flats.
@@ -361,7 +361,7 @@ def test_an_led_that_died_since_is_left_out(
             ),
         )
     assert 0 not in bench.shots[taken:]
-    assert [shot.lit_led for shot in missing] == bench.shots[taken:]
+    assert [shot.led for shot in missing] == bench.shots[taken:]
     assert ("left_out", {"leds": [0], "reason": "listed as dead"}) in reported
     assert session.complete
     assert session.missing == ()
@@ -378,7 +378,7 @@ def test_an_led_that_died_since_is_left_out(
     assert (found.ok, found.complete, found.missing) == (True, True, ())
     assert list(found.left_out) == left_out
     warnings = read_source(tmp_path / "s").warnings
-    assert any("were left out because these LEDs failed: 0" in line for line in map(str, warnings))
+    assert any("left out because this LED failed: 0" in line for line in map(str, warnings))
     assert not any("missing" in line for line in map(str, warnings))
     # It stays complete after compaction, and no reader reports a missing shot.
     assert compact_session(tmp_path / "s").complete
@@ -395,7 +395,7 @@ def test_left_out_shots_stay_left_out_after_another_interruption(
     bench.on_trigger = lambda number: None
     session = Session.open(tmp_path / "s")
     assert not session.complete
-    assert [shot.lit_led for shot in session.missing] == [3, 5]
+    assert [shot.led for shot in session.missing] == [3, 5]
     with SessionWriter.reopen(tmp_path / "s") as writer:
         assert writer.missing == session.missing
         assert writer.demanded == 8

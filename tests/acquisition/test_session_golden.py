@@ -126,8 +126,8 @@ def write(folder: Path) -> None:
                     timestamp_ns=10**9 * number,
                     temperature_c=40.25,
                 ),
-                echo=Echo(seq=number, led=shot.lit_led, lit_us=120, active_us=99),
-                above_dark=None if shot.lit_led is None else 0.125,
+                echo=Echo(seq=number, led=shot.led, lit_us=120, active_us=99),
+                above_dark=None if shot.led is None else 0.125,
             )
         writer.write_event("retake", reason="someone walked by", led=3)
         writer.write_frame(shots[3], pixels_of(40), report=CameraReport(frame_id=5))
@@ -139,7 +139,7 @@ def write(folder: Path) -> None:
                 shot,
                 pixels_of(number),
                 report=CameraReport(frame_id=number + 2),
-                echo=Echo(seq=9, led=shot.lit_led),
+                echo=Echo(seq=9, led=shot.led),
             )
     # One bit changes, and a frame is lost.
     damaged = folder / "frames" / "L03_E1.tif"
@@ -265,9 +265,10 @@ def test_reading_the_golden_session_of_version_2() -> None:
     # The mean of 0, 80 ... 3760 and 4 more.
     assert (fourth.mean_dn, fourth.above_dark) == (23.5 * 80 + 4, 0.125)
     assert session.recorded[0].line.above_dark is None
-    # A flat has no LED number; its echo names the LED that was on.
-    flat = next(frame.line for frame in session.frames if frame.role == "flat")
-    assert (flat.led, flat.echo and flat.echo.led) == (None, 3)
+    # The line of a flat has no LED number; its echo names the LED that was on.
+    flat = next(frame for frame in session.frames if frame.role == "flat")
+    assert (flat.line.led, flat.line.echo and flat.line.echo.led) == (None, 3)
+    assert (flat.led, flat.light_id) == (3, "F_E0")
     assert [line.event for line in session.events] == ["checked", "retake"]
 
 

@@ -19,7 +19,7 @@ from acquisition._pixels.images import write_png
 from acquisition._session.manifest import Manifest, parse_manifest
 from calibration import linear_stack
 from rig import Mounting, RigConfig
-from simulator import render, rig_for, save_truth, scene_named
+from simulator import open_rig_seeing, render, save_truth, scene_named
 
 LEDS = 3
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(9000.0,))
@@ -41,7 +41,7 @@ def renderings():
 
 def recorded(rendering, folder, mounting):
     config = RigConfig(name="x", driver="simulated", leds=LEDS, mounting=mounting, settle_ms=0)
-    with rig_for(rendering, config, noisy=False, realtime=False) as rig:
+    with open_rig_seeing(rendering, config, noisy=False, realtime=False) as rig:
         session = record(
             rig,
             PLAN,
@@ -115,7 +115,7 @@ def test_a_camera_model_of_the_rotated_image_is_refused(tmp_path, renderings):
     config = RigConfig(name="x", driver="x", leds=LEDS, mounting=Mounting(rotation_deg=90))
     lying = replace(rendering.truth.camera, width=38, height=47)
     with (
-        rig_for(rendering, config, noisy=False, realtime=False) as rig,
+        open_rig_seeing(rendering, config, noisy=False, realtime=False) as rig,
         pytest.raises(DataError, match=r"for 38 x 47 pixels, .* upright images of 47 x 38"),
     ):
         record(

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -27,8 +24,8 @@ from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
-from rig import CameraError, Rig
-from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
+from rig import Rig
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
@@ -44,27 +41,6 @@ def rig(bench: Bench) -> Iterator[Rig]:
     rig = rig_on(bench)
     yield rig
     rig.close()
-
-
-def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
-    """Record until the camera fails at a given frame."""
-
-    def fail(number: int) -> None:
-        if number == at:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
-    with pytest.raises(CameraError):
-        record(rig, plan, folder, LABELS)
-    bench.on_trigger = lambda number: None
-    bench.shots.clear()
-    return folder
-
-
-def flip(path: Path) -> None:
-    """Change the last bit of the last sample."""
-    data = path.read_bytes()
-    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
 
 
 def flipped(*names: str) -> Callable[[Path], None]:
@@ -174,7 +150,7 @@ def test_damage_is_named_and_retaken_only_on_request(
     assert any(name in str(caught.value) for name in names)
     assert "\n" not in str(caught.value)
     assert not (folder / "COMPLETE").exists()
-    assert bench.lit_led is None
+    assert bench.led is None
     # Contradictions in the journal are known before the first shot, damaged files are not.
     assert len(bench.shots) in (0, missing)
     assert not reported or len(reported) == len(names)
@@ -309,98 +285,6 @@ def test_dark_frames_are_retaken_before_the_lights_that_they_judge(
     assert bench.shots == [None, None, 0, 5, 3, 0, 5]
 
 
-def test_version_2_is_upgraded_by_an_event_and_only_if_needed(
-    rig: Rig, bench: Bench, tmp_path: Path
-) -> None:
-    folder = cut(rig, bench, tmp_path / "s", 8)
-    toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
-    seal(folder, rows_of(folder))
-    written = toml.read_bytes()
-    shutil.copytree(folder, tmp_path / "whole")
-    assert resume(rig, tmp_path / "whole", retake_damaged=True).format_version == 2
-    flip(folder / "frames/L03_E0.tif")
-    bench.shots.clear()
-    session = resume(rig, folder, retake_damaged=True)
-    assert (session.complete, session.format_version) == (True, 3)
-    assert toml.read_bytes() == written
-    assert [line.event for line in events_of(session)][-3:] == ["reopened", "upgraded", "set_aside"]
-    assert verify_session(folder).ok
-    # One upgrade is sufficient.
-    flip(folder / "frames/L00_E0.tif")
-    session = resume(rig, folder, retake_damaged=True)
-    assert [line.event for line in events_of(session)].count("upgraded") == 1
-    assert verify_session(folder).ok
-
-
-def event(rows: list[dict[str, Any]], name: str, **details: Any) -> dict[str, Any]:
-    head = {"kind": "event", "seq": len(rows), "time_utc": rows[0]["time_utc"]}
-    return {**head, "event": name, "details": details}
-
-
-UPGRADE = {"from_version": 2, "to_version": 3, "software_version": "1"}
-
-
-@pytest.mark.parametrize(
-    ("version", "name", "changed", "said"),
-    [
-        pytest.param(3, "set_aside", {}, None, id="good"),
-        pytest.param(3, "set_aside", {"frame_seq": 0}, "line 12: sets frames", id="no frame"),
-        pytest.param(
-            3, "set_aside", {"file": "frames/L00_E0.tif"}, "line 12: sets", id="not its file"
-        ),
-        pytest.param(3, "set_aside", {"kept": "frames/x.tif"}, "kept", id="kept in frames"),
-        pytest.param(
-            3, "set_aside", {"kept": "derived/set_aside/../../x"}, "kept", id="kept outside"
-        ),
-        pytest.param(3, "set_aside", {"more": 1}, "unknown key 'more'", id="more"),
-        pytest.param(2, "set_aside", {}, None, id="unknown to version 2"),
-        pytest.param(2, "upgraded", UPGRADE, None, id="upgrade"),
-        pytest.param(3, "upgraded", UPGRADE, "it has version 3", id="upgrade of version 3"),
-        pytest.param(2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version", id="beyond"),
-    ],
-)
-def test_events_that_change_what_counts_are_checked(
-    rig: Rig,
-    bench: Bench,
-    tmp_path: Path,
-    version: int,
-    name: str,
-    changed: dict[str, Any],
-    said: str | None,
-) -> None:
-    folder = cut(rig, bench, tmp_path / "s", 9)
-    toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", f"format_version = {version}"))
-    rows = rows_of(folder)[:11]
-    row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
-    details = changed
-    if name == "set_aside":
-        good = {"frame_seq": row["seq"], "file": row["file"], "kept": None, "reason": "why"}
-        details = {**good, **changed}
-    while len(rows) < 11:
-        rows.append(event(rows, "note"))
-    seal(folder, [*rows, event(rows, name, **details)])
-    if said is None:
-        session = Session.open(folder)
-        gone = name == "set_aside" and version == 3
-        assert len(session.set_aside) == gone
-        assert ("L03_E0.tif" in {shot.file for shot in session.missing}) == gone
-        assert session.format_version == (3 if name == "upgraded" else version)
-        return
-    with pytest.raises(DataError, match=said):
-        Session.open(folder)
-
-
-@pytest.mark.parametrize("event", ["set_aside", "upgraded", "compacted", "reopened"])
-def test_reserved_events_cannot_be_written_directly(
-    rig: Rig, bench: Bench, tmp_path: Path, event: str
-) -> None:
-    folder = cut(rig, bench, tmp_path / "s", 8)
-    with SessionWriter.reopen(folder) as writer, pytest.raises(DataError, match=event):
-        writer.write_event(event)
-
-
 # ---------------------------------------------------------------- reading back
 
 
@@ -489,92 +373,3 @@ def test_a_disk_that_does_not_return_frames_is_reported(
     with pytest.raises(StorageError, match="reading a frame back has taken"):
         resume(rig, folder, stall_s=0.5)
     assert not Session.open(folder).complete
-
-
-# ---------------------------------------------------------------- killed processes
-
-
-# For each number and folder it receives, forks a process that sets damaged frames aside and is
-# killed at that call to the disk, in the middle of a write; prints the exit status.
-SERVER = """
-import os, sys
-from pathlib import Path
-import numpy as np
-from acquisition._pixels.quality import measure_quality
-from acquisition._session.writer import SessionWriter
-
-measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
-
-def die(folder, number):
-    calls = [0]
-    def deadly(name):
-        real = getattr(os, name)
-        def call(*arguments, **more):
-            calls[0] += 1
-            if calls[0] == number:
-                if name == "write":
-                    real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
-                os._exit(9)
-            return real(*arguments, **more)
-        setattr(os, name, call)
-    for name in ("write", "fsync", "replace", "rename", "mkdir", "unlink"):
-        deadly(name)
-    SessionWriter.reopen(folder, set_aside_damaged=True).close()
-
-for line in sys.stdin:
-    number, _, folder = line.strip().partition(" ")
-    pid = os.fork()
-    if pid == 0:
-        try:
-            die(Path(folder), int(number))
-        except BaseException:
-            os._exit(1)
-        os._exit(0)
-    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
-def test_a_kill_at_any_call_to_the_disk_loses_nothing(
-    rig: Rig, bench: Bench, tmp_path: Path
-) -> None:
-    """A changed and a lost frame of a complete session of version 2."""
-    model = tmp_path / "model"
-    record(rig, PLAN, model, LABELS)
-    toml = model / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
-    seal(model, rows_of(model))
-    flip(model / "frames/L03_E0.tif")
-    (model / "frames/D_200us.tif").unlink()
-    damaged = (model / "frames/L03_E0.tif").read_bytes()
-    words = [sys.executable, "-c", SERVER]
-    with subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdin is not None
-        assert server.stdout is not None
-        codes: list[int] = []
-        while not codes or codes[-1]:
-            folder = tmp_path / f"s{len(codes)}"
-            shutil.copytree(model, folder)
-            print(len(codes) + 1, folder, file=server.stdin, flush=True)
-            codes.append(int(server.stdout.readline()))
-            assert codes[-1] in (0, 9)
-            found = verify_session(folder)
-            assert all(
-                "L03_E0.tif" in problem or "D_200us.tif" in problem for problem in found.problems
-            )
-            bench.shots.clear()
-            session = resume(rig, folder, retake_damaged=True)
-            assert (session.complete, bench.shots) == (True, [None, 3])
-            assert verify_session(folder).problems == ()
-            files = {one.frame.path.name: one.kept for one in session.set_aside}
-            assert list(files) == ["D_200us.tif", "L03_E0.tif"]
-            assert files["D_200us.tif"] is None
-            shelf = folder / "derived/set_aside"
-            assert {path: path.read_bytes() for path in shelf.iterdir()} == {
-                files["L03_E0.tif"]: damaged
-            }
-            shutil.rmtree(folder)
-        server.stdin.close()
-    assert len(codes) > 15

@@ -296,10 +296,10 @@ def test_an_lp_without_matching_names_is_matched_by_order(tmp_path: Path) -> Non
     ("rows", "match"),
     [
         pytest.param(
-            ["img 1.png", "x.png"], r"only 1 of them are there, x\.png is not", id="in part"
+            ["img 1.png", "x.png"], r"only 1 of them is there, x\.png is not", id="in part"
         ),
         pytest.param(["a.png", "b.png"], "3 images for 2 lights", id="no name, other count"),
-        pytest.param(["img 1.png", "img 1.jpg"], "1 of them are there", id="one image twice"),
+        pytest.param(["img 1.png", "img 1.jpg"], "1 of them is there", id="one image twice"),
     ],
 )
 def test_an_lp_that_does_not_match_is_refused(tmp_path: Path, rows: list[str], match: str) -> None:

@@ -122,7 +122,7 @@ def test_match(ids, names, expected, by_name):
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        pytest.param(("p",), "1 images for 2 lights", id="counts differ"),
+        pytest.param(("p",), "1 image for 2 lights", id="counts differ"),
         pytest.param(("a", "q"), "q does not", id="only some match"),
         pytest.param(("a", "a"), "share a name", id="two frames of one light"),
     ],

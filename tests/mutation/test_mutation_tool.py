@@ -124,6 +124,17 @@ def test_the_verdict_is_the_result_of_the_tests(
 
 
 @pytest.mark.slow
+def test_a_kernel_that_others_have_compiled_in_is_faulty_at_once(trial: Trial) -> None:
+    kernels, solver = (f"processing/_stereo/{name}.py" for name in ("pixel_algebra", "cauchy"))
+    assert solver in trial.compiled_from(kernels)
+    faulty = text_of(kernels).replace("a12 += wy * z", "a12 -= wy * z")
+    tests = ("processing/test_photometric_stereo.py",)
+    verdicts = [trial.run(kernels, t, tests, 120).verdict for t in (text_of(kernels), faulty)]
+    assert verdicts == ["survived", "killed"]
+    assert trial.run(solver, text_of(solver), tests, 120).verdict == "survived"
+
+
+@pytest.mark.slow
 def test_tests_that_do_not_import_the_module_judge_nothing(trial: Trial) -> None:
     with pytest.raises(RuntimeError, match=r"is not what rig/test_protocol_lines\.py import"):
         trial.run(ROBUST, text_of(ROBUST), ("rig/test_protocol_lines.py",), 60)

@@ -59,6 +59,11 @@ class Trial:
             if source.is_file():
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(source, copy)
+        self._kernels = {
+            module.relative_to(folder).as_posix(): module.read_text(encoding="utf-8")
+            for module in folder.rglob("*.py")
+            if "numba.njit" in module.read_text(encoding="utf-8")
+        }
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(_PRELOADED))
 
@@ -91,6 +96,11 @@ class Trial:
         for stale in (path.parent / "__pycache__").glob(f"{path.stem}.*"):
             stale.unlink()  # its validity is checked by whole seconds and size only
         path.write_text(text, encoding="utf-8")
+        # Compiled again, because numba checks the source of a kernel, not of those that it calls.
+        callers = [self._folder / caller for caller in self.compiled_from(module)]
+        plain = {caller: caller.read_text(encoding="utf-8") for caller in callers}
+        for caller in callers:
+            caller.write_text(f"{plain[caller]}# {hash(text)}\n", encoding="utf-8")
         words = (self._folder, log, module, tests, limit_s)
         process = self._context.Process(target=_tests, args=words)
         try:
@@ -102,6 +112,8 @@ class Trial:
             process.join()
             path.write_bytes(original)
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+            for caller in callers:
+                caller.write_text(plain[caller], encoding="utf-8")
         output = log.read_text(encoding="utf-8", errors="replace").rstrip()
         if process.exitcode == _STRANGE:
             raise RuntimeError(f"{module} is not what {', '.join(tests)} import")
@@ -110,6 +122,17 @@ class Trial:
         # A crash also counts as detected, but prints no time.
         used = float(found[1]) if (found := re.search(r"processor time (\S+)$", output)) else 0.0
         return Outcome("survived" if process.exitcode == 0 else "killed", used, output)
+
+    def compiled_from(self, module: str) -> set[str]:
+        """Return the modules with kernels that call, directly or not, functions of a module."""
+        callers: set[str] = set()
+        of = [module] if module in self._kernels else []
+        while of:
+            name = of.pop().removesuffix(".py").replace("/", ".")
+            found = {m for m, text in self._kernels.items() if f"from {name} import" in text}
+            of += found - callers
+            callers |= found
+        return callers
 
 
 def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s: float) -> None:
@@ -121,7 +144,7 @@ def _tests(folder: Path, log: Path, module: str, tests: tuple[str, ...], limit_s
     os.chdir(folder)
     # Also for the processes that the tests start.
     os.environ["PYTHONPATH"] = str(folder)
-    # Compiled code is cached by the time and the size of its source: a fault is compiled again.
+    # Compiled code is cached by a hash of its source: a fault is compiled again.
     os.environ["NUMBA_CACHE_DIR"] = numba.config.CACHE_DIR = str(folder / ".numba")
     # Replaces the working tree, which an editable install adds to the path.
     sys.path[:] = [str(folder), *(entry for entry in sys.path if Path(entry or ".") != ROOT)]

@@ -15,7 +15,7 @@ from processing._detail.local_transfer import transfer_local
 from processing._detail.seam import _membrane, blend_detail, seam_of, seam_steps
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.similarity import Similarity
+from processing._detail.similarity import Pose, Similarity
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
@@ -175,7 +175,7 @@ def test_blending_a_detail_into_itself_changes_nothing_poles_included() -> None:
 def test_a_part_that_covers_the_target_has_no_seam() -> None:
     target = ball(60)
     result = transfer_local(
-        relief(6, (100, 100)), target, at=(30, 30), shape_filter=ShapeFilter(w=4)
+        relief(6, (100, 100)), target, pose=Pose((30, 30)), shape_filter=ShapeFilter(w=4)
     )
     np.testing.assert_array_equal(result.region, target.mask)
     assert np.isnan(result.seam.ratio)
@@ -205,7 +205,12 @@ def test_a_part_is_complete_and_the_rest_does_not_change() -> None:
     source, target = relief(2, (90, 90)), ball()
     mask = ellipse((90, 90), 45, 45, 36, 30)
     result = transfer_local(
-        source, target, source_mask=mask, at=(60, 62), shape_filter=ShapeFilter(w=5), reach_px=3.0
+        source,
+        target,
+        source_mask=mask,
+        pose=Pose((60, 62)),
+        shape_filter=ShapeFilter(w=5),
+        reach_px=3.0,
     )
     expected = np.zeros(target.size, bool)
     expected[17:107, 15:105] = mask
@@ -245,7 +250,7 @@ def test_a_target_mask_limits_and_positions_the_part() -> None:
 
 def test_the_membrane_removes_the_step() -> None:
     source, target = relief(4, (80, 80), slope=6.0), ball(160)
-    options = {"at": (80, 80), "source_mask": ellipse((80, 80), 40, 40, 30, 30)}
+    options = {"pose": Pose((80, 80)), "source_mask": ellipse((80, 80), 40, 40, 30, 30)}
     pasted = transfer_local(source, target, reach_px=1e-3, **options)  # type: ignore[arg-type]
     set_in = transfer_local(source, target, **options)  # type: ignore[arg-type]
     assert pasted.seam.seam_deg > 1.5 * set_in.seam.seam_deg
@@ -256,15 +261,19 @@ def test_the_membrane_removes_the_step() -> None:
     ("options", "text"),
     [
         pytest.param({}, "has no position on a target", id="sizes without a position"),
-        pytest.param({"at": (500, 5)}, "does not overlap the target mask", id="outside"),
-        pytest.param({"at": (0, 0), "scale": 0.1}, "does not overlap", id="on the empty corner"),
-        pytest.param({"at": (60, 60), "scale": 0.0}, "scale of 0.0", id="no scale"),
-        pytest.param({"at": (60, 60), "rotate_deg": np.nan}, "turn of nan", id="no angle"),
-        pytest.param({"at": (np.inf, 60)}, "place of", id="infinitely far"),
-        pytest.param({"at": (60, 60), "amplitude": np.inf}, "amplitude of inf", id="amplitude"),
-        pytest.param({"at": (60, 60), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
+        pytest.param({"pose": Pose((500, 5))}, "does not overlap the target mask", id="outside"),
         pytest.param(
-            {"at": (60, 60), "shape_filter": ShapeFilter(w=60)},
+            {"pose": Pose((0, 0), scale=0.1)}, "does not overlap", id="on the empty corner"
+        ),
+        pytest.param({"pose": Pose((60, 60), scale=0.0)}, "scale of 0.0", id="no scale"),
+        pytest.param({"pose": Pose((60, 60), rotate_deg=np.nan)}, "turn of nan", id="no angle"),
+        pytest.param({"pose": Pose((np.inf, 60))}, "place of", id="infinitely far"),
+        pytest.param(
+            {"pose": Pose((60, 60)), "amplitude": np.inf}, "amplitude of inf", id="amplitude"
+        ),
+        pytest.param({"pose": Pose((60, 60)), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
+        pytest.param(
+            {"pose": Pose((60, 60)), "shape_filter": ShapeFilter(w=60)},
             "larger than the normal map",
             id="w too large",
         ),
@@ -281,33 +290,33 @@ def test_local_transfer_refuses(options: dict[str, object], text: str) -> None:
 
 @needs_data
 @pytest.mark.parametrize(
-    ("source", "target", "part", "options"),
+    ("source", "target", "part", "pose"),
     [
         pytest.param(
             "cat",
             "bear",
             (390, 166, 45, 35),
-            {"at": (303, 188), "scale": 1.2, "rotate_deg": 6.0},
+            Pose((303, 188), scale=1.2, rotate_deg=6.0),
             id="cat's face onto bear",
         ),
         pytest.param(
             "buddha",
             "bear",
             (305, 118, 27, 34),
-            {"at": (303, 185), "scale": 1.5, "mirror": True},
+            Pose((303, 185), scale=1.5, mirror=True),
             id="buddha's face onto bear",
         ),
     ],
 )
 def test_real_faces_show_no_seam(
-    source: str, target: str, part: tuple[int, int, int, int], options: dict[str, object]
+    source: str, target: str, part: tuple[int, int, int, int], pose: Pose
 ) -> None:
     folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
     first, second = (read_normals(folder / name).normal_map for name in (source, target))
-    options = {"source_mask": ellipse(first.size, *part), **options}
-    result = transfer_local(first, second, **options)  # type: ignore[arg-type]
+    mask = ellipse(first.size, *part)
+    result = transfer_local(first, second, source_mask=mask, pose=pose)
     assert result.seam.ratio <= 1.2
-    pasted = transfer_local(first, second, reach_px=1e-2, **options)  # type: ignore[arg-type]
+    pasted = transfer_local(first, second, source_mask=mask, pose=pose, reach_px=1e-2)
     assert pasted.seam.seam_deg > 1.5 * result.seam.seam_deg
     assert result.fidelity.detail_mae_deg < 5
     assert result.region.sum() > 5000

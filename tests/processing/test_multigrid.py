@@ -170,6 +170,19 @@ def test_nothing_to_solve() -> None:
     assert not solution.u.any()
 
 
+@pytest.mark.parametrize("size", [2, 3, 10, 40])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_tolerance_below_the_rounding_errors_does_no_harm(size: int, seed: int) -> None:
+    right, down = graph(np.ones((size, size), bool), seed, -2)
+    true = np.random.default_rng(seed).normal(size=right.shape)
+    b = divergence(right, down, *steps(true))
+    solution = solve(right, down, b, tolerance=0.0)
+    assert solution.iterations < 500
+    assert solution.relative_residual < 1e-10
+    error = (solution.u - true)[1:-1, 1:-1]
+    assert np.ptp(error) < 1e-9
+
+
 def test_a_solver_without_convergence_reports_it() -> None:
     right, down = graph(disc(100), 4, -3)
     b = divergence(right, down, *steps(waves((100, 100))))

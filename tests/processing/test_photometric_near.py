@@ -59,6 +59,25 @@ def test_a_plane_under_leds_is_exact(method, mu):
     assert angle_deg(distant.normal_map.normals, normal).mean() > 3
 
 
+@METHODS
+@pytest.mark.parametrize("pixels", [1, 2, 3, 255, 256, 257, 513])
+def test_every_pixel_is_solved_under_its_own_lights(method, pixels):
+    """The solvers divide the pixels into blocks."""
+    points, normal = _plane(height=1, width=pixels, step_mm=max(60.0 / pixels, 0.5))
+    positions = _ring(10)
+    axes, mu = -positions, np.ones(10)
+    values = np.stack(
+        [0.7 * _irradiance(points, normal, p, a, 1.0) for p, a in zip(positions, axes, strict=True)]
+    )
+    values[0, :, ::3] = np.nan  # also pixels that miss a light
+    lights = Lights(positions_mm=positions, axes=axes, mu=mu)
+    mask = np.ones((1, pixels), bool)
+    result = photometric_stereo(values, lights, mask, method=method, points_mm=points)
+    assert result.normal_map.mask.all()
+    assert angle_deg(result.normal_map.normals, normal).max() < 1e-4
+    np.testing.assert_allclose(result.albedo, 0.7, rtol=1e-5)
+
+
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
 def test_light_vectors_are_those_of_the_lights(seed):

@@ -36,6 +36,7 @@ def _screen(pixels):
     return kernels.snap(pixels, np.zeros(len(pixels)))
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 80), st.integers(0, 160)), max_size=30),

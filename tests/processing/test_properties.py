@@ -86,9 +86,9 @@ def test_an_empty_window_is_refused() -> None:
 
 
 def test_the_detail_of_a_plane_is_idempotent_and_that_of_a_relief_nearly() -> None:
-    for likeness in idempotence(separate(plane((0.0, 0.6, 0.8)))).values():
-        assert likeness.mae_deg < 1e-3
-        assert likeness.ssim == pytest.approx(1)
+    for comparison in idempotence(separate(plane((0.0, 0.6, 0.8)))).values():
+        assert comparison.mae_deg < 1e-3
+        assert comparison.ssim == pytest.approx(1)
     orders = idempotence(separate(relief(0, (80, 80))), highest=4)
     assert list(orders) == [2, 3, 4]
     errors = [orders[k].mae_deg for k in (2, 3, 4)]
@@ -198,11 +198,11 @@ def test_the_surface_of_a_detail_is_flat_compared_with_that_of_its_map() -> None
 
 @needs_data
 @pytest.mark.parametrize(
-    ("source", "separability", "mae", "likeness"),
+    ("source", "separability", "mae", "ssim_paper"),
     [pytest.param("owl", 0.75, 2.1, 0.996, id="owl"), pytest.param("plant", 2, 4.5, 0.99, id="p")],
 )
 def test_a_real_detail_survives_a_chain(
-    source: str, separability: float, mae: float, likeness: float
+    source: str, separability: float, mae: float, ssim_paper: float
 ) -> None:
     folder = Path(os.environ["SGP_DATA"]) / "normals"
     normal_map = read_normals(folder / source).normal_map
@@ -210,5 +210,5 @@ def test_a_real_detail_survives_a_chain(
     assert separate(normal_map).separability_deg < separability
     steps = transfer_chain(normal_map, targets)
     assert max(step.to_original.mae_deg for step in steps) < mae
-    assert min(step.to_original.ssim_paper for step in steps) > likeness
+    assert min(step.to_original.ssim_paper for step in steps) > ssim_paper
     assert max(step.shape_mae_deg for step in steps) < mae

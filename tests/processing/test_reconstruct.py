@@ -10,7 +10,7 @@ from acquisition import Calibrations, CapturePlan, DataError, Labels, Lights, re
 from calibration import EstimateError
 from processing import reconstruct
 from rig import Mounting, RigConfig
-from simulator import render, rig_for, save_truth, scene_named
+from simulator import open_rig_seeing, render, save_truth, scene_named
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
@@ -28,7 +28,7 @@ def session(tmp_path_factory):
         mounting=Mounting(rotation_deg=90, mirror=True),
         settle_ms=0,
     )
-    with rig_for(rendering, config, noisy=False, realtime=False) as rig:
+    with open_rig_seeing(rendering, config, noisy=False, realtime=False) as rig:
         record(
             rig,
             PLAN,

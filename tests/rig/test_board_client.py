@@ -93,7 +93,7 @@ VERBS = {
     "FLASH": lambda board: board.flash(9, 1000, 2000),
     "STEP": lambda board: board.load([Step(9, 1000, 2000, 0)]),
     "RUN": lambda board: board.run(1),
-    "DID": lambda board: board.did(0),
+    "DID": lambda board: board.step_report(0),
     "STATUS": lambda board: board.status(),
 }
 
@@ -202,7 +202,7 @@ def test_a_sequence_reports_every_step(bench, board):
     board.run(3)
     reports = []
     while len(reports) < 3:
-        report = board.did(len(reports))
+        report = board.step_report(len(reports))
         reports += [] if report is None else [report]
     assert [r.led for r in reports] == [3, None, 5]
     assert [r.trigger_us for r in reports] == [1000, 10_000, 16_000]

@@ -45,11 +45,11 @@ def test_the_board_is_found_among_others(bench):
         assert [port.port for port in found] == [*others, bench.virtual.port]
         for port, said in zip(found, others.values(), strict=False):
             assert port.identity is None
-            assert port.port in port.complaint
-            assert said in port.complaint
-            assert "\n" not in port.complaint
+            assert port.port in port.problem
+            assert said in port.problem
+            assert "\n" not in port.problem
         assert found[-1].identity is not None
-        assert (found[-1].identity.name, found[-1].complaint) == ("sgp-virtual-board", "")
+        assert (found[-1].identity.name, found[-1].problem) == ("sgp-virtual-board", "")
         # All at the same time, not one after the other.
         assert took < 4 * TIMEOUT_S
         assert find_board([*others, bench.virtual.port], timeout_s=TIMEOUT_S) == bench.virtual.port
@@ -128,7 +128,7 @@ def test_a_port_whose_driver_never_returns_does_not_delay_others(monkeypatch, be
     monkeypatch.setattr(ports, "_GRACE_S", 0.5)
     found = find_boards(["stuck", bench.virtual.port], timeout_s=TIMEOUT_S)
     over.set()
-    assert "takes longer than 1.25 s" in found[0].complaint
+    assert "takes longer than 1.25 s" in found[0].problem
     assert found[1].identity is not None
 
 
@@ -147,4 +147,4 @@ def test_a_port_that_disappears_while_it_is_queried():
     thread.join()
     os.close(slave)
     assert found.identity is None
-    assert "unplugged" in found.complaint
+    assert "unplugged" in found.problem

@@ -93,9 +93,15 @@ def test_the_identity_of_another_firmware_is_accepted():
             "RUN", ("2",), lambda b: b.run(1), "RUN 2 instead of RUN 1 T", id="other count"
         ),
         pytest.param(
-            "DID", ("1", "7", "0", "9", "-"), lambda b: b.did(0), "DID 1 LED 7", id="other did"
+            "DID",
+            ("1", "7", "0", "9", "-"),
+            lambda b: b.step_report(0),
+            "DID 1 LED 7",
+            id="other did",
         ),
-        pytest.param("DID", ("0", "7", "0", "9"), lambda b: b.did(0), "is invalid", id="did cut"),
+        pytest.param(
+            "DID", ("0", "7", "0", "9"), lambda b: b.step_report(0), "is invalid", id="did cut"
+        ),
     ],
 )
 def test_wrong_answers_are_refused(verb, outcome, act, said):

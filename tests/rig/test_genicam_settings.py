@@ -1,13 +1,15 @@
 """Cameras of different vendors: the same settings under other names, steps, units and errors."""
 
 import math
+from pathlib import Path
 
 import pytest
 
-from rig import CameraError
+from rig import CameraError, FoundCamera
 from rig._genicam.automatics import turn_off_automatics
 from rig._genicam.nodes import Nodes
 from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.setup import CameraOptions, set_up
 from rig._genicam.trigger import TriggerControl
 from tests.rig.genicam_memory import Memory, amount, choice, command, switch
 
@@ -309,3 +311,10 @@ def test_a_node_is_accessed_by_the_first_existing_name():
     assert nodes.name(EXPOSURE) == "ExposureTimeAbs"
     assert nodes.exists(EXPOSURE)
     assert not nodes.exists("ExposureTime")
+
+
+def test_a_camera_without_a_format_of_raw_samples_is_refused():
+    nodes = Nodes(Memory([choice("PixelFormat", "RGB8", "YUV422_8")]).node_map, "c7")
+    found = FoundCamera(Path("x.cti"), "maker", "model", "c7")
+    with pytest.raises(CameraError, match=r"c7.* no format of raw samples.* only RGB8, YUV422_8:"):
+        set_up(nodes, Settings(nodes), found, CameraOptions())

@@ -17,11 +17,11 @@ from rig import (
     UnreadableError,
     check_pixels,
     check_text,
+    convert_parser_errors,
     parse_json,
     parse_toml,
     read_bounded,
     read_rig_config,
-    refusing,
 )
 
 needs_fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")
@@ -159,14 +159,14 @@ def test_other_exceptions_are_not_converted() -> None:
     class OtherError(Exception):
         pass
 
-    with pytest.raises(OtherError), refusing("damaged"):
+    with pytest.raises(OtherError), convert_parser_errors("damaged"):
         raise OtherError
     with (
         pytest.raises(UnreadableError, match="damaged: OtherError"),
-        refusing("damaged", OtherError),
+        convert_parser_errors("damaged", OtherError),
     ):
         raise OtherError
-    with pytest.raises(KeyboardInterrupt), refusing("damaged"):
+    with pytest.raises(KeyboardInterrupt), convert_parser_errors("damaged"):
         raise KeyboardInterrupt
 
 
@@ -180,7 +180,7 @@ def test_other_exceptions_are_not_converted() -> None:
     ],
 )
 def test_reasons_are_one_short_line(error: Exception, said: str) -> None:
-    with pytest.raises(UnreadableError, match=said) as caught, refusing("damaged"):
+    with pytest.raises(UnreadableError, match=said) as caught, convert_parser_errors("damaged"):
         raise error
     assert len(str(caught.value)) < 150
     assert "\n" not in str(caught.value)

@@ -3,7 +3,7 @@ from dataclasses import FrozenInstanceError
 
 import pytest
 
-from rig import Finding, Notice
+from rig import Notice
 
 
 def test_text_is_preceded_by_the_place():
@@ -46,10 +46,3 @@ def test_pickle_and_repr():
     notice = Notice("mask", "text", "file", "info")
     assert pickle.loads(pickle.dumps(notice)) == notice
     assert repr(notice) == "Notice(code='mask', text='text', where='file', severity='info')"
-
-
-def test_finding_as_a_notice():
-    finding = Finding("always on", (3,), "LED 3 is on although all should be off")
-    assert finding.notice == Notice("led-always-on", finding.text, severity="error")
-    remark = Finding("room light", (), "the room is bright", fault=False)
-    assert remark.notice == Notice("room-light", remark.text, severity="info")

@@ -133,7 +133,7 @@ def test_an_unknown_driver_in_a_file(tmp_path: Path):
 def drivers(monkeypatch):
     points = EntryPoints(
         [
-            EntryPoint("echo", "builtins:repr", rig._drivers.DRIVERS),
+            EntryPoint("echo", "builtins:dict", rig._drivers.DRIVERS),
             EntryPoint("broken", "no_such_module:open", rig._drivers.DRIVERS),
         ]
     )
@@ -142,9 +142,9 @@ def drivers(monkeypatch):
 
 @pytest.mark.usefixtures("drivers")
 def test_the_driver_gets_the_configuration(tmp_path: Path):
-    assert open_rig("echo") == repr(RigConfig(name="echo", driver="echo"))
+    assert open_rig("echo") == dict(RigConfig(name="echo", driver="echo"))
     (tmp_path / "rig.toml").write_text(WHOLE.replace("bench", "echo"))
-    assert "/dev/ttyACM0" in open_rig(str(tmp_path / "rig.toml"))
+    assert open_rig(str(tmp_path / "rig.toml"))["options"]["port"] == "/dev/ttyACM0"
 
 
 @pytest.mark.usefixtures("drivers")

@@ -395,7 +395,7 @@ def test_a_failing_step_of_closing_does_not_prevent_the_others(bench, monkeypatc
     Board(bench.virtual.port).close()
 
 
-@TRIGGERS
+@pytest.mark.parametrize("trigger", ["software", pytest.param("board", marks=pytest.mark.slow)])
 def test_random_faults_never_give_a_frame_of_another_led(bench, trigger):
     draw = random.Random(1)
     kinds = ["drop-reply", "corrupt-reply", "delay-reply", "banner", "reset", "goes-dark"]

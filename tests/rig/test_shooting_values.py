@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -368,3 +369,8 @@ def test_wires_are_tested_with_one_flash(clock: Clock, comes: bool, active_us: i
 
 def test_names_of_leds() -> None:
     assert (led_name(0), led_name(35), led_name(None)) == ("LED 0", "LED 35", "no LED")
+
+
+@pytest.mark.parametrize(("bits", "white_dn"), [(8, 255), (12, 4095), (16, 65_535)])
+def test_the_white_value_follows_from_the_bits(bits: int, white_dn: int) -> None:
+    assert replace(INFO, bit_depth=bits).white_dn == white_dn

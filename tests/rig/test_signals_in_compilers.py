@@ -12,7 +12,7 @@ import weakref
 import pytest
 
 from rig import _ending as ending
-from rig import end_later, end_program
+from rig import end_program, resend_signal
 
 # Interrupted right after LLVM has linked modules, when the linked module has two owners.
 LINKED = """
@@ -90,7 +90,9 @@ def strikes(number):
 """
 
 
-@pytest.mark.parametrize("module", ["numba.core.codegen", "llvmlite.binding.ffi", "weakref"])
+@pytest.mark.parametrize(
+    "module", ["numba.core.codegen", "llvmlite.binding.ffi", "pydantic.main", "weakref"]
+)
 @pytest.mark.parametrize(
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
@@ -154,7 +156,7 @@ def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
 
 def test_a_lost_exception_is_raised_again(taken):
     def lost() -> None:
-        end_later(signal.SIGTERM)
+        resend_signal(signal.SIGTERM)
         time.sleep(5)
 
     with pytest.raises(SystemExit) as ended:

@@ -1,5 +1,6 @@
 """A small recording, and a fixture that runs commands as from the command line."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -8,6 +9,9 @@ import numpy as np
 import pytest
 
 from acquisition import Lights, write_lights, write_png
+from sgp import read_record
+from sgp._metrics import COMMANDS
+from sgp._record import FORMAT, check_metrics
 from sgp.app import build, run
 
 SIZE = (40, 48)
@@ -27,15 +31,31 @@ class Answer(NamedTuple):
         return line
 
 
+def check_figures(words: list[str], printed: str) -> None:
+    """Check the figures of a command that succeeded, as printed and in its records."""
+    if printed.startswith("{") and words[:2] != ["simulate", "list"]:
+        for count in (1, 2):
+            check_metrics(" ".join(["sgp", *words[:count]]), json.loads(printed)["metrics"])
+    if "--out" in words:
+        for path in Path(words[words.index("--out") + 1]).rglob("*.json"):
+            if FORMAT in path.read_text(errors="replace"):
+                assert read_record(path).command in COMMANDS
+
+
 @pytest.fixture
 def sgp(capsys) -> Callable[..., Answer]:
-    """Call ``sgp`` with arguments; return exit code, stdout and stderr."""
+    """Call ``sgp`` with arguments; return exit code, stdout and stderr.
+
+    The figures that it prints as JSON, and those in the records that it leaves, are checked.
+    """
 
     def call(*words: object) -> Answer:
         capsys.readouterr()
         tokens = [str(word) for word in words]
         code = run(build(tokens), tokens)
         printed = capsys.readouterr()
+        if code == 0:
+            check_figures(tokens, printed.out)
         return Answer(code, printed.out, printed.err)
 
     return call

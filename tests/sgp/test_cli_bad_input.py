@@ -132,7 +132,7 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["normals", ".", "--out", "o", "--method", "best"], "best", id="method"),
         pytest.param(["rig", "check", "--rig", "unicorn"], "unicorn", id="unknown rig"),
         pytest.param(
-            ["calibrate", "spheres", "c", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
+            ["calibrate", "spheres", ".", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
             "give only one",
             id="spheres marked twice",
         ),

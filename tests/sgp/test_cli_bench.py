@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from processing import NormalMap, ShapeFilter, angle_deg, combine, separate
+from sgp import read_record
 from sgp._paper import figures as paper
 from sgp._paper import run as _paper_run
 from sgp._paper.faces import FACES
@@ -107,6 +108,14 @@ def small(monkeypatch):
             if name not in ("plant", "carving (simulated)")
         },
     )
+
+
+def test_the_record_has_the_numbers_of_tables_and_runs(sgp, tmp_path, monkeypatch):
+    monkeypatch.setattr(_paper_run, "run_all", lambda **_: _paper_run.Comparison())
+    assert sgp("bench", "paper", "--out", tmp_path, "--quick").code == 0
+    found = read_record(tmp_path / "bench.json")
+    assert found.command == "sgp bench paper"
+    assert found.metrics == {"tables": 0, "runs": 1, "quick": True}
 
 
 @pytest.mark.slow

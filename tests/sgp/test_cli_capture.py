@@ -212,7 +212,13 @@ def leave_it(process, terminal):
     ("typed_before", "act", "code"),
     [
         pytest.param(b"\n\n", leave_it, 130, id="Enter"),
-        pytest.param(b"", lambda _, terminal: os.write(terminal, b"\x04"), 2, id="Ctrl-D"),
+        pytest.param(
+            b"",
+            lambda _, terminal: os.write(terminal, b"\x04"),
+            2,
+            id="Ctrl-D",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_only_enter_at_the_prompt_takes_the_flats(
@@ -237,11 +243,11 @@ def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, 
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
     assert answer.code == 0, answer.err
-    assert "LED 2 died: 1 shots skipped" in answer.err
+    assert "LED 2 died: 1 shot skipped" in answer.err
     assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
     answer = sgp("capture", "verify", out)
     assert answer.code == 0
-    assert "1 planned frames were skipped because their LED died, first L02_E0.tif" in answer.out
+    assert "1 planned frame was skipped because its LED died: L02_E0.tif" in answer.out
     assert "LED 2 died" in sgp("capture", "info", out).err
 
 
@@ -548,7 +554,15 @@ def test_rig_commands(sgp, rig, tmp_path):
     assert not (tmp_path / "b.tif").exists()
 
 
-@pytest.fixture(params=["a full disk", "a reader that has exited", "none"])
+@pytest.fixture(
+    params=[
+        "a full disk",
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("a reader that has exited", "none")
+        ),
+    ]
+)
 def deaf(request):
     """A stderr that cannot be written, as an argument of `subprocess.run`."""
     if sys.platform == "win32":

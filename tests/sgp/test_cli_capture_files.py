@@ -284,7 +284,10 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
         pytest.param(["--watch", "--led-count", "3", "--timeout-s", "0"], "timeout", id="timeout"),
     ],
 )
-def test_impossible_watches(sgp, tmp_path, words, message):
+def test_impossible_watches(sgp, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    for name in ("p.toml", "m.png"):
+        (tmp_path / name).touch()
     folder = tethered(tmp_path / "in", [0])
     answer = sgp("capture", "import", folder, "--out", tmp_path / "out", *words)
     assert answer.code == 2

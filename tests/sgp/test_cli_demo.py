@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
+from sgp import read_record
 from sgp.app import build, run
 
 
@@ -23,6 +24,12 @@ def test_errors_are_within_the_documented_limits(demo):
     assert metrics["normals_mae_deg"] < 1.0
     assert metrics["normals_coverage"] == 1.0
     assert metrics["height_relative_error"] <= 0.03
+
+
+def test_every_record_can_be_read(demo):
+    assert read_record(demo / "summary.json").command == "sgp demo"
+    for name in ("normals", "detail", "surface"):
+        assert read_record(demo / name / f"{name}.json").command == "sgp run"
 
 
 def test_the_pictures_and_maps_are_there(demo):
@@ -47,12 +54,15 @@ def test_parts_combine_to_the_normals_they_came_from(sgp, demo, tmp_path):
     assert sgp("detail", "separate", demo / "normals", "--out", parts).code == 0
     shape, detail = parts / "shape.exr", parts / "detail.exr"
     assert sgp("detail", "combine", shape, detail, "--out", back).code == 0
-    compared = sgp("compare", back, demo / "normals", "--json")
+    out = tmp_path / "compared"
+    compared = sgp("compare", back, demo / "normals", "--out", out, "--json")
+    assert read_record(out / "compare.json").command == "sgp compare"
     metrics = json.loads(compared.out)["metrics"]
     assert metrics["mae_deg"] < 1e-3
     assert metrics["coverage"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_second_demo_replaces_the_first_and_nothing_else(sgp, demo):
     (demo / "notes.txt").write_text("keep me", encoding="utf-8")
     before = (demo / "lights.json").read_bytes()

@@ -85,8 +85,13 @@ def writers(made: Path, disk: Path) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "reason", "remedy"),
     [
-        ("full", "No space left on device", "free space on this disk"),
-        ("read-only", "Read-only file system", "mount it writable or choose another folder"),
+        pytest.param("full", "No space left on device", "free space on this disk"),
+        pytest.param(
+            "read-only",
+            "Read-only file system",
+            "mount it writable or choose another folder",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_every_writer_reports_the_disk_error(

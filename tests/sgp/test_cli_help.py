@@ -4,7 +4,6 @@ import re
 import shlex
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -42,8 +41,7 @@ def _examples(text):
 
 
 @pytest.mark.parametrize("words", PAGES)
-def test_every_page_has_examples_that_fit_and_are_understood(page, words, monkeypatch):
-    monkeypatch.setattr(Path, "exists", lambda path: True)  # the parser checks input files
+def test_every_page_has_examples_that_fit_and_are_understood(page, words):
     lines = _examples(page(*words))
     assert lines
     for line in lines:
@@ -96,10 +94,10 @@ def test_optional_arguments_have_names(page):
         pytest.param(["--jsn", "demo"], r"sgp has no option --jsn \(see `sgp --help`\)"),
         pytest.param(["normals"], r"SOURCE is missing \(see `sgp normals --help`\)"),
         pytest.param(["capture", "run"], r"OUT is missing \(see `sgp capture run --help`\)"),
-        pytest.param(["normals", "."], r"--out is missing \(see `sgp normals --help`\)"),
-        pytest.param(["normals", ".", "--out"], r"--out requires an argument.* normals --help`\)"),
+        pytest.param(["normals", "x"], r"--out is missing \(see `sgp normals --help`\)"),
+        pytest.param(["normals", "x", "--out"], r"--out requires an argument.* normals --help`\)"),
         pytest.param(
-            ["detail", "combine", "."], r"DETAIL is missing \(see `sgp detail combine --h"
+            ["detail", "combine", "x"], r"DETAIL is missing \(see `sgp detail combine --h"
         ),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acquisition import write_exr, write_png
+from acquisition import Lights, write_exr, write_lights, write_png
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def normals(tmp_path):
         "normals images --out o",
         "run images --out o",
         "calibrate spheres images --out l.json",
-        "calibrate intensities images --lights l.json --out c.json",
+        "calibrate intensities images --lights lights.json --out c.json",
         "capture import images --out o",
     ],
 )
@@ -37,6 +37,7 @@ def test_larger_images_are_refused(sgp, tmp_path, monkeypatch, normals, command)
     (tmp_path / "images").mkdir()
     for i in range(3):
         write_png(tmp_path / "images" / f"a.{i}.png", np.zeros((20, 20), np.uint8))
+    write_lights(tmp_path / "lights.json", Lights(np.eye(3)))
     line = sgp(*command.split(), "--max-pixels", 399).error_line(4)
     assert "20 x 20 pixels, 399 are allowed" in line
     assert not (tmp_path / "o").exists()

@@ -114,11 +114,11 @@ def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, arg
 @pytest.mark.parametrize(
     "command",
     [
-        ("calibrate", "spheres", "nowhere", "--out=l.json", "--sphere={}"),
-        ("project", "nowhere.obj", "--out=o", "--look={}"),
-        ("project", "nowhere.obj", "--out=o", "--rotate-deg={}"),
+        ("calibrate", "spheres", "images", "--out=l.json", "--sphere={}"),
+        ("project", "a.obj", "--out=o", "--look={}"),
+        ("project", "a.obj", "--out=o", "--rotate-deg={}"),
         ("detail", "transfer", "a", "b", "--out=o", "--at={}"),
-        ("project", "nowhere.obj", "--out=o", "--size={}"),
+        ("project", "a.obj", "--out=o", "--size={}"),
         ("simulate", "coin", "--out=o", "--size={}"),
         ("capture", "plan", "--size={}"),
     ],
@@ -128,6 +128,9 @@ def test_numbers_inside_text(sgp, tmp_path, monkeypatch, command, value) -> None
     if "--at={}" in command and value == "1,2":
         return
     monkeypatch.chdir(tmp_path)
+    inputs = [tmp_path / word for word in command[1:] if word in ("images", "a.obj", "a", "b")]
+    for path in inputs:
+        path.touch()
     line = sgp(*(word.format(value) for word in command)).error_line(2)
     assert re.search(r"give (\d numbers|width)", line), line
-    assert list(tmp_path.iterdir()) == []
+    assert sorted(tmp_path.iterdir()) == inputs

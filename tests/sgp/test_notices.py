@@ -11,8 +11,8 @@ from typing import get_args
 import pytest
 
 from acquisition._preflight import check
+from acquisition._selftest import finding
 from rig import Notice
-from rig._selftest import finding
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import sgp._simulation
-from simulator import render, rig_for, scene_named
+from simulator import open_rig_seeing, render, scene_named
 
 pytest_plugins = ["pytester"]
 
@@ -20,7 +20,7 @@ STRICT = ("-W", "error", "--strict-markers", "--strict-config")
 @pytest.fixture(scope="module", autouse=True)
 def _loaded():
     """Import and compile everything first: inner runs share this process but unload imports."""
-    with rig_for(
+    with open_rig_seeing(
         render(scene_named("spheres", width=32, height=32, leds=2)), realtime=False
     ) as rig:
         rig.shoot(0, 100)
@@ -38,6 +38,7 @@ def run(pytester):
     return run
 
 
+@pytest.mark.slow
 def test_the_guides_example_works(pytester):
     """Write every code block of the guide to a file, and run them in a new interpreter."""
     blocks = re.findall(r"```(ini|python)\n(.*?)```", GUIDE.read_text(), re.DOTALL)

@@ -36,12 +36,11 @@ GOLDEN = """{
     "normals": "normals.exr"
   },
   "metrics": {
+    "images": 8,
+    "lights": "distant",
     "pixels": 12,
-    "error_deg": null,
-    "worst_deg": [
-      0.5,
-      1.5
-    ]
+    "coverage": 0.75,
+    "residual_rms": null
   },
   "warnings": [
     "in.png: the mask is missing",
@@ -65,6 +64,13 @@ GOLDEN = """{
 """
 
 
+METRICS = {
+    "images": 8,
+    "lights": "distant",
+    "pixels": np.int64(12),
+    "coverage": np.float64(0.75),
+    "residual_rms": math.nan,
+}
 NOTICES = (
     Notice("mask-missing", "the mask is missing", "in.png"),
     Notice("one-part", "one part", severity="info"),
@@ -77,7 +83,7 @@ def record(tmp_path: Path) -> Path:
     source.write_bytes(b"abc")
     result = Result(
         outputs={"normals": tmp_path / "normals.exr", "elsewhere": Path("/x/y.exr")},
-        metrics={"pixels": 12, "error_deg": math.nan, "worst_deg": np.array([0.5, 1.5])},
+        metrics=METRICS,
         warnings=list(NOTICES),
         inputs=[source],
     )
@@ -97,7 +103,7 @@ def test_a_record_reads_back(record: Path) -> None:
     found = read_record(record)
     assert found.command == "sgp normals"
     assert found.outputs == {"normals": "normals.exr"}
-    assert found.metrics == {"pixels": 12, "error_deg": None, "worst_deg": [0.5, 1.5]}
+    assert found.metrics == METRICS | {"residual_rms": None}
     assert found.warnings == ("in.png: the mask is missing", "one part")
     assert found.notices == NOTICES
 
@@ -136,6 +142,80 @@ def test_other_records_are_refused(record: Path, changes: dict[str, Any], compla
         read_record(record)
     assert str(record) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+TRANSFER = {
+    **{f"{part}_mae_deg{by}": 1.5 for part in ("shape", "detail") for by in ("", "_paper")},
+    **{f"{part}_ssim{by}": 1 for part in ("shape", "detail") for by in ("", "_paper")},
+    "pixels": 9,
+}
+STAGES = {
+    "normals": METRICS,
+    "detail": {"separability_deg": 0.5},
+    "surface": {"unit": "px", "height_range": 2.5, "vertices": 9, "parts": 1, "iterations": 3},
+}
+RUN = STAGES | {"seconds": {"normals": 0.5}}
+
+
+@pytest.mark.parametrize(
+    ("command", "metrics"),
+    [
+        pytest.param("sgp normals", METRICS | {"mae_deg": 3, "median_deg": 2.5}, id="truth"),
+        pytest.param("sgp detail transfer", TRANSFER, id="no optional figure"),
+        pytest.param(
+            "sgp detail transfer",
+            TRANSFER | {"source_window": (0, 0, 3, 3), "tiles": (1, 2), "height_rms_px": 0.5},
+            id="global transfer",
+        ),
+        pytest.param(
+            "sgp detail transfer",
+            TRANSFER | dict.fromkeys(["seam_step_deg", "interior_step_deg", "seam_ratio"]),
+            id="local transfer without a seam",
+        ),
+        pytest.param("sgp run", RUN, id="run"),
+        pytest.param("sgp run", RUN | {"normals_mae_deg": 3.5}, id="run with truth"),
+        *(pytest.param("sgp run", STAGES[name], id=f"{name} of run") for name in STAGES),
+        pytest.param("sgp new", {"anything": [None, "x"]}, id="a command of a newer program"),
+    ],
+)
+def test_figures_read_back(tmp_path: Path, command: str, metrics: dict[str, object]) -> None:
+    path = tmp_path / "record.json"
+    write_record(path, command, {}, Result(metrics=metrics))
+    assert read_record(path).metrics == json.loads(path.read_text())["metrics"]
+
+
+@pytest.mark.parametrize(
+    ("command", "metrics", "complaint"),
+    [
+        ("sgp normals", METRICS | {"pixel": 3}, "unknown key 'metrics.pixel'"),
+        ("sgp normals", {"images": 8}, "the key 'metrics.lights' is missing"),
+        ("sgp normals", METRICS | {"images": 8.0}, "'metrics.images': .*integer, not 8.0"),
+        ("sgp normals", METRICS | {"images": True}, "'metrics.images': .*integer, not True"),
+        ("sgp normals", METRICS | {"coverage": "1"}, "'metrics.coverage': .*number, not '1'"),
+        ("sgp normals", METRICS | {"coverage": math.nan}, "'metrics.coverage': .*number"),
+        ("sgp normals", METRICS | {"lights": "far"}, "'metrics.lights': .*'near' or 'distant'"),
+        ("sgp detail transfer", TRANSFER | {"tiles": [1]}, "'metrics.tiles.1' is missing"),
+        ("sgp run", STAGES, "the key 'metrics.seconds' is missing"),
+        ("sgp run", RUN | {"detail": {}}, "the key 'metrics.detail.separability_deg' is missing"),
+        ("sgp run", STAGES["surface"] | {"parts": None}, "'metrics.parts': .*integer"),
+        ("sgp run", RUN | {"seconds": {"x": "1"}}, "'metrics.seconds.x': .*number, not '1'"),
+    ],
+)
+def test_other_figures_are_refused(
+    tmp_path: Path, command: str, metrics: dict[str, object], complaint: str
+) -> None:
+    path = tmp_path / "record.json"
+    write_record(path, command, {}, Result(metrics=metrics))
+    with pytest.raises(DataError, match=complaint) as caught:
+        read_record(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_figure_that_is_not_finite_is_refused(record: Path) -> None:
+    record.write_text(record.read_text().replace("0.75", "Infinity"))
+    with pytest.raises(DataError, match=r"metrics.coverage.*finite number"):
+        read_record(record)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "null", '"x"'])

@@ -8,27 +8,25 @@ import pytest
 from acquisition import DataError, Lights, NoiseModel
 from simulator import render, scene_named
 from simulator._camera.sensor import sensor_image
-from simulator._render.cramer_rao import cramer_rao_deg
+from simulator._render.cramer_rao import Measurement, cramer_rao_deg
 
 NOISE = NoiseModel(2.5, 6.0, 64.0, 12)
 # One photon per microsecond from a white surface: exposure times equal photons.
-RATE = 1.0
+MEASUREMENT = Measurement(NOISE, 1.0, (8000.0,))
 
 
 def variance_e(noise, electrons):
     return electrons + noise.read_noise_e**2 + noise.electrons_per_dn**2 / 12
 
 
-def bound(normal, lights, *, albedo=0.5, noise=NOISE, exposure_us=(8000.0,), **options):
-    normals = np.asarray(normal, np.float32)[None, None]
+def bound(normal, lights, *, albedo=0.5, points_mm=None, shadows=None, **measurement):
     return cramer_rao_deg(
-        normals,
+        np.asarray(normal, np.float32)[None, None],
         np.full((1, 1), albedo, np.float32),
         lights,
-        noise,
-        photons_per_us=RATE,
-        exposures_us=exposure_us,
-        **options,
+        dataclasses.replace(MEASUREMENT, **measurement),
+        points_mm=points_mm,
+        shadows=shadows,
     )[0, 0]
 
 
@@ -77,7 +75,7 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
         Lights(directions=ring(count, 40)),
         albedo=albedo,
         noise=noise,
-        exposure_us=(exposure_us,),
+        exposures_us=(exposure_us,),
         gain_db=gain_db,
         background_per_us=background,
     )
@@ -87,9 +85,9 @@ def test_a_ring_of_lights_over_a_flat_surface(noise, gain_db, background):
 def test_every_repeat_counts_and_saturated_brackets_do_not():
     lights = Lights(directions=ring(8, 50))
     one = bound((0, 0, 1), lights)
-    assert bound((0, 0, 1), lights, exposure_us=(8000.0,) * 4) == pytest.approx(one / 2, rel=1e-6)
+    assert bound((0, 0, 1), lights, exposures_us=(8000.0,) * 4) == pytest.approx(one / 2, rel=1e-6)
     # 0.5 * sin 50 * 30 000 electrons are more than 4031 * 2.5.
-    assert bound((0, 0, 1), lights, exposure_us=(8000.0, 30_000.0)) == one
+    assert bound((0, 0, 1), lights, exposures_us=(8000.0, 30_000.0)) == one
     full = dataclasses.replace(NOISE, full_well_e=3000.0)
     assert bound((0, 0, 1), lights, noise=full) == np.inf
 
@@ -127,10 +125,7 @@ def test_mosaic_pixels_see_the_intensity_of_their_channel():
         # Only the albedo of a pixel's own channel matters.
         np.where(np.eye(3, dtype=bool), 0.5, 0.9)[None],
         lights,
-        NOISE,
-        photons_per_us=np.array([[1.0, 1.0, 2.0]]),
-        exposures_us=(8000.0,),
-        channel=np.array([[0, 1, 2]]),
+        Measurement(NOISE, np.array([[1.0, 1.0, 2.0]]), (8000.0,), channel=np.array([[0, 1, 2]])),
     )[0]
     alone = [
         bound((0, 0, 1), Lights(directions=directions, intensities=np.full(6, i)))
@@ -147,9 +142,7 @@ def test_a_monochrome_pixel_sees_the_mean_of_intensity_times_albedo():
         np.float32([[[0, 0, 1]]]),
         albedo[None, None],
         Lights(directions=directions, intensities=colours),
-        NOISE,
-        photons_per_us=RATE,
-        exposures_us=(8000.0,),
+        MEASUREMENT,
     )[0, 0]
     grey = Lights(directions=directions, intensities=(colours @ albedo) / 3 / 0.6)
     assert result == pytest.approx(bound((0, 0, 1), grey, albedo=0.6), rel=1e-6)
@@ -215,7 +208,7 @@ def test_an_efficient_estimator_reaches_the_bound(normal, albedo, exposure_us, c
     result = estimate(grey.astype(np.float64), NOISE, exposure_us, directions)
     error = np.arctan2(np.linalg.norm(np.cross(result, normal), axis=1), result @ normal)
     rms = np.degrees(np.sqrt(np.mean(error**2)))
-    least = bound(normal, Lights(directions=directions), albedo=albedo, exposure_us=(exposure_us,))
+    least = bound(normal, Lights(directions=directions), albedo=albedo, exposures_us=(exposure_us,))
     # The relative error of the mean square of two normal errors is at most 1 / sqrt(trials); that
     # of its root is half of it.
     sampling = 0.5 / np.sqrt(trials)
@@ -231,9 +224,7 @@ def test_the_bound_holds_in_a_rendered_scene():
         truth.normals,
         truth.albedo,
         scene.lights,
-        scene.noise,
-        photons_per_us=scene.electrons_per_us,
-        exposures_us=(exposure_us,),
+        Measurement(scene.noise, scene.electrons_per_us, (exposure_us,)),
         points_mm=truth.points_mm,
         shadows=truth.shadows,
     )
@@ -287,13 +278,14 @@ def test_the_bound_holds_in_a_rendered_scene():
     ],
 )
 def test_invalid_input_is_refused(changed, message):
-    arguments = {
+    surface = {
         "normals": np.ones((2, 3, 3), np.float32),
         "albedo": np.ones((2, 3), np.float32),
         "lights": Lights(directions=np.eye(3)),
-        "noise": NOISE,
-        "photons_per_us": 1.0,
-        "exposures_us": (1.0,),
+        "points_mm": None,
+        "shadows": None,
     }
+    measured = {name: value for name, value in changed.items() if name not in surface}
+    surface |= {name: value for name, value in changed.items() if name in surface}
     with pytest.raises(DataError, match=message):
-        cramer_rao_deg(**{**arguments, **changed})
+        cramer_rao_deg(**surface, measurement=dataclasses.replace(MEASUREMENT, **measured))

@@ -116,7 +116,9 @@ class _Boxes:
         return np.flatnonzero(((self.low <= box[3:]) & (self.high >= box[:3])).all(axis=1))
 
 
-@pytest.mark.parametrize("name", ["torus", *MESHES])
+@pytest.mark.parametrize(
+    "name", ["torus", *(pytest.param(name, marks=pytest.mark.slow) for name in MESHES)]
+)
 def test_normal_map_agrees_with_trimesh_ray_casting(name):
     body = _body(name, smooth=False)
     mesh = trimesh.Trimesh(body.vertices_mm, body.faces, process=False)

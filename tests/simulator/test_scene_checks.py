@@ -175,7 +175,13 @@ def test_dome_depends_on_its_seed():
     assert np.abs(a.positions_mm - b.positions_mm).max() > 1.0
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("coin", "spheres") else pytest.mark.slow)
+        for name in SCENES
+    ],
+)
 def test_all_scenes_have_the_same_dome(name):
     lights = scene_named(name, leds=5, seed=8).lights
     np.testing.assert_array_equal(lights.positions_mm, dome_lights(5, seed=8).positions_mm)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rig import RigConfig, RigConfigError
-from simulator import open_rig, render, rig_for, scene_named
+from simulator import open_rig, open_rig_seeing, render, scene_named
 
 
 def _config(leds=4, **options):
@@ -23,7 +23,7 @@ def small():
 
 
 def test_frames_equal_the_rendering(small):
-    with rig_for(small, noisy=False) as rig:
+    with open_rig_seeing(small, noisy=False) as rig:
         lit, dark = rig.shoot(1, exposure_us=12_000.0), rig.shoot(None, exposure_us=12_000.0)
     np.testing.assert_allclose(
         lit.frame.pixels, _expected(small, 12_000 * (small.planes[1] + small.ambient)), atol=0.51
@@ -38,7 +38,7 @@ def test_a_short_bracket_measures_the_highlights(small):
     spheres = small.truth.sphere_masks.any(axis=0)
     # At this size only some highlights are wide enough to saturate.
     led = int(np.argmax(small.planes[:, spheres].max(axis=1)))
-    with rig_for(small, noisy=False) as rig:
+    with open_rig_seeing(small, noisy=False) as rig:
         long = rig.shoot(led, exposure_us=40_000.0).frame.pixels
         short = rig.shoot(led, exposure_us=4_000.0).frame.pixels
     white = small.truth.noise.white_level_dn
@@ -74,4 +74,4 @@ def test_an_invalid_option_is_reported_in_one_line(options, message):
 
 def test_led_counts_must_agree(small):
     with pytest.raises(RigConfigError, match="4 LEDs, its scene has 3"):
-        rig_for(small, _config(leds=4))
+        open_rig_seeing(small, _config(leds=4))

@@ -9,6 +9,7 @@ from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
 from simulator._shapes.carved import CrackedLeather, StepGauge
 from simulator._shapes.field_trace import FieldBounds, meet_field
+from simulator._shapes.surface import Surface
 
 ABOVE = np.array([0.0, 0.0, 600.0])
 
@@ -47,6 +48,20 @@ def _first_by_brute_force(surface, origins, directions, samples=8001):
             k = crossing[0]
             result[i] = t[k] + (t[k + 1] - t[k]) * gap[k] / (gap[k] - gap[k + 1])
     return result
+
+
+class _Slope(Surface):
+    """A plane that rises towards a corner of the square around the outline."""
+
+    def evaluate(self, x_mm, y_mm):
+        return x_mm + y_mm, np.ones_like(x_mm), np.ones_like(x_mm)
+
+
+def test_bounds_are_those_within_the_outline():
+    bounds = _Slope(60.0).bounds
+    highest = 60.0 * math.sqrt(2)
+    assert highest <= bounds.top_mm < 115  # 120 in the corners
+    assert -115 < bounds.bottom_mm <= -highest
 
 
 STEEP = [

@@ -26,8 +26,8 @@ from simulator import (
     _simulated_rig,
     bench_sensor,
     open_rig,
+    open_rig_seeing,
     render,
-    rig_for,
     scene_named,
 )
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
@@ -332,7 +332,7 @@ def test_a_mosaic_scene_is_seen_by_a_mosaic_camera():
     scene = scene_named("coin-with-spheres", width=48, height=32, leds=3)
     rendering = render(replace(scene, lens=replace(scene.lens, cfa="GRBG")))
     config = RigConfig(name="bench 1", driver="simulated", leds=3, settle_ms=0.0)
-    with rig_for(rendering, config, noisy=False, realtime=False) as rig:
+    with open_rig_seeing(rendering, config, noisy=False, realtime=False) as rig:
         assert rig.camera.info.cfa == "GRBG"
         assert rig.camera.info.pixel_format == "BayerGR12"
         seen = rig.shoot(1, 2000).frame.pixels

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from rig._notice import Notice
+from rig import Notice
 
 Kind = Literal[
     "dead", "dim", "unsteady", "always on", "room light", "double", "elsewhere", "ambiguous",

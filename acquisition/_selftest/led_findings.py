@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from rig._selftest.finding import Finding
-from rig._selftest.led_places import both_on, judge_places
-from rig._selftest.near_light import Array, Images, fit, misfits
+from acquisition._selftest.finding import Finding
+from acquisition._selftest.led_places import both_on, judge_places
+from acquisition._selftest.near_light import Array, Images, fit, known_mean, misfits
 
 # Relative to the median LED.
 _DEAD = 0.02
@@ -79,16 +79,16 @@ def findings(evidence: Evidence) -> list[Finding]:
 class _Judge:
     def __init__(self, evidence: Evidence) -> None:
         self._seen = evidence
-        self._mean = _mean(evidence.light, axis=0)
+        self._mean = known_mean(evidence.light, axis=0)
         # Saturated places are NaN and do not count in the means.
-        self._strength = _mean(self._mean, axis=1)
+        self._strength = known_mean(self._mean, axis=1)
         difference = evidence.light[0] - evidence.light[1]
         spread = 1.4826 * np.nanmedian(np.abs(difference)) / np.sqrt(2)
         self._noise = float(spread / np.sqrt(evidence.light.shape[2])) + 1e-3
         least = max(_DEAD * float(np.median(self._strength)), _NOISES * self._noise)
         self.alive = self._strength > least
         self._typical = float(np.median(self._strength[self.alive])) if self.alive.any() else least
-        self._glow = _mean(evidence.dark, axis=0)
+        self._glow = known_mean(evidence.dark, axis=0)
         self._glows = bool(self._glow > least)
 
     def _named(self, rows: Iterable[int]) -> tuple[int, ...]:
@@ -144,7 +144,7 @@ class _Judge:
         return found
 
     def steadiness(self) -> list[Finding]:
-        first, second = (_mean(each, axis=1) for each in self._seen.light)
+        first, second = (known_mean(each, axis=1) for each in self._seen.light)
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.where(self.alive, np.abs(first - second) / self._strength, 0.0)
         limit = np.maximum(_UNSTEADY, _NOISES * self._noise / np.maximum(self._strength, 1e-9))
@@ -181,7 +181,7 @@ class _Judge:
         """Return pairs of rows whose images are equal within the difference of the two passes."""
         rows = np.flatnonzero(self.alive)
         shape = self._mean[rows] / self._strength[rows, None]
-        each = self._seen.light[:, rows] / _mean(self._seen.light[:, rows], axis=2)[..., None]
+        each = self._seen.light[:, rows] / known_mean(self._seen.light[:, rows], axis=2)[..., None]
         again = np.nanmedian(np.abs(each[0] - each[1]), axis=1)
         limit = 1.5 * float(np.median(again)) + 0.003
         return [
@@ -205,10 +205,3 @@ class _Judge:
         misfit, _ = misfits((self._seen.dark / images.mean)[None], fitted.predicted)
         best = int(misfit[0].argmin())
         return self._seen.leds[best] if best in still else None
-
-
-def _mean(values: Array, axis: int) -> Array:
-    """Return the mean of the known values, 0 without known values."""
-    known = np.isfinite(values)
-    total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
-    return total

@@ -5,24 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from rig._config import RigConfig
-from rig._errors import RigError
-from rig._progress import Progress, no_progress
-from rig._rig import Rig
-from rig._selftest.finding import Finding
-from rig._selftest.led_findings import Evidence, findings
-from rig._shooting.wires import Wires
-
-Array = npt.NDArray[np.float64]
+from acquisition._pixels.quality import measure_quality
+from acquisition._selftest.finding import Finding
+from acquisition._selftest.led_findings import Evidence, findings
+from acquisition._selftest.near_light import Array
+from rig import Progress, Rig, RigConfig, RigError, Wires, no_progress
 
 _COARSE = 20  # places along the longer side
 _FIRST_US = 20_000.0
 _LONGEST_US = 500_000.0
-# Target level of the brightest LED as a share of the range, and the accepted limits.
+# Target of the 99th percentile under the brightest LED as a share of the range, and the accepted
+# limits.
 _FILL, _LEAST_FILL, _MOST_FILL = 0.6, 0.15, 0.95
-_BRIGHT_PERCENTILE = 99.0
 _PASSES = 8
 # Exposure time of the second dark frame relative to the first.
 _SHORT = 0.25
@@ -147,7 +142,7 @@ class _Camera:
         self._count = 0
         # Two passes over the LEDs, and two dark frames.
         self._total = 2 * leds + 2
-        self._white = 2**rig.camera.info.bit_depth - 1
+        self._white = rig.camera.info.white_dn
         self.brightest = 0.0
         self._shape = (1, 1)
 
@@ -182,8 +177,8 @@ class _Camera:
         pixels = self._rig.shoot(led, exposure_us, trigger="software").frame.pixels
         self._count += 1
         self._on_progress("self-test", self._count, max(self._count, self._total))
-        bright = float(np.percentile(pixels[::4, ::4], _BRIGHT_PERCENTILE)) / self._white
-        self.brightest = max(self.brightest, bright)
+        quality = measure_quality(pixels, white_level_dn=self._white)
+        self.brightest = max(self.brightest, quality.percentiles_dn["99"] / self._white)
         upright = self._rig.config.mounting.upright(pixels)
         side = max(1, -(-max(upright.shape) // _COARSE))
         rows, columns = (max(1, length // side) for length in upright.shape)

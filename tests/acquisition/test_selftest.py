@@ -9,20 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rig._selftest.selftest as selftest_module
+import acquisition._selftest.selftest as selftest_module
+from acquisition import Finding, selftest
+from acquisition._selftest.led_findings import Evidence, findings
 from rig import (
     CameraError,
     CameraFrame,
     FrameTimeoutError,
+    Notice,
     RigConfig,
     RigError,
     Shot,
-    selftest,
+    no_progress,
 )
-from rig._progress import no_progress
-from rig._selftest.led_findings import Evidence, findings
-from simulator import Lamps, dome_lights, render, rig_for, scene_named
-from simulator._wiring import Wiring
+from simulator import BenchFlaws, Lamps, Wiring, dome_lights, open_rig_seeing, render, scene_named
 
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]
 NOISE = 0.003
@@ -58,7 +58,10 @@ CASES = pytest.mark.parametrize(
     ("name", "leds", "seed"),
     [
         *((name, 36, 11 + i) for i, name in enumerate(SCENES[:3])),
-        *((name, 12, 11 + i) for i, name in enumerate(SCENES)),
+        *(
+            pytest.param(name, 12, 11 + i, marks=pytest.mark.slow if i % 3 else ())
+            for i, name in enumerate(SCENES)
+        ),
     ],
 )
 
@@ -171,9 +174,16 @@ def kinds(result, *, fault=True):
     return sorted((one.kind, *one.leds) for one in result.findings if one.fault == fault)
 
 
+def test_a_finding_as_a_notice():
+    finding = Finding("always on", (3,), "LED 3 is on although all should be off")
+    assert finding.notice == Notice("led-always-on", finding.text, severity="error")
+    remark = Finding("room light", (), "the room is bright", fault=False)
+    assert remark.notice == Notice("room-light", remark.text, severity="info")
+
+
 @pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
 def test_a_simulated_rig_without_faults(name):
-    with rig_for(rendered(name)) as rig:
+    with open_rig_seeing(rendered(name)) as rig:
         result = selftest(rig)
     assert result.ok
     assert kinds(result) == []
@@ -182,27 +192,29 @@ def test_a_simulated_rig_without_faults(name):
 
 
 @pytest.mark.parametrize(
-    ("options", "found"),
+    ("flaws", "found"),
     [
         pytest.param(
-            {"wiring": Wiring(swapped=((2, 9),))},
+            BenchFlaws(wiring=Wiring(swapped=((2, 9),))),
             [("elsewhere", 2, 9), ("elsewhere", 9, 2)],
             id="swapped",
         ),
-        pytest.param({"wiring": Wiring(double=((4, 11),))}, [("double", 4, 11)], id="double"),
-        pytest.param({"wiring": Wiring(always=(6,))}, [("always on", 6)], id="always on"),
-        pytest.param({"lamps": Lamps(dead=(0, 5))}, [("dead", 0), ("dead", 5)], id="dead"),
+        pytest.param(
+            BenchFlaws(wiring=Wiring(double=((4, 11),))), [("double", 4, 11)], id="double"
+        ),
+        pytest.param(BenchFlaws(wiring=Wiring(always=(6,))), [("always on", 6)], id="always on"),
+        pytest.param(BenchFlaws(lamps=Lamps(dead=(0, 5))), [("dead", 0), ("dead", 5)], id="dead"),
     ],
 )
-def test_a_simulated_rig_with_faults(options, found):
-    with rig_for(rendered("coin"), **options) as rig:
+def test_a_simulated_rig_with_faults(flaws, found):
+    with open_rig_seeing(rendered("coin"), flaws=flaws) as rig:
         result = selftest(rig)
     assert not result.ok
     assert kinds(result) == found
 
 
 def test_an_unsteady_supply_is_found():
-    with rig_for(rendered("coin"), lamps=Lamps(flicker=0.2)) as rig:
+    with open_rig_seeing(rendered("coin"), flaws=BenchFlaws(lamps=Lamps(flicker=0.2))) as rig:
         result = selftest(rig)
     assert {kind for kind, *_ in kinds(result)} == {"unsteady"}
     assert len(result.findings) >= 3
@@ -218,7 +230,9 @@ def test_the_mounting_of_the_camera_is_applied():
             "dead_leds": [3],
         }
     )
-    with rig_for(rendered("coin"), config, wiring=Wiring(swapped=((2, 9),))) as rig:
+    with open_rig_seeing(
+        rendered("coin"), config, flaws=BenchFlaws(wiring=Wiring(swapped=((2, 9),)))
+    ) as rig:
         result = selftest(rig)
     assert kinds(result) == [("elsewhere", 2, 9), ("elsewhere", 9, 2)]
     assert 3 not in result.leds
@@ -229,7 +243,7 @@ def test_dark_and_bright_scenes_are_metered():
         scene_ = scene_named("white-plane", **SMALL)
         bright = render(scene_)
         bright.planes[:] *= scale
-        with rig_for(bright) as rig:
+        with open_rig_seeing(bright) as rig:
             result = selftest(rig)
         assert low_us <= result.exposure_us <= high_us
         assert kinds(result) == []
@@ -238,7 +252,7 @@ def test_dark_and_bright_scenes_are_metered():
 @pytest.mark.parametrize("trigger", ["software", "board"])
 def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, trigger):
     config = RigConfig(name="x", driver="simulated", leds=12, trigger=trigger, frame_timeout_s=0.2)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
 
         def nothing_comes(frame_id, timeout_s, waiting=None):
             raise FrameTimeoutError("frame 0 did not arrive")
@@ -263,7 +277,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, tri
 
 def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
 
         def unplugged(frame_id, timeout_s, waiting=None):
             raise CameraError("camera c7 no longer answers")
@@ -275,12 +289,16 @@ def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
 
 def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
         asked = []
 
         def saturated(led, exposure_us, **named):
             asked.append(exposure_us)
-            return Shot(CameraFrame(np.full((8, 8), 4095), 0, 1, exposure_us, 0.0, None), led, None)
+            return Shot(
+                CameraFrame(np.full((8, 8), 4095, np.uint16), 0, 1, exposure_us, 0.0, None),
+                led,
+                None,
+            )
 
         monkeypatch.setattr(rig, "shoot", saturated)
         # The frames stay saturated however short the exposure is.
@@ -289,9 +307,21 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     assert exposure_us == asked[-1]
 
 
+def test_every_colour_of_a_mosaic_is_metered(monkeypatch):
+    config = RigConfig(name="x", driver="simulated", leds=12)
+    mosaic = np.full((8, 8), 4095, np.uint16)
+    mosaic[::2, ::2] = 100
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
+        frame = CameraFrame(mosaic, 0, 1, 1000.0, 0.0, None)
+        monkeypatch.setattr(rig, "shoot", lambda led, *_, **named: Shot(frame, led, None))
+        camera = selftest_module._Camera(rig, 1, no_progress)
+        camera.all((0,), 1000.0)
+    assert camera.brightest == 1
+
+
 def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
-    with rig_for(rendered("coin"), config, camera="inside") as rig:
+    with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
         result = selftest(rig)
     assert kinds(result) == [("exposure active",)]
 
@@ -299,7 +329,7 @@ def test_a_missing_exposure_active_wire_is_a_fault():
 def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
     with (
-        rig_for(rendered("coin"), config) as rig,
+        open_rig_seeing(rendered("coin"), config) as rig,
         pytest.raises(RigError, match="no LED is left to test"),
     ):
         selftest(rig)

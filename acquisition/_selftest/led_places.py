@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from rig._selftest.finding import Finding
-from rig._selftest.near_light import Array, Fit, mixtures
+from acquisition._selftest.finding import Finding
+from acquisition._selftest.near_light import Array, Fit, mixtures
 
 # Least ratio of light to the prediction for one LED, from which on two LEDs are assumed.
 _DOUBLE = 1.45

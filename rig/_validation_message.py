@@ -11,7 +11,9 @@ _LONGEST_VALUE = 40
 _MOST = 3
 
 
-def complaints(error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()) -> str:
+def validation_message(
+    error: ValidationError, *, noun: str = "key", known: Iterable[str] = ()
+) -> str:
     """Return the errors that pydantic found as one line, unknown names first.
 
     Parameters

@@ -21,6 +21,13 @@ _ROUNDS = 8
 _TINY = 1e-6
 
 
+def known_mean(values: Array, axis: int) -> Array:
+    """Return the mean of the known values, 0 without known values."""
+    known = np.isfinite(values)
+    total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
+    return total
+
+
 @dataclass(frozen=True, eq=False)
 class Images:
     """Coarse images of one scene, one per LED.
@@ -45,8 +52,7 @@ class Images:
     @property
     def mean(self) -> Array:
         """``(B,)`` mean of the known values over the LEDs; NaN without known values or if 0."""
-        known = np.isfinite(self.light)
-        mean = np.where(known, self.light, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        mean = known_mean(self.light, axis=0)
         return np.where(mean > 0, mean, np.nan)
 
 

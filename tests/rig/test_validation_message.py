@@ -5,7 +5,7 @@ from typing import Annotated
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig import complaints
+from rig import validation_message
 
 
 class Lamp(BaseModel):
@@ -78,7 +78,7 @@ class Lamp(BaseModel):
         ),
     ],
 )
-def test_complaints(values, said):
+def test_validation_message(values, said):
     with pytest.raises(ValidationError) as caught:
         Lamp.model_validate(values)
-    assert complaints(caught.value, noun="option", known=Lamp.model_fields) == said
+    assert validation_message(caught.value, noun="option", known=Lamp.model_fields) == said
