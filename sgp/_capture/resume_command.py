@@ -41,7 +41,7 @@ class ResumeCommand:
 def _capture() -> list[str]:
     """Return the words with which `capture` can be started as this program was."""
     program = Path(sys.argv[0])
-    if program.name == "__main__.py":
+    if program.parts[-2:] == ("sgp", "__main__.py"):
         return [sys.executable, "-m", "sgp", "capture"]
     if program.stem not in ("sgp", "capture") or _is_on_path(program):
         return ["capture"]

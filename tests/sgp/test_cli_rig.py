@@ -144,8 +144,8 @@ def test_check_warns_of_problems_that_are_not_errors_yet(bench, sgp):
     board.close()
     answer = sgp("rig", "check", "--rig", bench.rig)
     assert answer.code == 0
-    assert "received 1 damaged lines" in answer.err
-    assert "watchdog turned LEDs off 1 times" in answer.err
+    assert "received 1 damaged line since" in answer.err
+    assert "watchdog turned LEDs off 1 time since" in answer.err
 
 
 def test_check_says_how_the_camera_is_mounted(sgp, tmp_path):

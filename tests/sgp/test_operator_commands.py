@@ -81,6 +81,7 @@ def test_the_command_printed_after_ctrl_c_works_when_pasted(bench, sgp):
         pytest.param("venv/bin/capture", False, ["venv/bin/capture"], id="capture by its path"),
         pytest.param("/lib/sgp/__main__.py", False, [sys.executable, "-m", "sgp", "capture"]),
         pytest.param("/usr/bin/pytest", False, ["capture"], id="another program"),
+        pytest.param("/lib/pytest/__main__.py", False, ["capture"], id="another module"),
     ],
 )
 def test_the_command_starts_the_same_program(monkeypatch, started, on_path, expected):
