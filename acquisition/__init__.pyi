@@ -34,6 +34,7 @@ from ._pixels.raw import RawFrame as RawFrame
 from ._pixels.raw import read_raw as read_raw
 from ._plan.estimate import PlanEstimate as PlanEstimate
 from ._plan.estimate import estimate_plan as estimate_plan
+from ._plan.led_numbers import led_numbers as led_numbers
 from ._plan.plan import CapturePlan as CapturePlan
 from ._plan.plan import read_plan as read_plan
 from ._plan.planned_shot import PlannedShot as PlannedShot

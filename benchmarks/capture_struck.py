@@ -51,7 +51,7 @@ def main(fault, command, folder):
     acquisition.record = reporting(acquisition.record, on_frame)
     acquisition.resume = reporting(acquisition.resume, on_frame)
     capture.chosen_plan = lambda *_: (plan, ())
-    sys.exit(front_door(_group("capture"), [command, folder, "--skip-check"]))
+    sys.exit(front_door(_group("capture"), [command, folder, "--rig", "simulated", "--skip-check"]))
 
 
 def reporting(function, on_frame):

@@ -59,7 +59,7 @@ def prepare(root):
     """Record and process a small scene; return the commands that will be interrupted."""
     session, normals, rig = root / "session", root / "normals", root / "rig.toml"
     rig.write_text(RIG)
-    size = "--lights", 6, "--size", "96x80"
+    size = "--led-count", 6, "--size", "96x80"
     lights = "--lights", session / "derived" / "truth" / "lights.json"
     for words in (
         ("simulate", "coin", "--out", session, *size),

@@ -31,6 +31,8 @@ from ._check_type import check_type as check_type
 from ._child import module_command as module_command
 from ._config import RigConfig as RigConfig
 from ._config import read_rig_config as read_rig_config
+from ._drivers import find_rig_file as find_rig_file
+from ._drivers import rig_names as rig_names
 from ._ending import end_program as end_program
 from ._ending import resend_signal as resend_signal
 from ._errors import BoardError as BoardError
@@ -61,9 +63,9 @@ from ._guard import read_head as read_head
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity
+from ._open import find_rig_config as find_rig_config
 from ._open import open_board as open_board
 from ._open import open_rig as open_rig
-from ._open import rig_names as rig_names
 from ._open_board import OpenBoard as OpenBoard
 from ._plural import pluralize as pluralize
 from ._progress import Progress as Progress

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import entry_points
-from pathlib import Path
 
 from rig._bench import open_bench_board
 from rig._config import RigConfig, read_rig_config
-from rig._errors import RigConfigError, RigNotFoundError
+from rig._drivers import find_driver, find_rig_file, rig_names
+from rig._errors import RigConfigError
 from rig._open_board import OpenBoard
 from rig._rig import Rig
 
-DRIVERS = "sgp.rigs"
 BENCH = "bench"
 
 
-def rig_names() -> tuple[str, ...]:
-    """Return the names of the installed rigs."""
-    return tuple(sorted(entry_points(group=DRIVERS).names))
-
-
-def open_rig(name_or_path: str = "simulated") -> Rig:
+def open_rig(name_or_path: str) -> Rig:
     """Open a rig.
 
     Parameters
@@ -39,11 +32,11 @@ def open_rig(name_or_path: str = "simulated") -> Rig:
     RigError
         If the rig does not open.
     """
-    config = _config(name_or_path)
+    config = find_rig_config(name_or_path)
     return _driver(config)(config)
 
 
-def open_board(name_or_path: str = "simulated") -> OpenBoard:
+def open_board(name_or_path: str) -> OpenBoard:
     """Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
 
     Parameters
@@ -56,35 +49,40 @@ def open_board(name_or_path: str = "simulated") -> OpenBoard:
     RigError
         As `open_rig`.
     """
-    config = _config(name_or_path)
+    config = find_rig_config(name_or_path)
     return open_bench_board(config) if config.driver == BENCH else _driver(config)(config)
 
 
-def _config(name_or_path: str) -> RigConfig:
-    if name_or_path in rig_names():
+def find_rig_config(name_or_path: str) -> RigConfig:
+    """Return the configuration of a rig without opening it.
+
+    Parameters
+    ----------
+    name_or_path
+        See `open_rig`.
+
+    Raises
+    ------
+    RigNotFoundError
+        If there is no such name or file.
+    RigConfigError
+        If the file is invalid.
+    """
+    path = find_rig_file(name_or_path)
+    if path is None:
         return RigConfig(name=name_or_path, driver=name_or_path)
-    if _is_path(name_or_path):
-        return read_rig_config(Path(name_or_path))
-    raise RigNotFoundError(
-        f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
-        "and no rig file of that name exists"
-    )
-
-
-def _is_path(name: str) -> bool:
-    path = Path(name)
-    return path.is_file() or path.name != name or path.suffix.lower() == ".toml"
+    return read_rig_config(path)
 
 
 def _driver(config: RigConfig) -> Callable[[RigConfig], Rig]:
-    found = [point for point in entry_points(group=DRIVERS) if point.name == config.driver]
-    if not found:
+    found = find_driver(config.driver)
+    if found is None:
         raise RigConfigError(
             f"rig {config.name}: no driver is called {config.driver!r} "
             f"(known: {', '.join(rig_names()) or 'none'})"
         )
     try:
-        driver: Callable[[RigConfig], Rig] = found[0].load()
+        driver: Callable[[RigConfig], Rig] = found.load()
     except (ImportError, AttributeError) as error:
         raise RigConfigError(
             f"rig {config.name}: the driver {config.driver!r} cannot be loaded ({error})"

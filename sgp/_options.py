@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
@@ -138,6 +139,31 @@ def numbers(option: str, text: str, count: int) -> list[float]:
     if len(values) != count:
         raise UsageError(f"{option} {_short(text)}: give {count} numbers separated by commas")
     return values
+
+
+def led_list(option: str, text: str) -> tuple[int, ...]:
+    """Read a list of LEDs with ranges, such as ``0-5,8``.
+
+    Raises
+    ------
+    UsageError
+        If the text has another form, lists an LED twice, or is a single number, which used to be a
+        number of LEDs.
+    """
+    alone = text.strip()
+    if re.fullmatch("[0-9]{1,5}", alone):
+        raise UsageError(
+            f"{option} {alone} is ambiguous: write --led-count {alone} for {alone} LEDs, or "
+            f"{option} {alone}-{alone} for LED {alone}"
+        )
+    try:
+        leds = acquisition.led_numbers(text)
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from error
+    twice = next((led for led, count in Counter(leds).items() if count > 1), None)
+    if twice is not None:
+        raise UsageError(f"{option}: LED {twice} is listed twice: list each LED once")
+    return leds
 
 
 def image_size(option: str, text: str) -> tuple[int, int]:

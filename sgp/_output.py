@@ -150,10 +150,7 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
         not empty and ``force`` is not given. Part files of interrupted writes do not count.
     """
     _check_name(out)
-    place = next((path for path in (out, *out.absolute().parents) if os.path.lexists(path)), out)
-    if os.path.lexists(place) and not place.is_dir():
-        below = "" if place == out else f", so {out} cannot be below it"
-        raise UsageError(f"{place} is a file{below}: give --out a folder")
+    _check_place(out, out)
     if (
         out.is_dir()
         and not force
@@ -166,21 +163,35 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
 def check_file(out: Path, suffix: str, *, force: bool) -> None:
     """Refuse an output file that exists, unless ``force``, or that has another suffix.
 
+    Its folder is created if it does not exist.
+
     Raises
     ------
     UsageError
-        If the path is a folder, has another suffix, its folder does not exist, or the file exists
-        and ``force`` is not given.
+        If the path is a folder, has another suffix, is below a file, or the file exists and
+        ``force`` is not given.
+    StorageError
+        If its folder cannot be created.
     """
     _check_name(out)
     if out.is_dir():
         raise UsageError(f"{out} is a folder: give --out a file name")
     if out.suffix.lower() != suffix:
         raise UsageError(f"{out}: --out must end in {suffix}")
-    if not out.parent.is_dir():
-        raise UsageError(f"{out.parent} does not exist: create it, or give another --out")
     if out.exists() and not force:
         raise UsageError(f"{out} already exists: choose another --out, or add --force")
+    _check_place(out.parent, out)
+    acquisition.make_folder(out.parent)
+
+
+def _check_place(folder: Path, out: Path) -> None:
+    """Refuse a folder that is a file or below a file."""
+    parents = (folder, *folder.absolute().parents)
+    place = next((path for path in parents if os.path.lexists(path)), folder)
+    if os.path.lexists(place) and not place.is_dir():
+        below = "" if place == out else f", so {out} cannot be below it"
+        instead = "a folder" if folder == out else "another place"
+        raise UsageError(f"{place} is a file{below}: give --out {instead}")
 
 
 def _check_name(out: Path) -> None:

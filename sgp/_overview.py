@@ -57,6 +57,11 @@ def write_overview(
     write_figure(path, figure)
 
 
+def source_title(source: acquisition.Source, title: str) -> str:
+    """Return the title of a sheet; for a simulated recording it says so."""
+    return f"SIMULATED: {title}" if source.simulated else title
+
+
 def write_figure(path: Path, figure: Figure) -> None:
     """Write a figure as a PNG; the same figure gives the same bytes."""
     file = io.BytesIO()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import ast
 import functools
+import inspect
 import io
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from cyclopts import App, CycloptsError, Group, Parameter
 
@@ -32,7 +33,8 @@ _PARAMETERS = Group("Parameters")
 _SIGNALLED = 128
 _COMMANDS = Path(__file__).with_name("commands")
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
-_TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate")
+_TOP = ("demo", "run", "normals", "surface", "project", "compare", "simulate", "doctor")
+_COMPLETION = "completion"
 # For each group: its help page, and its commands by module.
 _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     "capture": (
@@ -115,6 +117,11 @@ def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
         )
 
 
+def _add_completion(app: App) -> None:
+    text = flowing((inspect.getdoc(completion) or "").partition("Parameters\n")[0])
+    app.command(completion, name=_COMPLETION, help=text, help_formatter=HelpPage())
+
+
 def _text(command: ast.FunctionDef) -> str:
     return flowing((ast.get_docstring(command) or "").partition("Parameters\n---")[0])
 
@@ -160,11 +167,14 @@ def build(tokens: Sequence[str] | None = None) -> App:
     first, second, *_ = [*_words(tokens or ()), None, None]
     if first in _TOP:
         _add(app, first, (first,))
+    elif first == _COMPLETION:
+        _add_completion(app)
     elif first in _GROUPS:
         app.command(_group(first, second))
     else:
         for name in _TOP:
             _add(app, name, (name,))
+        _add_completion(app)
         for name, (text, _) in _GROUPS.items():
             app.command(_group(name) if tokens is None else _app(name, text))
     return app
@@ -174,8 +184,35 @@ def _words(tokens: Sequence[str]) -> list[str]:
     return [token for token in tokens if not token.startswith("-")]
 
 
-def run(app: App, tokens: list[str]) -> int:
-    """Run one command line and return its exit code."""
+def completion(
+    shell: Literal["bash", "zsh", "fish"], *, program: Literal["sgp", "capture"] = "sgp"
+) -> None:
+    """Print a script that completes commands and options when Tab is pressed.
+
+    Redirect it into a file that the shell reads. For bash, with the package bash-completion, this
+    is ~/.local/share/bash-completion/completions/sgp; for zsh a file _sgp in a folder of $fpath;
+    for fish ~/.config/fish/completions/sgp.fish. Then start a new shell.
+
+    For example:
+
+        sgp completion bash
+        sgp completion zsh --program capture
+
+    Parameters
+    ----------
+    shell
+        Shell that reads the script.
+    program
+        Program to complete: sgp, or capture, which needs a file of its own (capture, _capture,
+        capture.fish).
+    """
+    app = build() if program == "sgp" else _group("capture")
+    _take_common_options(app)
+    print(app.generate_completion(prog_name=program, shell=shell), end="")
+
+
+def _take_common_options(app: App) -> None:
+    """Add the options of every command to an application, which then runs command lines."""
 
     @app.meta.default
     def launch(
@@ -199,6 +236,10 @@ def run(app: App, tokens: list[str]) -> int:
             require_inputs(command, bound.arguments)
         return command(*bound.args, **bound.kwargs), json
 
+
+def run(app: App, tokens: list[str]) -> int:
+    """Run one command line and return its exit code."""
+    _take_common_options(app)
     for stream in (sys.stdout, sys.stderr):  # escape characters that they cannot encode
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")

@@ -17,6 +17,15 @@ def _signals_work():
         signal.signal(getattr(signal, name), handler)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_user_configuration(tmp_path_factory):
+    """Hide the user's own default rig and operator, also from programs that tests start."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("no-config")))
+        patch.delenv("SGP_RIG", raising=False)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def _signals_stay():
     """Restore the handler of SIGINT, which harvesters replaces and does not restore."""

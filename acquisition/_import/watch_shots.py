@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -49,9 +49,10 @@ class Watch:
     __repr__ = short_repr
 
 
-def lights_in_order(leds: int) -> tuple[PlannedShot, ...]:
-    """Return one shot per LED, numbered from 0, with unknown exposure."""
-    return tuple(PlannedShot("light", led, 0, 0, None) for led in range(leds))
+def lights_in_order(leds: int | Iterable[int]) -> tuple[PlannedShot, ...]:
+    """Return one shot with unknown exposure for each LED: of so many from 0, or of those listed."""
+    numbers = range(leds) if isinstance(leds, int) else leds
+    return tuple(PlannedShot("light", led, 0, 0, None) for led in numbers)
 
 
 def shot_files(shots: Sequence[PlannedShot]) -> list[str]:

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from acquisition._errors import DataError
+from acquisition._plan.led_numbers import MOST_LEDS, led_numbers
 from acquisition._plan.planned_shot import PlannedShot, Role
 from acquisition._toml import read_toml, validated
 from rig import pluralize
@@ -34,11 +35,15 @@ def _led_number(key: object) -> object:
     return int(key)
 
 
+def _listed(value: object) -> object:
+    """Return the LED numbers of a text with ranges; other values stay as they are."""
+    return led_numbers(value) if isinstance(value, str) else value
+
+
 # Far more than a session of 36 LEDs has; expanding a plan of this size is still quick.
 _MOST_SHOTS: Final = 1_000_000
-_MOST_LEDS: Final = 65_536
 
-_Led = Annotated[int, Field(strict=True, ge=0, lt=_MOST_LEDS)]
+_Led = Annotated[int, Field(strict=True, ge=0, lt=MOST_LEDS)]
 _LedKey = Annotated[_Led, BeforeValidator(_led_number)]
 _Exposure = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 _Exposures = Annotated[tuple[_Exposure, ...], Field(min_length=1)]
@@ -51,7 +56,8 @@ class CapturePlan(BaseModel):
     Parameters
     ----------
     leds
-        LED numbers from 0, in the order of the shots, each once.
+        LED numbers from 0, in the order of the shots, each once. A text as `led_numbers` reads it
+        is also accepted, for instance ``"0-35"``.
     exposures_us
         One exposure time per bracket, microseconds, all different.
     exposures_by_led
@@ -80,7 +86,7 @@ class CapturePlan(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    leds: Annotated[tuple[_Led, ...], Field(min_length=1)]
+    leds: Annotated[tuple[_Led, ...], Field(min_length=1), BeforeValidator(_listed)]
     exposures_us: _Exposures
     exposures_by_led: dict[_LedKey, _Exposures] = {}
     repeats: Annotated[int, Field(strict=True, ge=1, le=1000)] = 1

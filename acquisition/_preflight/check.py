@@ -44,16 +44,25 @@ class Check:
         One line with the finding and, unless the state is ``ok``, what to do.
     values
         The measured values, with units in their names.
+    findings
+        The findings, if there are several, each with what to do; ``text`` joins them.
     """
 
     name: str
     state: State
     text: str
     values: dict[str, float | int | str | None] = field(default_factory=dict)
+    findings: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
     @property
-    def notice(self) -> Notice:
-        """The check as a notice: an error if it failed."""
-        return Notice(_CODES[self.name], self.text, self.name, _SEVERITIES[self.state])
+    def lines(self) -> tuple[str, ...]:
+        """The text as one line for each finding."""
+        return self.findings or (self.text,)
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """The check as notices, one for each finding: errors if it failed."""
+        severity = _SEVERITIES[self.state]
+        return tuple(Notice(_CODES[self.name], line, self.name, severity) for line in self.lines)

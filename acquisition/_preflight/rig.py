@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._preflight.check import Check
+from acquisition._preflight.check import Check, State
 from acquisition._selftest.selftest import selftest
 from rig import Rig, pluralize
 
@@ -115,11 +115,11 @@ def check_leds(rig: Rig, plan: CapturePlan) -> Check:
         "exposure_us": tested.exposure_us,
     }
     wrong = [finding for finding in tested.findings if finding.fault]
-    findings = "; ".join(finding.text for finding in wrong or tested.findings)
+    lines = [finding.text for finding in wrong or tested.findings]
     if not wrong:
-        leds = pluralize(len(tested.leds), "LED")
-        text = f"{leds} tested, no fault" + (f"; {findings}" if findings else "")
-        return Check("LEDs", "ok", text, values)
+        lines.insert(0, f"{pluralize(len(tested.leds), 'LED')} tested, no fault")
+        return Check("LEDs", "ok", "; ".join(lines), values, tuple(lines))
     # Faults of LEDs that the plan does not use are warnings only.
     concerned = any(not finding.leds or set(finding.leds) & set(plan.leds) for finding in wrong)
-    return Check("LEDs", "failed" if concerned else "warning", findings, values)
+    state: State = "failed" if concerned else "warning"
+    return Check("LEDs", state, "; ".join(lines), values, tuple(lines))

@@ -189,7 +189,7 @@ def check_steadiness(led: int, frames: list[Pixels], unlit: Pixels, exposure_us:
     off_dn = float(unlit.mean())
     light_dn = np.array([float(pixels.mean()) - off_dn for pixels in frames])
     if light_dn.mean() < _LEAST_LIGHT_DN / 4:
-        text = f"LED {led} gives too little light at {exposure_us:g} us to measure"
+        text = f"LED {led} gives too little light at {exposure_us:g} us: lengthen the exposure"
         return Check(name, "not done", text)
     spread = float(light_dn.std(ddof=1) / light_dn.mean())
     values: dict[str, float | int | str | None] = {

@@ -67,7 +67,7 @@ def findings(evidence: Evidence) -> list[Finding]:
                 "ambiguous",
                 (),
                 f"swapped LEDs can be found only if at least {_FEWEST} LEDs give light, but "
-                f"{judge.alive.sum()} did",
+                f"{judge.alive.sum()} did: repair the others first",
                 fault=False,
             )
         )

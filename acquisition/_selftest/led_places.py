@@ -96,7 +96,7 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
             "elsewhere",
             (leds[row], leds[place]),
             f"the light of LED {leds[row]} is from the place of LED {leds[place]}: plugs or wires "
-            "are swapped, or led_positions_mm in the rig file has another order",
+            "are swapped, or led_positions_mm in the rig file has another order: correct it",
         )
         for row, place in zip(rows[moved].tolist(), matched[moved].tolist(), strict=True)
     ]

@@ -39,6 +39,11 @@ _ADDED_2: Final = {
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
 
+# Devices and driver of the simulator, by the names that they report.
+_SIMULATED_DRIVER: Final = "simulated"
+_SIMULATED_BOARD: Final = "sgp-virtual-board"
+_SIMULATED_CAMERA: Final = ("sgp", "virtual camera")
+
 _Index = Annotated[int, Field(ge=0)]
 
 
@@ -68,6 +73,11 @@ class RigRecord(Table):
     trigger: Literal["software", "board"] = "software"
     options: dict[str, JsonValue] | None = None
 
+    @property
+    def simulated(self) -> bool:
+        """Whether this is the simulated rig, or a rig with the virtual board."""
+        return self.driver == _SIMULATED_DRIVER or self.board == _SIMULATED_BOARD
+
 
 class CameraRecord(Table):
     """The camera as a device, and the frames it delivers.
@@ -96,6 +106,12 @@ class CameraRecord(Table):
         if self.white_level_dn is not None:
             return self.white_level_dn
         return float(2**self.bit_depth - 1)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether this is a virtual camera."""
+        vendor, model = _SIMULATED_CAMERA
+        return self.vendor == vendor and self.model.startswith(model)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -153,6 +169,11 @@ class Manifest(Table):
         """Mounting of the camera, from which stored frames are turned upright; default none."""
         mounting = None if self.rig is None else self.rig.mounting
         return mounting or Mounting()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether rig or camera are simulated, according to the identities that they reported."""
+        return self.camera.simulated or (self.rig is not None and self.rig.simulated)
 
     def check_current(self, folder: Path) -> None:
         """Refuse to continue a session of a format version that this program does not write.

@@ -72,6 +72,7 @@ def with_export_notes(source: Source) -> Source:
         cfa=notes.camera.cfa,
         black_level=notes.camera.black_level_dn,
         white_level=notes.camera.white_dn,
+        simulated=notes.camera.simulated,
         files=(*source.files, *(folder / name for name in ours)),
         ignored=tuple(name for name in source.ignored if name not in (*ours, *_FOR_OTHERS)),
         warnings=(*source.warnings, *lost),

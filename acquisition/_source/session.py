@@ -92,6 +92,7 @@ def read_session(
         cfa=_upright_cfa(session, folder),
         black_level=device.black_level_dn,
         white_level=device.white_dn,
+        simulated=session.manifest.simulated,
         files=(
             *(frame.path for frame in frames),
             *([mask_path] if mask_path else []),

@@ -110,6 +110,8 @@ class Source:
     black_level, white_level
         Grey values without light and at saturation, in the unit of the files. The white level of
         float images is infinite: no sample counts as saturated, and values are not limited.
+    simulated
+        Whether the frames are from a simulated rig or camera, as far as the recording states it.
     files
         All files that were read or that `frames` read.
     ignored
@@ -130,6 +132,7 @@ class Source:
     cfa: str | None = None
     black_level: float = 0.0
     white_level: float = 1.0
+    simulated: bool = False
     files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
     warnings: tuple[Notice, ...] = ()

@@ -18,12 +18,16 @@ _GAP_PX: Final = 4
 _COLUMNS: Final = 6
 _GAMMA: Final = 1 / 2.2
 _CLIPPED_RGB: Final = (255, 60, 60)
+_MARK_PX: Final = 66  # width of the mark of simulated frames
+_MARK_RGB: Final = (190, 0, 0)
 
 _Picture = npt.NDArray[np.uint8]
 
 
 def write_session_sheet(path: Path, session: acquisition.Session) -> None:
     """Draw the frames of a session; pixels at the white level are red.
+
+    The label of every frame of a simulated recording says so.
 
     All lights of one bracket share one brightness scale, so that a weak light looks weak. Frames
     without light use the scale of all lights, so that they look dark.
@@ -84,5 +88,11 @@ def _tile(
     picture[cv2.resize(share, size, interpolation=cv2.INTER_AREA) > 0] = _CLIPPED_RGB
     label = np.full((_TEXT_PX, _WIDTH_PX, 3), 255, np.uint8)
     text = frame.path.stem
-    cv2.putText(label, text, (2, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    _write(label, text, 2, 0.45, (0, 0, 0))
+    if session.manifest.simulated:
+        _write(label, "SIMULATED", _WIDTH_PX - _MARK_PX, 0.35, _MARK_RGB)
     return np.concatenate([picture, label])
+
+
+def _write(label: _Picture, text: str, left: int, scale: float, rgb: tuple[int, int, int]) -> None:
+    cv2.putText(label, text, (left, 16), cv2.FONT_HERSHEY_SIMPLEX, scale, rgb, 1, cv2.LINE_AA)

@@ -30,6 +30,7 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
     events = Counter(line.event for line in session.events)
     metrics: dict[str, Any] = {
         "complete": session.complete,
+        "simulated": manifest.simulated,
         "frames": len(session.frames),
         "missing": [shot.file for shot in session.missing],
         "rejected": [f.line.file for f in session.recorded if f.line.status == "rejected"],
@@ -45,6 +46,7 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
     texts = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
     summary = [
         f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
+        *["origin    SIMULATED, with a virtual board or camera"] * manifest.simulated,
         f"object    {manifest.object or '-'}, by {manifest.operator or '-'}, "
         f"{manifest.started_utc:%Y-%m-%d %H:%M} UTC",
         *(f"{name:<10}{text}" for name, text in texts if text),

@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp._console import Stages
+from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._options import Real
 from sgp._result import Result
@@ -103,11 +103,18 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
     RigError
         If a check failed.
     """
-    if not preflight.ok:
-        complaints = "; ".join(str(check.notice) for check in preflight.failed)
-        raise rigs.RigError(f"the check before recording failed: {complaints}")
+    complaints = [notice for check in preflight.failed for notice in check.notices]
+    if len(complaints) > 1:
+        for complaint in complaints:
+            note(f"- {complaint}")
+        raise rigs.RigError(
+            f"the check before recording failed: see the {len(complaints)} findings above"
+        )
+    if complaints:
+        raise rigs.RigError(f"the check before recording failed: {complaints[0]}")
     prepared.events.append(("checked", preflight.details()))
-    prepared.warnings += [check.notice for check in preflight.checks if check.state == "warning"]
+    warned = (check for check in preflight.checks if check.state == "warning")
+    prepared.warnings += [notice for check in warned for notice in check.notices]
 
 
 def dry_run(

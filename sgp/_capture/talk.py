@@ -7,12 +7,12 @@ import select
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import acquisition
 import rig as rigs
+from sgp._capture.resume_command import ResumeCommand
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._stderr import STDERR
@@ -31,14 +31,14 @@ class CaptureTalk:
 
     Parameters
     ----------
-    out
-        Folder of the session.
+    again
+        Command that resumes the session.
     card_is_there
         True if only flat frames are missing: the operator who resumes has placed the card.
     """
 
-    def __init__(self, out: Path, *, card_is_there: bool = False) -> None:
-        self._out = out
+    def __init__(self, again: ResumeCommand, *, card_is_there: bool = False) -> None:
+        self._again = again
         self._card_is_there = card_is_there
         self._stopping = False
         self._damaged = False
@@ -109,7 +109,7 @@ class CaptureTalk:
             _forget_keys()
             note(f"{_CARD}, then press Enter")
         if not (self._enter_is_pressed() if asked else self._card_is_there):
-            raise UsageError(f"{_CARD}, then continue with `capture resume {self._out}`")
+            raise UsageError(f"{_CARD}, then continue with `{self._again.text()}`")
 
     def _enter_is_pressed(self) -> bool:
         """Wait for Enter; return False if the terminal was closed instead."""
@@ -122,14 +122,14 @@ class CaptureTalk:
     def _report_state(self, error: BaseException) -> None:
         """Report the state of a session that stopped; the error itself gives the reason."""
         try:
-            session = acquisition.Session.open(self._out)
+            session = acquisition.Session.open(self._again.session)
         except (acquisition.DataError, acquisition.MissingPathError):
             return  # nothing was recorded
         if session.complete:
             return
         # The engine adds a note to the error if the board did not answer.
         notes = getattr(error, "__notes__", ())
-        option = " --retake-damaged" if self._damaged else ""
+        again = self._again.text(retake_damaged=self._damaged)
         dark = not any("not confirmed off" in line for line in notes)
         missing = len(session.missing)
         if missing:
@@ -141,9 +141,9 @@ class CaptureTalk:
             state = "all frames are recorded"
             remedy = "takes the damaged frames" if self._damaged else "completes the session"
         note(
-            f"{self._out}: incomplete, {state}; "
+            f"{self._again.session}: incomplete, {state}; "
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
-            f"`capture resume {self._out}{option}` {remedy}"
+            f"`{again}` {remedy}"
         )
 
 

@@ -112,13 +112,13 @@ def spheres(
     _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
 
-    from sgp._overview import lights_panel, spheres_panel, write_overview
+    from sgp._overview import lights_panel, source_title, spheres_panel, write_overview
 
     panels = [
         spheres_panel("spheres and highlights", stack.values, estimate),
         lights_panel("lights as the camera sees them", estimate.lights),
     ]
-    write_overview(outputs["picture"], str(source), panels, columns=2)
+    write_overview(outputs["picture"], source_title(opened, str(source)), panels, columns=2)
     return result
 
 

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
+from sgp._capture.resume_command import ResumeCommand
 from sgp._capture.session_summary import describe
 from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
@@ -18,6 +19,7 @@ from sgp._console import Stages, note
 from sgp._options import Input, OptionalInput
 from sgp._output import check_file, check_folder
 from sgp._result import Result
+from sgp._user_config import chosen_operator, chosen_rig, default_rig
 from sgp.commands.capture_plan import chosen_plan
 
 _UNMETERED = MeterOptions()
@@ -26,11 +28,11 @@ _UNMETERED = MeterOptions()
 def run(
     out: Path,
     *,
-    rig: str = "simulated",
+    rig: Path | None = None,
     plan: OptionalInput = None,
     metering: MeterOptions = _UNMETERED,
     object_name: str = "",
-    operator: str = "",
+    operator: str | None = None,
     place: str = "",
     notes: str = "",
     rights: str = "",
@@ -54,7 +56,8 @@ def run(
     out
         New folder for the session. An existing session is never overwritten.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     metering
@@ -62,7 +65,7 @@ def run(
     object_name
         Name of the object.
     operator
-        Name of the operator.
+        Name of the operator; default: `operator` in the configuration file.
     place
         Place of the recording.
     notes
@@ -78,10 +81,11 @@ def run(
     dry_run
         Take every shot with all LEDs off and record nothing.
     """
+    rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
     goal = metering.goal()
     stored_lights = None if lights is None else acquisition.read_lights(lights)
-    with rigs.open_rig(rig) as opened:
+    with rigs.open_rig(rig_name) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
         if dry_run:
@@ -99,13 +103,13 @@ def run(
             accept(acquisition.preflight(opened, chosen, out), prepared)
         for warning in prepared.warnings:
             note(f"note: {warning}")
-        with CaptureTalk(out) as talk:
+        with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
             session = acquisition.record(
                 opened,
                 chosen,
                 out,
                 acquisition.Labels(
-                    operator=operator,
+                    operator=operator_name,
                     object_name=object_name,
                     place=place,
                     notes=notes,
@@ -121,7 +125,7 @@ def run(
 def resume(
     session: Input,
     *,
-    rig: str = "simulated",
+    rig: Path | None = None,
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
@@ -144,7 +148,8 @@ def resume(
     session
         Folder of the session.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; if given, a session with another plan is refused.
     retake_damaged
@@ -156,15 +161,18 @@ def resume(
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
     """
+    rig_name = chosen_rig(rig)
     asked = None if plan is None else acquisition.read_plan(plan)
+    again = ResumeCommand(session, rig_name, skip_check)
     # A folder that is not a session is refused before the rig is opened.
-    begun = _opened(session, retake_damaged=retake_damaged)
+    begun = _opened(again, retake_damaged=retake_damaged)
     damaged = _damaged(session) if retake_damaged else None
-    if begun.complete and asked is None and not damaged:
+    if begun.complete and not damaged:
+        _check_plan(begun, asked)
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
         return describe(begun, [*begun.warnings, done])
-    with rigs.open_rig(rig) as opened:
+    with rigs.open_rig(rig_name) as opened:
         _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
         if dry_run:
             return rehearsed(opened, recorded, missing)
@@ -177,7 +185,7 @@ def resume(
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-        with CaptureTalk(session, card_is_there=only_flats) as talk:
+        with CaptureTalk(again, card_is_there=only_flats) as talk:
             finished = acquisition.resume(
                 opened,
                 session,
@@ -225,9 +233,10 @@ def verify(session: Input) -> Result:
         problems = rigs.pluralize(len(checked.problems), "problem")
         result.summary.append(f"{session}: DAMAGED, {problems}")
         if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
+            again = ResumeCommand(session).text(retake_damaged=True)
+            rig = "" if default_rig() else ", with --rig,"
             result.summary.append(
-                f"if the object has not moved, `capture resume {session} --retake-damaged` takes "
-                "these frames again"
+                f"if the object has not moved, `{again}`{rig} takes these frames again"
             )
     elif not checked.complete:
         missing = "but the session was not finished"
@@ -289,14 +298,26 @@ def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> R
     return result
 
 
-def _opened(session: Path, *, retake_damaged: bool) -> acquisition.Session:
-    """Open a session to resume it; if frames are damaged, the error names the option to use."""
+def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Session:
+    """Open a session to resume it; if frames are damaged, the error names the command to use."""
     try:
-        return acquisition.Session.open(session, damaged_frames=retake_damaged)
+        return acquisition.Session.open(again.session, damaged_frames=retake_damaged)
     except acquisition.DataError as error:
-        if not retake_damaged and _can_be_retaken(session):
-            error.add_note(f"`capture resume {session} --retake-damaged` takes it again")
+        if not retake_damaged and _can_be_retaken(again.session):
+            error.add_note(f"`{again.text(retake_damaged=True)}` takes it again")
         raise
+
+
+def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | None) -> None:
+    """Refuse another plan than that of a complete session, for which no rig is opened."""
+    rig = session.manifest.rig
+    if asked is not None and rig is not None:
+        asked, _ = asked.without(rig.dead_leds)
+    if asked not in (None, session.manifest.plan):
+        raise acquisition.DataError(
+            f"{session.folder}: is complete, and was recorded with another plan: use the original "
+            "plan, or record into a new folder"
+        )
 
 
 def _can_be_retaken(session: Path) -> bool:

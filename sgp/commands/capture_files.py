@@ -14,10 +14,11 @@ import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._metrics import ExportMetrics
-from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole
+from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole, led_list
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
+from sgp._user_config import chosen_operator
 from sgp.commands.capture import info
 
 _RECORD = "export.json"
@@ -142,12 +143,13 @@ def import_(
     lights: OptionalInput = None,
     mask: OptionalInput = None,
     object_name: str = "",
-    operator: str = "",
+    operator: str | None = None,
     place: str = "",
     notes: str = "",
     rights: str = "",
     watch: bool = False,
-    leds: Leds | None = None,
+    leds: str | None = None,
+    led_count: Leds | None = None,
     plan: OptionalInput = None,
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
@@ -164,7 +166,7 @@ def import_(
 
         capture import photographs/ --lights lights.lp --out recordings/vase
         capture import IMG_0001.CR2 --out recordings/one-frame
-        capture import tethered/ --watch --leds 36 --out recordings/vase
+        capture import tethered/ --watch --leds 0-35 --out recordings/vase
 
     Parameters
     ----------
@@ -180,7 +182,8 @@ def import_(
     object_name
         Name of the object.
     operator
-        Name of the operator.
+        Name of the operator; default: that of the export, and with --watch `operator` in the
+        configuration file.
     place
         Place of the recording.
     notes
@@ -190,6 +193,8 @@ def import_(
     watch
         Wait for images to arrive in the folder.
     leds
+        With --watch: LEDs as a list with ranges (0-35); expect one image of each, in this order.
+    led_count
         With --watch: number of LEDs; expect one image of each LED, in order.
     plan
         With --watch: plan file; expect its shots, in order.
@@ -202,14 +207,23 @@ def import_(
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
-    labels = acquisition.Labels(operator, object_name, place, notes, rights)
+    operator_name = chosen_operator(operator) if watch else operator or ""
+    labels = acquisition.Labels(operator_name, object_name, place, notes, rights)
     if watch:
         if mask is not None:
             raise UsageError("--mask cannot be used with --watch: leave it out")
-        asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
+        listed = led_count if leds is None else led_list("--leds", leds)
+        if leds is not None and led_count is not None:
+            raise UsageError("--leds and --led-count both give the LEDs: give only one")
+        asked = _watch(source, listed, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, max_pixels=max_pixels)
         return _import_watched(asked, out, lights, labels)
-    for option, value in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
+    for option, value in (
+        ("--leds", leds),
+        ("--led-count", led_count),
+        ("--plan", plan),
+        ("--interval-s", interval_s),
+    ):
         if value is not None:
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
@@ -225,7 +239,7 @@ def import_(
 
 def _watch(
     source: Path,
-    leds: int | None,
+    leds: int | tuple[int, ...] | None,
     plan: Path | None,
     interval_s: float | None,
     *,
@@ -233,7 +247,9 @@ def _watch(
     timeout_s: float,
 ) -> acquisition.Watch:
     if (leds is None) == (plan is None):
-        raise UsageError("--watch requires either --leds or --plan, which give the shots")
+        raise UsageError(
+            "--watch requires either --leds, --led-count or --plan, which give the shots"
+        )
     if interval_s is not None and not gaps:
         raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
     chosen = None if plan is None else acquisition.read_plan(plan)

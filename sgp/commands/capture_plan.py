@@ -13,12 +13,16 @@ from cyclopts.validators import Number
 import acquisition
 import rig as rigs
 from sgp._console import Stages
-from sgp._options import Count, Leds, OptionalInput, Real
+from sgp._exit import UsageError
+from sgp._options import Count, Leds, OptionalInput, Real, image_size, led_list
 from sgp._result import Result
+from sgp._user_config import chosen_rig, default_rig
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25
 _MOST_ROWS = 12
+# Earlier spellings, which still work.
+_HIDDEN = Parameter(show=False)
 
 Milliseconds = Annotated[Real, Parameter(validator=Number(gte=0, lte=60_000))]
 
@@ -27,42 +31,57 @@ def plan(
     plan: OptionalInput = None,
     *,
     rig: Path | None = None,
-    leds: Leds = 36,
-    width: Count = 2448,
-    height: Count = 2048,
+    leds: str | None = None,
+    led_count: Leds | None = None,
+    size: str | None = None,
+    width: Annotated[Count | None, _HIDDEN] = None,
+    height: Annotated[Count | None, _HIDDEN] = None,
     frame_ms: Milliseconds = 70.0,
 ) -> Result:
     """Show the shots, time and disk space of a plan, without using hardware.
 
     For example:
 
-        capture plan plan.toml --rig bench.toml --width 2448 --height 2048
+        capture plan plan.toml --rig bench.toml --size 2448x2048
+        capture plan --leds 0-11,24-35
 
     Parameters
     ----------
     plan
         Plan file; default: each LED once at 20 ms, and a dark frame.
     rig
-        Rig file (.toml), from which the number of LEDs, the dead LEDs and the settling time are
-        read. The rig is not opened.
+        Name of a rig, or path of a rig file (.toml), from which the number of LEDs, the dead LEDs
+        and the settling time are read; default: the configured rig, if there is one (see `sgp rig
+        list`). The rig is not opened.
     leds
-        Number of LEDs of the board, if no rig file is given.
+        LEDs to plan for without a plan file, as a list with ranges: 0-11,24-35; default: all.
+    led_count
+        Number of LEDs of the board, instead of a rig; default: 36.
+    size
+        Size of a frame in pixels; default: 2448x2048.
     width
-        Width of a frame in pixels.
+        Earlier spelling of --size, together with --height.
     height
-        Height of a frame in pixels.
+        See --width.
     frame_ms
         Time in ms that a frame takes in addition to exposure and settling of the light: readout,
         transfer, commands.
     """
-    config = (
-        rigs.RigConfig(name="-", driver="-", leds=leds)
-        if rig is None
-        else rigs.read_rig_config(rig)
-    )
-    chosen, left_out = chosen_plan(plan, config)
+    if plan is not None and leds is not None:
+        raise UsageError("the plan file lists its LEDs: leave out --leds, or the plan file")
+    if rig is not None and led_count is not None:
+        raise UsageError("the rig has a number of LEDs: leave out --led-count, or --rig")
+    if size is not None and (width, height) != (None, None):
+        raise UsageError("--size gives width and height: leave out --width and --height")
+    numbers = None if leds is None else led_list("--leds", leds)
+    columns, rows = (width or 2448, height or 2048) if size is None else image_size("--size", size)
+    if rig is None and (led_count is not None or default_rig() is None):
+        config = rigs.RigConfig(name="-", driver="-", leds=led_count or 36)
+    else:
+        config = rigs.find_rig_config(chosen_rig(rig))
+    chosen, left_out = chosen_plan(plan, config, numbers)
     frame_s = (frame_ms + config.settle_ms) / 1000
-    cost = acquisition.estimate_plan(chosen, width=width, height=height, frame_s=frame_s)
+    cost = acquisition.estimate_plan(chosen, width=columns, height=rows, frame_s=frame_s)
     shots = chosen.shots()
     counts = {role: sum(shot.role == role for shot in shots) for role in _ROLES}
     frames = ", ".join(f"{count} {role}" for role, count in counts.items() if count)
@@ -87,14 +106,14 @@ def plan(
             f"{rigs.pluralize(len(shots), 'shot')}: {frames}",
             f"about {_duration(cost.seconds)}: {cost.exposure_s:.2f} s of exposure and "
             f"{frame_s * 1000:g} ms per frame (an estimate, see --frame-ms)",
-            f"{cost.bytes / 1e6:.0f} MB at {width} x {height} and 16 bits; "
+            f"{cost.bytes / 1e6:.0f} MB at {columns} x {rows} and 16 bits; "
             f"{_ROOM * cost.bytes / 1e6:.0f} MB should be free",
         ],
     )
 
 
 def check(
-    out: Path, *, rig: str = "simulated", plan: Path | None = None, quick: bool = False
+    out: Path, *, rig: Path | None = None, plan: Path | None = None, quick: bool = False
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 
@@ -110,13 +129,15 @@ def check(
     out
         Folder planned for the session; it need not exist.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     plan
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     quick
         Skip the test of every LED.
     """
-    with rigs.open_rig(rig) as opened, Stages() as progress:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = acquisition.preflight(
             opened,
@@ -126,7 +147,11 @@ def check(
             on_progress=progress,
         )
     failed = [check.name for check in flight.failed]
-    summary = [f"{check.state:<9} {check.name:<11} {check.text}" for check in flight.checks]
+    summary = [
+        f"{'' if number else check.state:<9} {'' if number else check.name:<11} {line}"
+        for check in flight.checks
+        for number, line in enumerate(check.lines)
+    ]
     summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
     return Result(
         metrics={"ready": flight.ok, **flight.details()},
@@ -138,11 +163,14 @@ def check(
 
 
 def chosen_plan(
-    path: Path | None, config: rigs.RigConfig
+    path: Path | None, config: rigs.RigConfig, leds: tuple[int, ...] | None = None
 ) -> tuple[acquisition.CapturePlan, tuple[int, ...]]:
-    """Return the plan of a file, or the default plan, for a rig, and the dead LEDs it skips."""
+    """Return the plan of a file, or the default plan, for a rig, and the dead LEDs it skips.
+
+    The default plan has the given LEDs, each once, or else all LEDs of the rig.
+    """
     if path is None:
-        every = tuple(range(config.leds))
+        every = tuple(range(config.leds)) if leds is None else leds
         planned = acquisition.CapturePlan(leds=every, exposures_us=(_DEFAULT_EXPOSURE_US,))
     else:
         planned = acquisition.read_plan(path)
@@ -150,7 +178,7 @@ def chosen_plan(
     try:
         chosen.check(config.leds)
     except acquisition.DataError as error:
-        raise acquisition.DataError(f"{path}: {error}") from error
+        raise acquisition.DataError(f"{path or '--leds'}: {error}") from error
     return chosen, left_out
 
 

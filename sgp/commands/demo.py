@@ -16,7 +16,7 @@ from sgp._demo_folder import DemoFolder, claimed
 from sgp._metrics import DemoMetrics, ErrorMetrics
 from sgp._options import Seed, SourceOptions
 from sgp._output import write_record
-from sgp._overview import map_panel, spheres_panel, write_overview
+from sgp._overview import map_panel, source_title, spheres_panel, write_overview
 from sgp._pipeline import Outcome, overview_panels, process
 from sgp._result import Result
 from sgp._stages import Stopwatch
@@ -84,7 +84,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
             map_panel("height error", errors.height_map_mm, "mm"),
             spheres_panel("chrome spheres and highlights", stack, estimate),
         ]
-        write_overview(out / "overview.png", f"Simulated coin, seed {seed}", panels)
+        write_overview(out / "overview.png", source_title(source, f"coin, seed {seed}"), panels)
     metrics: DemoMetrics = {**outcome.metrics, **errors.metrics(), "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs |= {

@@ -6,8 +6,6 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 import acquisition
 import rig as rigs
 from sgp._console import Stages
@@ -15,6 +13,7 @@ from sgp._exit import UsageError
 from sgp._options import Microseconds, Positive, Whole
 from sgp._output import check_file
 from sgp._result import Result
+from sgp._user_config import chosen_rig
 
 # The board's watchdog turns the LED off after one second without a message from this program.
 _SIGN_EVERY_S = 0.25
@@ -23,9 +22,10 @@ _SIGN_EVERY_S = 0.25
 _SPARE_HOLD_MS = 3000
 _CLOCK = 0.99
 _HOT_C = 70.0
+_VIEW_GAMMA = 1 / 2.2
 
 
-def check(*, rig: str = "simulated") -> Result:
+def check(*, rig: Path | None = None) -> Result:
     """Open a rig, describe its board and camera, and report possible problems.
 
     For example:
@@ -35,9 +35,11 @@ def check(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_rig(rig) as opened:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened:
         board, camera, config = opened.board.identity, opened.camera.info, opened.config
         dead = ", ".join(map(str, config.dead_leds)) or "none"
         status = opened.board.status()
@@ -77,7 +79,7 @@ def check(*, rig: str = "simulated") -> Result:
         )
 
 
-def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Result:
+def light(led: Whole, *, rig: Path | None = None, seconds: Positive = 5.0) -> Result:
     """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
@@ -89,12 +91,14 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     led
         LED number, from 0.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     seconds
         Time in seconds. As a safeguard the board itself turns the LED off 3 s later, or one second
         after this program died.
     """
-    with rigs.open_board(rig) as opened:
+    name = chosen_rig(rig)
+    with rigs.open_board(name) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
@@ -121,7 +125,7 @@ def light(led: Whole, *, rig: str = "simulated", seconds: Positive = 5.0) -> Res
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off"])
 
 
-def off(*, rig: str = "simulated") -> Result:
+def off(*, rig: Path | None = None) -> Result:
     """Turn all LEDs off. No camera is needed.
 
     For example:
@@ -131,9 +135,11 @@ def off(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_board(rig):
+    name = chosen_rig(rig)
+    with rigs.open_board(name):
         pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 
@@ -143,49 +149,60 @@ def snap(
     out: Path,
     led: Whole | None = None,
     exposure_us: Microseconds = 20_000.0,
-    rig: str = "simulated",
+    rig: Path | None = None,
     force: bool = False,
 ) -> Result:
     """Take one frame with one LED on, or with all LEDs off.
 
     For example:
 
-        sgp rig snap --led 3 --exposure-us 10000 --out frame.tif
+        sgp rig snap --led 3 --out frame.tif --rig bench.toml
 
     Parameters
     ----------
     out
         TIFF file to write, 16 bit, raw values of the sensor. The frame is not rotated upright, even
-        if the rig file gives the mounting of the camera.
+        if the rig file gives the mounting of the camera. A PNG file of the same name shows it
+        upright with 8 bits: white is the white level, and gamma 2.2 brightens dark parts.
     led
         LED number, from 0; default: all LEDs off.
     exposure_us
         Exposure time in µs, within the camera's range.
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     force
-        Overwrite an existing file.
+        Overwrite existing files.
     """
+    name, view = chosen_rig(rig), out.with_suffix(".png")
     check_file(out, ".tif", force=force)
-    with rigs.open_rig(rig) as opened:
+    check_file(view, ".png", force=force)
+
+    import numpy as np
+
+    with rigs.open_rig(name) as opened:
         if led is not None:
             _check_led(opened.config, led)
         shot = opened.shoot(led, exposure_us)
         white = opened.camera.info.white_dn
+        mounting = opened.config.mounting
     pixels = shot.frame.pixels
     acquisition.write_tiff(out, pixels)
-    clipped = float(np.mean(pixels >= white))
+    shade = 255 * (np.minimum(pixels, white) / white) ** _VIEW_GAMMA
+    acquisition.write_png(view, mounting.upright(np.rint(shade).astype(np.uint8)))
+    clipped = float((pixels >= white).mean())
     low, high = (float(value) for value in np.percentile(pixels, [1, 99]))
     return Result(
-        outputs={"frame": out},
+        outputs={"frame": out, "view": view},
         metrics={"clipped_fraction": clipped, "p1_dn": low, "p99_dn": high, "white_dn": white},
         summary=[
-            f"{out}: percentiles 1 % {low:g}, 99 % {high:g} of {white}, {clipped:.3%} clipped"
+            f"{out}: percentiles 1 % {low:g}, 99 % {high:g} of {white}, {clipped:.3%} clipped; "
+            f"view: {view.name}"
         ],
     )
 
 
-def selftest(*, rig: str = "simulated") -> Result:
+def selftest(*, rig: Path | None = None) -> Result:
     """Find dead, dim, swapped, doubled and stuck LEDs with the camera, and missing wires.
 
     Place a matte object under the camera that fills most of its view. Swapped LEDs can be found
@@ -198,13 +215,15 @@ def selftest(*, rig: str = "simulated") -> Result:
     Parameters
     ----------
     rig
-        Name of a rig, or path of a rig file (.toml).
+        Name of a rig, or path of a rig file (.toml); default: the environment variable SGP_RIG, or
+        else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
-    with rigs.open_rig(rig) as opened, Stages() as progress:
+    name = chosen_rig(rig)
+    with rigs.open_rig(name) as opened, Stages() as progress:
         result = acquisition.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if rig in rigs.rig_names():  # opened by name: there is no file in which to set an option
+    if name in rigs.rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else rigs.pluralize(len(faults), "fault")
     return Result(

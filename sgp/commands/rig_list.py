@@ -9,6 +9,7 @@ from typing import Any
 import rig
 from sgp._exit import UsageError
 from sgp._result import Result
+from sgp._user_config import default_rig, how_to_configure
 
 
 def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
@@ -35,10 +36,13 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     # Cameras first: a wrong producer fails at once, while silent ports take seconds.
     cameras = rig.find_cameras(cti) if cti else ()
     ports = rig.find_boards(port or None)
-    names = list(rig.rig_names())
+    names, default = list(rig.rig_names()), default_rig()
     boards = [found for found in ports if found.identity is not None]
     summary = [
         f"rigs     {', '.join(names)}",
+        f"default  none: give --rig; for a default, {how_to_configure()}"
+        if default is None
+        else f"default  {default.name}, from {default.origin}",
         *map(_answer, ports),
         *(f"camera   {found}" for found in cameras),
     ]
@@ -51,6 +55,7 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     return Result(
         metrics={
             "rigs": names,
+            "default_rig": None if default is None else asdict(default),
             "ports": [_port(found) for found in ports],
             "cameras": [_camera(found) for found in cameras],
         },

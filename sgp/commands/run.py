@@ -7,7 +7,7 @@ from pathlib import Path
 from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
-from sgp._overview import write_overview
+from sgp._overview import source_title, write_overview
 from sgp._pipeline import overview_panels, process
 from sgp._result import Result
 from sgp._stages import Stopwatch, open_source
@@ -52,7 +52,8 @@ def run(
     result = outcome.result
     result.outputs["overview"] = claim_folder(out, "summary.json") / "overview.png"
     with watch.stage("overview"):
-        write_overview(result.outputs["overview"], source.name, overview_panels(outcome))
+        title = source_title(opened, source.name)
+        write_overview(result.outputs["overview"], title, overview_panels(outcome))
     error = outcome.normals.error
     truth: TruthMetrics = {} if error is None else {"normals_mae_deg": error.mae_deg}
     metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}

@@ -29,7 +29,8 @@ def simulate(
     scene: str,
     *,
     out: Path | None = None,
-    lights: Leds | None = None,
+    led_count: Leds | None = None,
+    lights: Annotated[Leds | None, Parameter(show=False)] = None,
     size: str | None = None,
     seed: Seed | None = None,
     exposure_us: list[Positive] | None = None,
@@ -54,8 +55,10 @@ def simulate(
         Name of a scene, scene file (.toml), or `list` to list the names.
     out
         New folder for the recording.
-    lights
+    led_count
         Number of LEDs; default: as in the scene, else 36.
+    lights
+        Earlier spelling of --led-count.
     size
         Size of the image in pixels, for example 640x512; the width of the field does not change.
     seed
@@ -77,9 +80,12 @@ def simulate(
         raise UsageError("--out is missing: give a folder for the recording")
     if sheet is not None:
         raise UsageError("--sheet draws all scenes: use it with `sgp simulate list` only")
+    if lights is not None and led_count is not None:
+        raise UsageError("--lights is the earlier spelling of --led-count: give only one")
+    leds = led_count or lights
     check_folder(out)
     watch = Stopwatch()
-    chosen, files = _scene(scene, lights, size, seed)
+    chosen, files = _scene(scene, leds, size, seed)
     if layout == "diligent" and chosen.lens.cfa is not None:
         raise UsageError(
             "--format diligent does not support cameras with a colour mosaic: record a session"
@@ -123,7 +129,7 @@ def simulate(
         )
 
     parameters = {
-        "scene": scene, "lights": lights, "size": size, "seed": seed, "exposures_us": exposures,
+        "scene": scene, "lights": leds, "size": size, "seed": seed, "exposures_us": exposures,
         "noise": noise, "noise_seed": seed or 0, "format": layout,
     }  # fmt: skip
 
@@ -159,17 +165,17 @@ def simulate(
 
 
 def _scene(
-    name: str, lights: int | None, size: str | None, seed: int | None
+    name: str, leds: int | None, size: str | None, seed: int | None
 ) -> tuple[simulator.Scene, list[Path]]:
     pixels = None if size is None else image_size("--size", size)
     if name.endswith(".toml"):
-        return simulator.read_scene(name, leds=lights, size=pixels, seed=seed), [Path(name)]
+        return simulator.read_scene(name, leds=leds, size=pixels, seed=seed), [Path(name)]
     if name not in simulator.SCENES:
         raise UsageError(
             f"there is no scene {name}: `sgp simulate list` lists the names; the name of a scene "
             "file must end in .toml"
         )
-    options = {} if lights is None else {"leds": lights}
+    options = {} if leds is None else {"leds": leds}
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
     return simulator.scene_named(name, seed=seed or 0, **options), []

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import rig._open
+import rig._drivers
 from rig import (
     Mounting,
     RigConfig,
@@ -133,11 +133,11 @@ def test_an_unknown_driver_in_a_file(tmp_path: Path):
 def drivers(monkeypatch):
     points = EntryPoints(
         [
-            EntryPoint("echo", "builtins:dict", rig._open.DRIVERS),
-            EntryPoint("broken", "no_such_module:open", rig._open.DRIVERS),
+            EntryPoint("echo", "builtins:dict", rig._drivers.DRIVERS),
+            EntryPoint("broken", "no_such_module:open", rig._drivers.DRIVERS),
         ]
     )
-    monkeypatch.setattr(rig._open, "entry_points", lambda group: points.select(group=group))
+    monkeypatch.setattr(rig._drivers, "entry_points", lambda group: points.select(group=group))
 
 
 @pytest.mark.usefixtures("drivers")

@@ -384,7 +384,8 @@ def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp
     assert (
         f"damaged: {out / 'frames' / 'L02_E0.tif'}: is in the journal but not there" in answer.err
     )
-    assert f"`capture resume {out} --retake-damaged` takes" in answer.err
+    again = f"capture resume {out} --rig {rig} --skip-check --retake-damaged"
+    assert f"`{again}` takes" in answer.err
     assert not (out / "COMPLETE").exists()
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     answer = sgp(*words, "--retake-damaged", "--dry-run", "--json")
@@ -409,7 +410,7 @@ def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp
     flip(out / "frames" / "D_5000us.tif")
     answer = sgp("capture", "verify", out)
     assert answer.code == 4
-    assert f"`capture resume {out} --retake-damaged`" in answer.out
+    assert f"`capture resume {out} --retake-damaged`, with --rig, takes" in answer.out
     assert "no shot is missing" in sgp(*words).err
     assert sgp(*words, "--retake-damaged").code == 0
     assert sgp("capture", "verify", out).code == 0
@@ -430,7 +431,8 @@ def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan,
     ):
         line = sgp(*command[command[0] == "sgp" :]).error_line(4)
         assert message in line
-    assert line.endswith(f"`capture resume {out} --retake-damaged` takes it again")
+    again = f"capture resume {out} --rig {rig} --skip-check --retake-damaged"
+    assert line.endswith(f"`{again}` takes it again")
     assert sgp(*words, "--retake-damaged").code == 0
     assert sgp("capture", "verify", out).code == 0
 

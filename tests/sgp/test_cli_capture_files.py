@@ -23,7 +23,7 @@ def made(tmp_path_factory) -> Path:
     from sgp.app import build, run
 
     folder = tmp_path_factory.mktemp("made") / "coin"
-    words = ("simulate", "coin", "--out", str(folder), "--size", "96x80", "--lights", "6")
+    words = ("simulate", "coin", "--out", str(folder), "--size", "96x80", "--led-count", "6")
     assert run(build(), [*words, "--seed", "3"]) == 0
     return folder
 
@@ -198,7 +198,7 @@ def tethered(folder: Path, times: list[float]) -> Path:
 
 def test_watching_a_folder(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 8, 10, 12]), tmp_path / "out"
-    words = ("capture", "import", folder, "--watch", "--leds", 7, "--out", out)
+    words = ("capture", "import", folder, "--watch", "--led-count", 7, "--out", out)
     answer = sgp(*words, "--timeout-s", 1.5, "--operator", "Ada", "--json")
     assert answer.code == 4, answer.err
     assert json.loads(answer.out)["metrics"]["missing"] == ["L03_E0.tif"]
@@ -226,9 +226,16 @@ def test_watching_with_a_plan(sgp, tmp_path):
     ]
 
 
+def test_watching_for_listed_leds(sgp, tmp_path):
+    folder = tethered(tmp_path / "in", [0, 2, 4])
+    words = ("capture", "import", folder, "--watch", "--leds", "5-4, 9", "--out", tmp_path / "out")
+    assert sgp(*words, "--interval-s", 2, "--timeout-s", 20).code == 0
+    assert [frame.led for frame in Session.open(tmp_path / "out").frames] == [5, 4, 9]
+
+
 def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 6, 8, 10]), tmp_path / "out"
-    words = ["import", str(folder), "--watch", "--leds", "7", "--out", str(out)]
+    words = ["import", str(folder), "--watch", "--led-count", "7", "--out", str(out)]
     process = subprocess.Popen(
         [*CAPTURE, *words],
         stderr=subprocess.PIPE,
@@ -253,18 +260,28 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        pytest.param(["--watch"], "requires either --leds or --plan", id="no-shots"),
+        pytest.param(["--watch"], "requires either --leds, --led-count or --plan", id="no-shots"),
         pytest.param(
-            ["--watch", "--leds", "3", "--plan", "p.toml"], "either --leds or --plan", id="both"
+            ["--watch", "--led-count", "3", "--plan", "p.toml"],
+            "either --leds, --led-count or --plan",
+            id="both",
         ),
-        pytest.param(["--leds", "3"], "--leds requires --watch", id="not-watching"),
+        pytest.param(["--led-count", "3"], "--led-count requires --watch", id="not-watching"),
+        pytest.param(["--leds", "0-2"], "--leds requires --watch", id="list-not-watching"),
+        pytest.param(["--watch", "--leds", "3"], "--leds 3 is ambiguous: write --led-", id="old"),
+        pytest.param(["--watch", "--leds", "0-2,1"], "LED 1 is listed twice", id="twice"),
+        pytest.param(
+            ["--watch", "--leds", "0-2", "--led-count", "3"], "give only one", id="list-and-count"
+        ),
         pytest.param(["--interval-s", "3"], "--interval-s requires --watch", id="interval"),
         pytest.param(
-            ["--watch", "--leds", "3", "--no-gaps", "--interval-s", "2"], "--no-gaps", id="no-time"
+            ["--watch", "--led-count", "3", "--no-gaps", "--interval-s", "2"],
+            "--no-gaps",
+            id="no-time",
         ),
-        pytest.param(["--watch", "--leds", "0"], "leds", id="no-leds"),
-        pytest.param(["--watch", "--leds", "3", "--mask", "m.png"], "--mask", id="mask"),
-        pytest.param(["--watch", "--leds", "3", "--timeout-s", "0"], "timeout", id="timeout"),
+        pytest.param(["--watch", "--led-count", "0"], "led-count", id="no-leds"),
+        pytest.param(["--watch", "--led-count", "3", "--mask", "m.png"], "--mask", id="mask"),
+        pytest.param(["--watch", "--led-count", "3", "--timeout-s", "0"], "timeout", id="timeout"),
     ],
 )
 def test_impossible_watches(sgp, tmp_path, monkeypatch, words, message):
@@ -282,13 +299,13 @@ def test_impossible_watches(sgp, tmp_path, monkeypatch, words, message):
 def test_a_watch_for_other_shots_is_refused_and_does_not_ask_to_be_tried_again(sgp, tmp_path):
     folder = tethered(tmp_path / "in", [0, 2, 4])
     words = ("capture", "import", folder, "--watch", "--out", tmp_path / "out", "--timeout-s", 2)
-    answer = sgp(*words, "--leds", 4)
+    answer = sgp(*words, "--led-count", 4)
     assert answer.code == 4
     assert "INCOMPLETE, 1 of 4 shots missing, first L03_E0.tif" in answer.out
     assert "frames    3, 0 rejected" in answer.out
     verified = sgp("capture", "verify", tmp_path / "out")
     assert "incomplete, 3 frames are intact, but the session was not finished" in verified.out
-    answer = sgp(*words, "--leds", 5)
+    answer = sgp(*words, "--led-count", 5)
     assert answer.code == 4
     assert "not started by watching a folder for these shots" in answer.err
     assert answer.err.count("\n") == 1
@@ -296,7 +313,7 @@ def test_a_watch_for_other_shots_is_refused_and_does_not_ask_to_be_tried_again(s
 
 def test_a_watch_never_writes_into_a_folder_with_other_files(sgp, tmp_path):
     folder = tethered(tmp_path / "in", [0])
-    words = ("capture", "import", folder, "--watch", "--leds", 1, "--out")
+    words = ("capture", "import", folder, "--watch", "--led-count", 1, "--out")
     assert sgp(*words, folder).code == 2
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "x").write_text("")

@@ -40,7 +40,7 @@ def plan(tmp_path: Path):
 
 
 def test_a_plan_is_shown_without_hardware(sgp, plan):
-    answer = sgp("capture", "plan", plan(), "--width", 100, "--height", 50, "--json")
+    answer = sgp("capture", "plan", plan(), "--size", "100x50", "--json")
     metrics = json.loads(answer.out)["metrics"]
     assert metrics["shots"][:2] == ["D_20000us.tif", "D_1000us.tif"]
     assert metrics["shots"][-1] == "L07_E1.tif"
@@ -68,6 +68,55 @@ def test_the_default_plan_lights_every_working_led(sgp, rig):
     assert "8 shots: 7 light, 1 dark" in sgp("capture", "plan", "--rig", rig).out
 
 
+def shots(answer):
+    assert answer.code == 0, answer.err
+    return json.loads(answer.out)["metrics"]["shots"]
+
+
+def test_ranges_of_leds(sgp, plan):
+    ranges = sgp("capture", "plan", plan("leds = '0-2, 8-7'\nexposures_us = [5]\n"), "--json")
+    listed = ["D_5us.tif", *(f"L0{led}_E0.tif" for led in (0, 1, 2, 8, 7))]
+    assert shots(ranges) == listed
+    listed[0] = "D_20000us.tif"
+    assert shots(sgp("capture", "plan", "--leds", "0-2,8-7", "--json")) == listed
+
+
+def test_the_rig_of_a_plan_may_be_a_name_or_the_configured_one(sgp, rig, monkeypatch):
+    assert len(shots(sgp("capture", "plan", "--rig", "simulated", "--json"))) == 37
+    monkeypatch.setenv("SGP_RIG", str(rig))
+    assert len(shots(sgp("capture", "plan", "--json"))) == 8
+    assert len(shots(sgp("capture", "plan", "--led-count", 12, "--json"))) == 13
+
+
+def test_earlier_spellings_still_work(sgp):
+    sizes = [
+        json.loads(sgp("capture", "plan", *words, "--json").out)["metrics"]["bytes"]
+        for words in (("--size", "100x50"), ("--width", 100, "--height", 50))
+    ]
+    assert sizes == [37 * 100 * 50 * 2] * 2
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        pytest.param(["--leds", "36"], "--led-count 36 for 36 LEDs, or --leds 36-36", id="number"),
+        pytest.param(["--leds", "1,x"], "'x' is neither an LED number nor a range", id="text"),
+        pytest.param(["--leds", "0-3,2"], "LED 2 is listed twice", id="twice"),
+        pytest.param(["{plan}", "--leds", "0-3"], "leave out --leds", id="plan and LEDs"),
+        pytest.param(["--rig", "simulated", "--led-count", "3"], "leave out", id="rig and count"),
+        pytest.param(["--size", "8x8", "--width", "8"], "--size gives width and", id="two sizes"),
+        pytest.param(["--size", "100"], "for example 640x512", id="half a size"),
+    ],
+)
+def test_options_of_a_plan_that_contradict(sgp, plan, words, message):
+    path = plan()
+    assert message in sgp("capture", "plan", *(w.format(plan=path) for w in words)).error_line(2)
+
+
+def test_a_listed_led_that_the_board_lacks(sgp):
+    assert "--leds: the plan's LED 36" in sgp("capture", "plan", "--leds", "0-40").error_line(4)
+
+
 def test_exposures_are_shown_by_groups_of_leds(sgp, plan):
     text = "leds = [0,1,2,3,4,9]\nexposures_us = [20000]\n[exposures_by_led]\n"
     shown = sgp("capture", "plan", plan(text + "3 = [30000]\n9 = [30000]\n")).out.splitlines()
@@ -78,7 +127,7 @@ def test_exposures_are_shown_by_groups_of_leds(sgp, plan):
 def test_many_exposures_take_few_lines(sgp, plan):
     own = "".join(f"{led} = [{1000 + led}, {10 + led}]\n" for led in range(300))
     text = f"leds = {list(range(300))}\nexposures_us = [5, 6]\n[exposures_by_led]\n{own}"
-    shown = sgp("capture", "plan", plan(text), "--leds", 300).out.splitlines()
+    shown = sgp("capture", "plan", plan(text), "--led-count", 300).out.splitlines()
     assert len(shown) < 20
     assert shown[1].split("  ")[0] == "1000 to 1024, 10 to 34"
     assert shown[1].endswith(" 0-24")
@@ -123,7 +172,8 @@ def test_a_working_rig_is_ready(sgp, rig, plan, tmp_path):
     answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan())
     assert answer.code == 0, answer.out
     assert answer.out.splitlines()[-1] == "ready to record"
-    rows = [line.split()[:2] for line in answer.out.splitlines()[:-1]]
+    lines = [line for line in answer.out.splitlines()[:-1] if not line.startswith(" ")]
+    rows = [line.split()[:2] for line in lines]
     assert rows[0] == ["ok", "disk"]
     assert rows[-1] == ["ok", "LEDs"]
     assert "LEDs 7" in answer.err

@@ -39,7 +39,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("made")
     lights = f"--lights {root}/sim/derived/truth/lights.json"
     for line in (
-        f"simulate coin --out {root}/sim --size 64x52 --lights 6",
+        f"simulate coin --out {root}/sim --size 64x52 --led-count 6",
         f"normals {root}/sim {lights} --out {root}/normals",
         f"surface {root}/normals --out {root}/surface",
         f"capture export {root}/sim {lights} --format lp --out {root}/lp",
@@ -65,8 +65,8 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"capture import {made}/lp --out {disk}/imported",
         f"capture run {disk}/run {rig} --plan {made}/plan.toml --skip-check",
         f"capture info {made}/sim --sheet {disk}/sheet.png",
-        f"simulate coin --out {disk}/sim --size 64x52 --lights 4",
-        f"simulate coin --out {disk}/plain --size 64x52 --lights 4 --format diligent",
+        f"simulate coin --out {disk}/sim --size 64x52 --led-count 4",
+        f"simulate coin --out {disk}/plain --size 64x52 --led-count 4 --format diligent",
         f"run {made}/sim {lights} --out {disk}/result",
         f"normals {made}/sim {lights} --out {disk}/normals",
         f"surface {made}/normals --out {disk}/surface --glb",

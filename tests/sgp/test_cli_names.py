@@ -112,7 +112,7 @@ def test_outputs_are_refused_before_the_work(sgp, recording, session, place):
         ("calibrate", "spheres", recording, "--out", out.with_suffix(".json")),
         ("simulate", "coin", "--out", out),
         ("simulate", "list", "--sheet", out.with_suffix(".png")),
-        ("rig", "snap", "--out", out.with_suffix(".tif")),
+        ("rig", "snap", "--rig", "simulated", "--out", out.with_suffix(".tif")),
         ("demo", "--out", out),
         ("bench", "paper", "--out", out),
     ):

@@ -74,13 +74,13 @@ def test_options_are_found() -> None:
 
 def test_text_options_of_numbers_are_known() -> None:
     """Numbers inside text are not found by type: new options of this kind must be added here."""
-    source = re.compile(r'(?:numbers|image_size)\("(--[a-z-]+)"')
+    source = re.compile(r'(?:numbers|image_size|led_list)\("(--[a-z-]+)"')
     named = {
         match[1]
         for file in Path(sgp.commands.__path__[0]).glob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
-    assert named == {"--at", "--look", "--rotate-deg", "--sphere", "--size"}
+    assert named == {"--at", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
 
 
 @pytest.mark.parametrize(("path", "argument"), ALL)
@@ -120,6 +120,7 @@ def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, arg
         ("detail", "transfer", "a", "b", "--out=o", "--at={}"),
         ("project", "a.obj", "--out=o", "--size={}"),
         ("simulate", "coin", "--out=o", "--size={}"),
+        ("capture", "plan", "--size={}"),
     ],
     ids=lambda words: "-".join(words[:1] + words[-1:]),
 )

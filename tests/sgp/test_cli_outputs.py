@@ -71,7 +71,7 @@ def test_notes_of_an_error_are_printed(monkeypatch, capsys):
         raise error
 
     monkeypatch.setattr("rig.open_board", broken)
-    assert run(build(), ["rig", "off"]) == 3
+    assert run(build(), ["rig", "off", "--rig", "bench"]) == 3
     message = capsys.readouterr().err
     assert message == "error: the line is lost; LEDs not confirmed off: no reply\n"
 
@@ -83,8 +83,8 @@ def test_notes_of_an_error_are_printed(monkeypatch, capsys):
         pytest.param(["detail", "separate", "x", "--out", "o", "--w", "0"], id="window"),
         pytest.param(["normals", "x", "--out", "o", "--gamma", "nan"], id="gamma"),
         pytest.param(["demo", "--seed", "-1"], id="seed"),
-        pytest.param(["capture", "plan", "--leds", "0"], id="leds"),
-        pytest.param(["rig", "snap", "--out", "frame.png"], id="suffix"),
+        pytest.param(["capture", "plan", "--led-count", "0"], id="leds"),
+        pytest.param(["rig", "snap", "--rig", "simulated", "--out", "frame.png"], id="suffix"),
         pytest.param(["calibrate", "spheres", "x", "--out", "lights.lp"], id="lights suffix"),
         pytest.param(["detail", "transfer", "x", "y", "--out", "o", "--at", "5"], id="place"),
     ],

@@ -144,8 +144,8 @@ def test_check_warns_of_problems_that_are_not_errors_yet(bench, sgp):
     board.close()
     answer = sgp("rig", "check", "--rig", bench.rig)
     assert answer.code == 0
-    assert "received 1 damaged line" in answer.err
-    assert "watchdog turned LEDs off 1 time " in answer.err
+    assert "received 1 damaged line since" in answer.err
+    assert "watchdog turned LEDs off 1 time since" in answer.err
 
 
 def test_check_says_how_the_camera_is_mounted(sgp, tmp_path):
@@ -208,6 +208,31 @@ def test_a_frame_is_snapped_as_the_sensor_gave_it(bench, sgp, tmp_path):
     assert bench.dark()
     # 5 electrons per us for 2000 us at 10 electrons per DN, plus the black level.
     assert (read_image(out) == 64 + 1000).all()
+    view = read_image(out.with_suffix(".png"))
+    assert view.dtype == np.uint8
+    assert (view == round(255 * (1064 / 4095) ** (1 / 2.2))).all()
+    assert "frame.png" in answer.out
+
+
+def test_the_view_of_a_frame_is_upright_and_in_a_new_folder(sgp, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'name = "x"\ndriver = "simulated"\nleds = 4\n'
+        "[mounting]\nrotation_deg = 90\nmirror = true\n[options]\nwidth = 64\nheight = 48\n"
+    )
+    out = tmp_path / "new" / "folder" / "frame.tif"
+    words = ("rig", "snap", "--led", 1, "--out", out, "--rig", rig)
+    answer = sgp(*words, "--json")
+    assert answer.code == 0, answer.err
+    raw, view = read_image(out), read_image(out.with_suffix(".png"))
+    assert json.loads(answer.out)["outputs"]["view"] == str(out.with_suffix(".png"))
+    assert (raw.shape, view.shape) == ((64, 48), (48, 64))
+    # Mirrored left to right, then turned clockwise.
+    upright = np.rot90(raw[:, ::-1], -1)
+    assert (view == np.rint(255 * (upright / 4095) ** (1 / 2.2))).all()
+    out.unlink()
+    assert "frame.png already exists" in sgp(*words).error_line(2)
+    assert not out.exists()
 
 
 def test_off_turns_off_an_led_that_another_program_left_on(bench, sgp):

@@ -11,7 +11,7 @@ from acquisition import Session, read_image, read_source
 from sgp._simulation import metered_exposures
 from simulator import SCENES, render, scene_named
 
-SMALL = ("--size", "96x80", "--lights", "8")
+SMALL = ("--size", "96x80", "--led-count", "8")
 DISTANT = """
 [object]
 kind = "cap"
@@ -196,7 +196,7 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
         ),
         pytest.param(["coin", "--out", "o", "--size", "64"], 2, "640x512", id="half a size"),
         pytest.param(["coin", "--out", "o", "--size", "0x5"], 2, "640x512", id="no pixels"),
-        pytest.param(["coin", "--out", "o", "--lights", "0"], 2, "lights", id="no lights"),
+        pytest.param(["coin", "--out", "o", "--led-count", "0"], 2, "led-count", id="no lights"),
         pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
         pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
         pytest.param(["coin", "--out", "full"], 2, "full", id="folder with files"),

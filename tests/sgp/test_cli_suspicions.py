@@ -61,7 +61,7 @@ def test_unused_files_are_reported(sgp, words, recording, tmp_path):
 
 @pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
 def test_a_fraction_is_not_rounded_to_a_whole_number(sgp, number):
-    answer = sgp("capture", "plan", "--leds", number)
+    answer = sgp("capture", "plan", "--led-count", number)
     assert answer.code == 2
     assert number in answer.err
 

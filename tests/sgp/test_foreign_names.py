@@ -91,7 +91,7 @@ def script(name: str) -> str:
         pytest.param(["sgp", "rig", "list"], id="rig list"),
         pytest.param(["capture", "run", "session", *RIG, "--skip-check"], id="capture run"),
         pytest.param(
-            ["sgp", "simulate", "coin", "--lights", "3", "--size", "32x32", "--out", "coin"],
+            ["sgp", "simulate", "coin", "--led-count", "3", "--size", "32x32", "--out", "coin"],
             id="simulate, through the GenTL producer",
         ),
         pytest.param(["sgp", "demo"], id="demo", marks=pytest.mark.slow),

@@ -77,5 +77,5 @@ def test_findings_and_checks_have_codes() -> None:
     assert set(finding._CODES) == set(get_args(finding.Kind))
     for state in get_args(check.State):
         for name in check._CODES:
-            notice = check.Check(name, state, "text").notice
+            (notice,) = check.Check(name, state, "text").notices
             assert str(notice) == f"{name}: text"

@@ -36,7 +36,7 @@ CORE = """
     CUT OFF
     capture resume {root}/cut --rig {root}/rig.toml
     capture compact {root}/s
-    simulate coin --out {root}/sim --size 64x52 --lights 6
+    simulate coin --out {root}/sim --size 64x52 --led-count 6
     capture export {root}/sim --lights {lights} --format diligent --out {root}/diligent
     capture export {root}/sim --lights {lights} --format diligent --out {root}/diligent --force
     capture import {root}/diligent --out {root}/imported
@@ -46,12 +46,12 @@ CORE = """
 REST = """
     capture info {root}/s --sheet {root}/sheet.png
     capture compact {root}/s
-    simulate coin --out {root}/plain --size 64x52 --lights 6 --format diligent
+    simulate coin --out {root}/plain --size 64x52 --led-count 6 --format diligent
     capture export {root}/sim --lights {lights} --format lp --out {root}/lp
     capture export {root}/sim --format exr --out {root}/exr
     capture export {root}/sim --lights {lights} --format alicevision --out {root}/alicevision
     calibrate intensities {root}/sim --lights {lights} --out {root}/card.json
-    simulate spheres --out {root}/spheres --size 320x256 --lights 6 --exposure-us 9000
+    simulate spheres --out {root}/spheres --size 320x256 --led-count 6 --exposure-us 9000
     calibrate spheres {root}/spheres --out {root}/lights.json
     run {root}/sim --lights {lights} --out {root}/run
     normals {root}/sim --lights {lights} --out {root}/normals --force

@@ -1,0 +1,46 @@
+"""The installed rigs. This module imports no device, so that a refusal is quick."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from rig._errors import RigNotFoundError
+
+DRIVERS = "sgp.rigs"
+
+
+def rig_names() -> tuple[str, ...]:
+    """Return the names of the installed rigs."""
+    return tuple(sorted(entry_points(group=DRIVERS).names))
+
+
+def find_rig_file(name_or_path: str) -> Path | None:
+    """Return the path of a rig file; None for the name of an installed rig.
+
+    Parameters
+    ----------
+    name_or_path
+        See `open_rig`.
+
+    Raises
+    ------
+    RigNotFoundError
+        If there is no such name or file.
+    """
+    if name_or_path in rig_names():
+        return None
+    path = Path(name_or_path)
+    if not (path.is_file() or path.name != name_or_path or path.suffix.lower() == ".toml"):
+        raise RigNotFoundError(
+            f"no rig is called {name_or_path!r} (known: {', '.join(rig_names()) or 'none'}) "
+            "and no rig file of that name exists"
+        )
+    if not path.exists():
+        raise RigNotFoundError(f"{path}: no such rig file")
+    return path
+
+
+def find_driver(name: str) -> EntryPoint | None:
+    """Return the entry point of a driver; None if it is not installed."""
+    return next((point for point in entry_points(group=DRIVERS) if point.name == name), None)

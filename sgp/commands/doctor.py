@@ -1,0 +1,281 @@
+"""``sgp doctor``: check this computer without touching the rig."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shutil
+import stat
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import acquisition
+import rig
+from sgp._entry import PACKAGES, foreign_package
+from sgp._result import Result
+from sgp._user_config import chosen_rig, config_path, default_rig
+
+_State = Literal["ok", "warning", "error"]
+# GenTL's variable with the folders of producers, for 64-bit programs.
+_GENTL = "GENICAM_GENTL64_PATH"
+# Every producer exports this function, so the file contains its name.
+_GENTL_ENTRY = b"GCInitLib\0"
+# A session of 36 LEDs with 5 Mpx takes 0.4 GB.
+_LOW_DISK, _NO_DISK = 5e9, 0.5e9
+# A run of 12 images of 24 Mpx needs 2.5 GB.
+_LOW_MEMORY, _LOW_FREE = 3.5e9, 1e9
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one check found; the text names the remedy unless the state is ``ok``."""
+
+    name: str
+    state: _State
+    text: str
+
+
+_Findings = Iterator[tuple[_State, str]]
+
+
+def doctor() -> Result:
+    """Check versions, compiler, camera drivers, serial ports, disk, memory and name clashes.
+
+    No port is opened and no LED is switched. The exit code is 3 if a check found an error; warnings
+    do not count.
+
+    For example:
+
+        sgp doctor
+    """
+    found = [one for name, check in _CHECKS.items() for one in _guarded(name, check)]
+    counts = {state: sum(one.state == state for one in found) for state in ("error", "warning")}
+    several = [f"{n} {state}{'s' * (n > 1)}" for state, n in counts.items() if n]
+    return Result(
+        metrics={"checks": [asdict(one) for one in found]},
+        summary=[
+            *(f"{one.state:<8} {one.name:<10} {one.text}" for one in found),
+            ", ".join(several) or "nothing needs attention",
+        ],
+        ok=counts["error"] == 0,
+        failing_code=3,
+    )
+
+
+def _guarded(name: str, check: Callable[[], _Findings]) -> Iterator[_Found]:
+    """Yield what a check finds; a check that fails itself is a warning."""
+    try:
+        for state, text in check():
+            yield _Found(name, state, text)
+    except Exception as error:  # noqa: BLE001 - the other checks must run
+        reason = " ".join(str(error).split()) or type(error).__name__
+        yield _Found(name, "warning", f"cannot be checked ({reason})")
+
+
+def _versions() -> _Findings:
+    yield (
+        "ok",
+        f"sgp {acquisition.software_version()}, Python {platform.python_version()}, "
+        f"{platform.system()} {platform.machine()}, in {sys.prefix}",
+    )
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    try:
+        required = requires(acquisition.SOFTWARE) or []
+    except PackageNotFoundError:
+        yield "warning", "sgp is not installed as a package: install it (pipx install .)"
+        return
+    present = {}
+    for line in required:
+        match = re.match(r"([A-Za-z0-9._-]+)[^;>]*(?:>=\s*([0-9.]+))?", line)
+        if match is None or "extra =" in line.partition(";")[2]:
+            continue
+        name, least = match[1], match[2] or "0"
+        try:
+            present[name] = version(name)
+        except PackageNotFoundError:
+            yield "error", f"{name} is missing: install it (pip install '{name}>={least}')"
+            continue
+        if _numbers(present[name]) < _numbers(least):
+            text = f"{name} {present[name]} is too old: pip install '{name}>={least}'"
+            yield "error", text
+    yield "ok", ", ".join(f"{name} {number}" for name, number in sorted(present.items()))
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", version.partition("+")[0])[:3])
+
+
+def _names() -> _Findings:
+    from importlib.metadata import packages_distributions
+
+    complaint = foreign_package()
+    if complaint is not None:
+        yield "error", complaint
+    clashes = 0
+    provided = packages_distributions()
+    for name in PACKAGES:
+        others = sorted(set(provided.get(name, ())) - {acquisition.SOFTWARE})
+        clashes += len(others)
+        for other in others:
+            yield (
+                "warning",
+                f"the package {other} also contains {name}: uninstall it, or install sgp in an "
+                "environment of its own (pipx, uv tool)",
+            )
+    scripts = Path(sysconfig.get_path("scripts"))
+    for program in ("sgp", "capture"):
+        ours, first = shutil.which(program, path=str(scripts)), shutil.which(program)
+        if ours is None:
+            continue
+        if first is None:
+            text = f"{program} is not on the path: add {scripts} to PATH"
+        elif not os.path.samefile(first, ours):
+            text = f"{program} on the path is {first}: put {scripts} first in PATH"
+        else:
+            continue
+        clashes += 1
+        yield "warning", text
+    if not clashes and complaint is None:
+        yield "ok", "no other package or program has our names"
+
+
+def _compiler() -> _Findings:
+    from simulator.gentl import CompilerError, build
+
+    try:
+        yield "ok", f"the virtual GenICam camera is built: {build()}"
+    except CompilerError as error:
+        yield "warning", f"{error}; until then the simulated rig has a camera in Python"
+
+
+def _gentl() -> _Findings:
+    folders = [Path(name) for name in os.environ.get(_GENTL, "").split(os.pathsep) if name]
+    found = 0
+    for folder in folders:
+        if not folder.is_dir():
+            text = f"{_GENTL} names {folder}, which is not a folder: install the camera's driver "
+            yield "warning", f"{text}again, or correct the variable"
+            continue
+        for cti in sorted(folder.glob("*.cti")):
+            found += 1
+            yield _producer(cti)
+    if not found:
+        place = f"in {_GENTL}" if folders else f"because {_GENTL} is not set"
+        yield (
+            "warning",
+            f"no GenTL producer was found {place}: install the driver of the camera, and name its "
+            ".cti file in the rig file (not needed without a camera)",
+        )
+
+
+def _producer(cti: Path) -> tuple[_State, str]:
+    """Return what is known about a producer without loading it, since that could crash."""
+    try:
+        whole = _GENTL_ENTRY in rig.read_bounded(cti, rig.MAX_BINARY_BYTES)
+    except (FileNotFoundError, rig.UnreadableError) as error:
+        return "warning", f"{cti}: cannot be read ({error}): install the driver again"
+    if not whole:
+        return "warning", f"{cti}: is not a GenTL producer: install the driver again"
+    return "ok", f"{cti}: `sgp rig list --cti` lists its cameras"
+
+
+def _serial() -> _Findings:
+    from serial.tools import list_ports
+
+    ports = sorted(list_ports.comports())
+    if not ports:
+        yield "ok", "no serial port: plug the LED board in, if this computer has one"
+    for port in ports:
+        device = port.device
+        if sys.platform == "win32" or os.access(device, os.R_OK | os.W_OK):
+            yield "ok", f"{device}: {port.description}"
+            continue
+        # The board is a USB device; the ports of the mainboard may stay closed.
+        state: _State = "warning" if port.vid is None else "error"
+        yield state, f"{device}: no right to open it: {_how_to_open(device)}"
+
+
+def _how_to_open(device: str) -> str:
+    import grp
+
+    status = os.stat(device)
+    group = grp.getgrgid(status.st_gid).gr_name
+    if group == "root" or not status.st_mode & stat.S_IWGRP:
+        return "add a udev rule that gives its group the right to read and write"
+    return f"run `sudo usermod -aG {group} $USER`, then log in again"
+
+
+def _rig() -> _Findings:
+    default = default_rig()
+    if default is None:
+        yield "ok", f"no default rig (a file {config_path()} or SGP_RIG can name one)"
+        return
+    config = rig.find_rig_config(chosen_rig(None))
+    cti = config.options.get("cti")
+    if isinstance(cti, str):
+        producer = Path(cti).expanduser()
+        state, text = _producer(producer)
+        if state != "ok":
+            yield "error", f"{default.name}, from {default.origin}: {text}"
+            return
+    yield "ok", f"{default.name}, from {default.origin}: driver {config.driver}, {config.leds} LEDs"
+
+
+def _disk() -> _Findings:
+    for what, place in (("here", Path.cwd()), ("temporary", Path(tempfile.gettempdir()))):
+        free = shutil.disk_usage(place).free
+        text = f"{place} ({what}): {free / 1e9:.1f} GB free"
+        if not os.access(place, os.W_OK):
+            yield "warning", f"{text}, but no right to write: choose another folder"
+        elif free < _LOW_DISK:
+            state: _State = "error" if free < _NO_DISK else "warning"
+            yield state, f"{text}: free space, or record to another disk"
+        else:
+            yield "ok", text
+
+
+def _memory() -> _Findings:
+    total, free = _memory_bytes()
+    if total is None:
+        yield "ok", f"not known on {platform.system()}; {os.cpu_count()} processors"
+        return
+    text = f"{total / 1e9:.1f} GB, {os.cpu_count()} processors"
+    text += "" if free is None else f", {free / 1e9:.1f} GB available"
+    if total < _LOW_MEMORY:
+        yield "warning", f"{text}: large images need more (24 Mpx: 2.5 GB): use smaller ones"
+    elif free is not None and free < _LOW_FREE:
+        yield "warning", f"{text}: close other programs"
+    else:
+        yield "ok", text
+
+
+def _memory_bytes() -> tuple[int | None, int | None]:
+    """Return total and available memory in bytes, None if not known."""
+    if not hasattr(os, "sysconf"):
+        return None, None
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        content = Path("/proc/meminfo").read_text()
+    except OSError:
+        return total, None
+    match = re.search(r"^MemAvailable:\s+(\d+) kB", content, re.MULTILINE)
+    return total, None if match is None else int(match[1]) * 1024
+
+
+_CHECKS: dict[str, Callable[[], _Findings]] = {
+    "versions": _versions,
+    "names": _names,
+    "compiler": _compiler,
+    "gentl": _gentl,
+    "serial": _serial,
+    "rig": _rig,
+    "disk": _disk,
+    "memory": _memory,
+}
