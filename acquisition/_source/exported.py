@@ -9,6 +9,7 @@ from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
+from acquisition._values.transfer_curve import LINEAR
 from rig import Notice
 
 # Other files of an export, which hold no further data.
@@ -16,10 +17,11 @@ _FOR_OTHERS = ("export.json", "alicevision_lights.json")
 
 
 def with_export_notes(source: Source) -> Source:
-    """Take levels, filter pattern, exposures, lights and camera from a ``recording.json``.
+    """Take levels, filter pattern, curve, exposures, lights and camera from a ``recording.json``.
 
     The file is in the folder of the images. Without it, and for an EXR stack, whose floats have no
-    saturation level, the source is returned unchanged.
+    saturation level, the source is returned unchanged; but floats with another transfer curve get
+    this curve and its levels.
 
     Raises
     ------
@@ -29,8 +31,16 @@ def with_export_notes(source: Source) -> Source:
     """
     folder = source.path if source.path.is_dir() else source.path.parent
     notes = None if source.kind == "session" else read_recording_notes(folder)
-    if notes is None or source.frames[0].path.suffix.lower() == ".exr":
+    if notes is None:
         return source
+    if source.transfer_origin != "given":
+        curve = LINEAR if notes.transfer is None else notes.transfer.value()
+        source = replace(source, transfer=curve, transfer_origin=RECORD_FILE)
+    if source.frames[0].path.suffix.lower() == ".exr":
+        if source.transfer == LINEAR:
+            return source
+        black, white = notes.camera.black_level_dn, notes.camera.white_dn
+        return replace(source, black_level=black, white_level=white)
     noted = {frame.file: frame for frame in notes.frames}
     strange = next((f.path for f in source.frames if f.path.name not in noted), None)
     if strange is not None:

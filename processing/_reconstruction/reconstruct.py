@@ -57,7 +57,6 @@ def reconstruct(
     *,
     method: Method = "cauchy",
     distant: bool = False,
-    gamma: float | None = None,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -76,8 +75,6 @@ def reconstruct(
         Method of `photometric_stereo`.
     distant
         Treat lights with positions as distant lights.
-    gamma
-        Exponent that makes the images linear, see `calibration.linear_stack`.
     surface
         Also integrate the normals.
     on_progress
@@ -104,7 +101,7 @@ def reconstruct(
     >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
     """
     lights, points_mm = _light_geometry(source, distant=distant)
-    stack = linear_stack(source, gamma=gamma, on_progress=on_progress)
+    stack = linear_stack(source, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
     mask = stack.mask
     if mask is None:

@@ -13,7 +13,7 @@ import acquisition
 import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
-from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole
+from sgp._options import Gamma, Input, Leds, OptionalInput, Pixels, Positive, Whole, transfer_of
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
@@ -95,8 +95,8 @@ def export(
     out
         New folder.
     values
-        raw: values as recorded. linear: dark frame or black level subtracted, white level at full
-        scale.
+        raw: values as recorded. linear: transfer curve removed, dark frame or black level
+        subtracted, white level at full scale.
     bracket
         Number of the bracket, from 0, to export if the format has one image per light.
     lights
@@ -147,11 +147,13 @@ def import_(
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
     timeout_s: Positive = 600.0,
+    gamma: Gamma = "auto",
     max_pixels: Pixels = rig.MAX_PIXELS,
 ) -> Result:
     """Import photographs into a session.
 
     Camera RAW files stay linear: black and white level and the colour filter pattern are recorded.
+    Other images keep their samples, and their transfer curve is recorded.
     With --watch, images are imported as a tethered camera delivers them; after a pause of two
     intervals one image counts as missing. Ctrl-C stops; run the same command again to continue.
 
@@ -194,6 +196,9 @@ def import_(
         With --watch: --no-gaps matches images to shots by order only and ignores pauses.
     timeout_s
         With --watch: seconds to wait for the next image.
+    gamma
+        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
+        table; see `sgp normals --help`.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -202,14 +207,20 @@ def import_(
         if mask is not None:
             raise UsageError("--mask cannot be used with --watch: leave it out")
         asked = _watch(source, leds, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
-        asked = replace(asked, max_pixels=max_pixels)
+        asked = replace(asked, transfer=transfer_of(gamma), max_pixels=max_pixels)
         return _import_watched(asked, out, lights, labels)
     for option, value in (("--leds", leds), ("--plan", plan), ("--interval-s", interval_s)):
         if value is not None:
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
     chosen = None if lights is None else acquisition.read_lights(lights)
-    opened = acquisition.read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
+    opened = acquisition.read_import(
+        source,
+        lights=chosen,
+        mask_path=mask,
+        transfer=transfer_of(gamma),
+        max_pixels=max_pixels,
+    )
     with Stages() as progress:
         acquisition.import_frames(opened, out, labels, on_progress=progress)
     result = info(out)
