@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from acquisition._errors import DataError, MissingPathError
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.diligent import is_diligent, read_diligent
@@ -20,6 +18,8 @@ from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice
+
+_WHITE_8_BIT = 255
 
 
 def read_source(
@@ -51,7 +51,7 @@ def read_source(
         Transfer curve of the samples. Default: that of the session or of ``recording.json``; else
         the one that the metadata of the images state (ICC profile, Exif colour space, chunks of
         PNG); else sRGB for JPEG, WebP and JPEG XL with 8 bits, and linear for all others. A notice
-        reports a choice by metadata or kind.
+        reports the choice, except linear for more than 8 bits.
     max_pixels
         Largest allowed number of pixels per image, checked before anything is decoded.
 
@@ -108,11 +108,10 @@ def _dispatch(
 
 def _with_notice(source: Source) -> Source:
     """Add the notice about the transfer curve if neither the caller nor our own files gave it."""
-    if source.transfer_origin in ("given", MANIFEST, RECORD_FILE):
+    # More than 8 bits are linear unless metadata say otherwise: no one needs a note about that.
+    usual = source.transfer == LINEAR and source.white_level > _WHITE_8_BIT
+    if usual or source.transfer_origin in ("given", MANIFEST, RECORD_FILE):
         return source
-    by_definition = source.cfa is not None or not np.isfinite(source.white_level)
-    if by_definition and source.transfer == LINEAR:
-        return source  # camera RAW, floats
     text = f"the samples are read as {source.transfer.name} ({source.transfer_origin})"
     notice = Notice("transfer-curve", text, str(source.path), "info")
     return replace(source, warnings=(*source.warnings, notice))

@@ -218,7 +218,8 @@ def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> N
         )
     # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
-    if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
+    least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
+    if not brightest > least:
         raise EstimateError(
             f"{source.path}: all {len(ids)} images are black: check the lights and the exposure"
         )
