@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from acquisition._errors import DataError
-from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
+from acquisition._source.recording_json import RECORD_FILE, RecordingNotes, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
@@ -33,10 +33,8 @@ def with_export_notes(source: Source) -> Source:
     notes = None if source.kind == "session" else read_recording_notes(folder)
     if notes is None:
         return source
-    if source.transfer_origin != "given":
-        curve = LINEAR if notes.transfer is None else notes.transfer.value()
-        source = replace(source, transfer=curve, transfer_origin=RECORD_FILE)
     if source.frames[0].path.suffix.lower() == ".exr":
+        source = _with_curve(source, notes)
         if source.transfer == LINEAR:
             return source
         black, white = notes.camera.black_level_dn, notes.camera.white_dn
@@ -71,7 +69,7 @@ def with_export_notes(source: Source) -> Source:
         camera = read_camera(folder / notes.camera_file)
     ours = (RECORD_FILE, *present)
     return replace(
-        source,
+        _with_curve(source, notes),
         frames=tuple(
             replace(frame, exposure_us=noted[frame.path.name].exposure_us)
             for frame in source.frames
@@ -85,3 +83,11 @@ def with_export_notes(source: Source) -> Source:
         ignored=tuple(name for name in source.ignored if name not in (*ours, *_FOR_OTHERS)),
         warnings=(*source.warnings, *lost),
     )
+
+
+def _with_curve(source: Source, notes: RecordingNotes) -> Source:
+    """Return the source with the transfer curve of the notes, unless the caller gave one."""
+    if source.transfer_origin == "given":
+        return source
+    curve = LINEAR if notes.transfer is None else notes.transfer.value()
+    return replace(source, transfer=curve, transfer_origin=RECORD_FILE)
