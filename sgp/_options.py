@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ def _finite(text: str) -> float:
 def _gamma(kind: object, tokens: Sequence[Token]) -> str:
     """Check the text of a transfer curve before anything is read; see `transfer_of`."""
     text = tokens[0].value
-    if text.lower() in _CURVES or Path(text).is_file():
+    if text.lower() in _CURVES or transfer_files(text):
         return text
     try:
         value = _finite(text)
@@ -144,14 +145,16 @@ def transfer_of(gamma: str) -> acquisition.TransferCurve | None:
             return acquisition.LINEAR
         case "srgb":
             return acquisition.SRGB
-    if Path(gamma).is_file():
+    if transfer_files(gamma):
         return acquisition.read_transfer(gamma)
     return acquisition.TransferCurve.power(float(gamma))
 
 
 def transfer_files(gamma: str) -> list[Path]:
     """Return the file that the option names, if it names one."""
-    return [Path(gamma)] if gamma.lower() not in _CURVES and Path(gamma).is_file() else []
+    # Not with pathlib, which raises an error if a name is too long.
+    named = gamma.lower() not in _CURVES and os.path.isfile(gamma)
+    return [Path(gamma)] if named else []
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:
