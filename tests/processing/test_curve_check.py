@@ -11,6 +11,7 @@ import pytest
 
 from acquisition import LINEAR, SRGB, CameraModel, Frame, Lights, Source, TransferCurve
 from processing import reconstruct
+from simulator import SCENES, render, scene_named
 
 SIZE = 64
 WHITE = 255
@@ -138,3 +139,19 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
     lights = dome()
     samples = SRGB.samples(shades(lights)).astype(np.float32)
     assert doubts(recording(samples, lights, LINEAR, np.inf)) == []
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
+    rendering = render(scene_named(name, width=96, height=80, leds=12))
+    truth = rendering.truth
+    if not truth.mask.any():
+        pytest.skip("the scene has no object")
+    full = np.quantile(rendering.planes[:, truth.mask], 0.999) / 0.8
+    rng = np.random.default_rng(5)
+    signal = rng.poisson(np.clip(rendering.planes / full, 0, 1) * 3e4) / 3e4
+    for true in (LINEAR, SRGB):
+        source = recording(true.samples(signal), truth.lights, LINEAR, 4095, camera=truth.camera)
+        assert bool(doubts(replace(source, mask=truth.mask))) == (true != LINEAR)
+    source = recording(SRGB.samples(signal), truth.lights, SRGB, 4095, camera=truth.camera)
+    assert doubts(replace(source, mask=truth.mask)) == []
