@@ -32,6 +32,7 @@ from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
+from acquisition._source.transfer_notice import transfer_notices
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress
@@ -300,9 +301,9 @@ class _Watcher:
         else:
             stated = image_form(image.path, max_pixels=self._watch.max_pixels).transfer
             curve, why = stated.curve, stated.origin
-            if self._writer is None:
-                text = f"the samples are read as {curve.name} ({why})"
-                self._say(Notice("transfer-curve", text, image.path.name, "info"))
+            white, name = image.white_level_dn, image.path.name
+            for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
+                self._say(notice)
         record = None if self._writer is None else self._writer.manifest.transfer
         if record is not None and record.value() != curve:
             raise DataError(

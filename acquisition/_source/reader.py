@@ -13,13 +13,12 @@ from acquisition._source.image_folder import images_source, lp_files, read_image
 from acquisition._source.recording_json import RECORD_FILE
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
+from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_whole
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
-
-_WHITE_8_BIT = 255
 
 
 def read_source(
@@ -108,13 +107,11 @@ def _dispatch(
 
 def _with_notice(source: Source) -> Source:
     """Add the notice about the transfer curve if neither the caller nor our own files gave it."""
-    # More than 8 bits are linear unless metadata say otherwise: no one needs a note about that.
-    usual = source.transfer == LINEAR and source.white_level > _WHITE_8_BIT
-    if usual or source.transfer_origin in ("given", MANIFEST, RECORD_FILE):
+    origin = source.transfer_origin
+    if origin in ("given", MANIFEST, RECORD_FILE):
         return source
-    text = f"the samples are read as {source.transfer.name} ({source.transfer_origin})"
-    notice = Notice("transfer-curve", text, str(source.path), "info")
-    return replace(source, warnings=(*source.warnings, notice))
+    notices = transfer_notices(source.transfer, origin, source.white_level, str(source.path))
+    return replace(source, warnings=(*source.warnings, *notices))
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:

@@ -141,12 +141,10 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
     assert doubts(recording(samples, lights, LINEAR, np.inf)) == []
 
 
-@pytest.mark.parametrize("name", sorted(SCENES))
+@pytest.mark.parametrize("name", sorted(set(SCENES) - {"spheres"}))
 def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
     rendering = render(scene_named(name, width=96, height=80, leds=12))
     truth = rendering.truth
-    if not truth.mask.any():
-        pytest.skip("the scene has no object")
     full = np.quantile(rendering.planes[:, truth.mask], 0.999) / 0.8
     rng = np.random.default_rng(5)
     signal = rng.poisson(np.clip(rendering.planes / full, 0, 1) * 3e4) / 3e4
