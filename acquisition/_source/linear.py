@@ -19,6 +19,7 @@ Reference = Literal["ambient", "dark"]
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
 _GREY_VALUES = 65536
+_ROWS = 64
 
 
 class Linearizer:
@@ -86,7 +87,12 @@ class Linearizer:
 
     def _linear(self, pixels: Image) -> FloatImage:
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
-            return np.asarray(self._light[pixels], np.float32)
+            light = np.zeros(pixels.shape, np.float32)
+            # In parts, because NumPy copies indices to 64 bits; all are in the table.
+            for top in range(0, len(pixels), _ROWS):
+                rows = slice(top, top + _ROWS)
+                np.take(self._light, pixels[rows], out=light[rows], mode="clip")
+            return light
         samples: FloatImage = pixels.astype(np.float32) - np.float32(self._source.black_level)
         samples /= self._span
         return samples if self._curve is None else self._curve.light(samples).astype(np.float32)
