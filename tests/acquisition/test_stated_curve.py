@@ -237,7 +237,7 @@ def test_metadata_of_every_kind(tmp_path: Path, case: str) -> None:
 
 
 def test_our_own_files_state_no_display_curve(tmp_path: Path) -> None:
-    """OpenImageIO marks every PNG as sRGB unless it is told otherwise."""
+    """By default OpenImageIO marks every PNG as sRGB."""
     write_png(tmp_path / "a.png", RGB)
     write_png(tmp_path / "b.png", RGB.astype(np.uint16))
     write_tiff(tmp_path / "c.tif", RGB.astype(np.uint16))
