@@ -88,10 +88,9 @@ class Linearizer:
     def _linear(self, pixels: Image) -> FloatImage:
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
             light = np.zeros(pixels.shape, np.float32)
-            # In parts, because NumPy copies indices to 64 bits; all are in the table.
+            # In parts, because NumPy copies indices to 64 bits.
             for top in range(0, len(pixels), _ROWS):
-                rows = slice(top, top + _ROWS)
-                np.take(self._light, pixels[rows], out=light[rows], mode="clip")
+                light[top : top + _ROWS] = self._light[pixels[top : top + _ROWS]]
             return light
         samples: FloatImage = pixels.astype(np.float32) - np.float32(self._source.black_level)
         samples /= self._span
