@@ -77,9 +77,13 @@ from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
+from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
+from ._values.transfer_curve import LINEAR as LINEAR
+from ._values.transfer_curve import SRGB as SRGB
+from ._values.transfer_curve import TransferCurve as TransferCurve

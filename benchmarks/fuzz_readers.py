@@ -56,11 +56,14 @@ from acquisition import (
     read_plan,
     read_raw,
     read_source,
+    read_transfer,
     verify_session,
 )
 from acquisition._import.image import read_for_import
+from acquisition._pixels.icc_curve import icc_curve
+from acquisition._pixels.images import image_form
 from processing import read_geometry, read_normals
-from rig import RigConfigError, read_rig_config
+from rig import RigConfigError, UnreadableError, read_rig_config
 from simulator import MeshBody, read_scene
 
 SECONDS = 5.0
@@ -104,6 +107,9 @@ class Reader:
 READERS: dict[str, Reader] = {
     "image": Reader(read_image, "image"),
     "import": Reader(read_for_import, "image"),
+    "form": Reader(image_form, "image"),
+    "icc": Reader(lambda path: icc_curve(path.read_bytes()), "icc", (UnreadableError,)),
+    "transfer": Reader(read_transfer, "transfer"),
     "mask": Reader(read_mask, "mask"),
     "raw": Reader(read_for_import, "raw"),
     "raw-pixels": Reader(read_raw, "raw"),

@@ -23,6 +23,7 @@ from fuzz_mutators import (
     within_mat,
     within_png,
 )
+from PIL import Image, PngImagePlugin
 
 from acquisition import (
     Calibrations,
@@ -44,7 +45,8 @@ from simulator import scene_named, write_scene
 # Larger real files would only make the runs slower.
 _LARGEST = 800_000
 _TEXTS = {
-    ".toml", ".json", ".jsonl", ".lp", ".txt", ".yml", ".yaml", ".xml", ".obj", ".off", ".xyz",
+    ".toml", ".json", ".jsonl", ".lp", ".txt", ".csv", ".yml", ".yaml", ".xml", ".obj", ".off",
+    ".xyz",
 }  # fmt: skip
 _BY_FORMAT: dict[str, Mutator] = {
     ".png": within_png,
@@ -177,6 +179,52 @@ def _images(root: Path) -> Iterator[Seed]:
     done, encoded = cv2.imencode(".jpg", rgb8, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])
     if done:
         (root / "progressive.jpg").write_bytes(encoded.tobytes())
+    _with_metadata(root, Image.fromarray(rgb8))
+    for path in sorted(root.iterdir()):
+        yield single(path)
+
+
+def _with_metadata(root: Path, image: Image.Image) -> None:
+    """Write images whose metadata state a transfer curve."""
+    tags = Image.Exif()
+    tags.get_ifd(0x8769)[0xA001] = 2
+    image.save(root / "exif.jpg", exif=tags.tobytes())
+    for suffix in ("jpg", "png", "tif", "webp"):
+        image.save(root / f"profile.{suffix}", icc_profile=_profile(_FUNCTION))
+    chunks = PngImagePlugin.PngInfo()
+    for kind, data in ((b"cICP", bytes([1, 1, 0, 1])), (b"gAMA", struct.pack(">I", 55_556))):
+        chunks.add(kind, data)
+    image.save(root / "chunks.png", pnginfo=chunks)
+
+
+# sRGB as a function of type 3, and a table.
+_FUNCTION = b"para\0\0\0\0\0\3\0\0" + struct.pack(">5i", 157286, 62119, 3417, 5072, 2651)
+_TABLE = b"curv\0\0\0\0" + struct.pack(">I64H", 64, *(k * k * 16 for k in range(64)))
+
+
+def _profile(curve: bytes) -> bytes:
+    """Build an ICC profile of RGB whose three channels have one curve."""
+    names = (b"rTRC", b"gTRC", b"bTRC")
+    begin = 128 + 4 + 12 * len(names)
+    table = struct.pack(">I", len(names)) + b"".join(
+        struct.pack(">4sII", name, begin, len(curve)) for name in names
+    )
+    size = struct.pack(">I", begin + len(curve) + 100)
+    head = (size + bytes(8) + b"mntrRGB XYZ " + bytes(12) + b"acsp").ljust(128, b"\0")
+    return head + table + curve + bytes(range(100))
+
+
+def _profiles(root: Path) -> Iterator[Seed]:
+    (root / "function.icc").write_bytes(_profile(_FUNCTION))
+    (root / "table.icc").write_bytes(_profile(_TABLE))
+    (root / "gamma.icc").write_bytes(_profile(b"curv\0\0\0\0\0\0\0\1\2\x33"))
+    for path in sorted(root.iterdir()):
+        yield single(path)
+
+
+def _curves(root: Path) -> Iterator[Seed]:
+    (root / "curve.csv").write_text("sample,light\n0,0\n64,4.2\n128,20.9\n255,100\n")
+    (root / "curve.txt").write_text("# measured\n0 0\n0.5 0.2\n1 1\n")
     for path in sorted(root.iterdir()):
         yield single(path)
 
@@ -412,6 +460,7 @@ def _sessions(root: Path) -> Iterator[Seed]:
         camera=camera,
         labels=Labels(operator="benchmark", object_name="noise", notes="two\nlines"),
         calibrations=Calibrations(lights=_lights(3)),
+        transfer={"kind": "table", "points": [(0, 0), (0.5, 0.2), (1, 1)]},
     )
     with SessionWriter.create(place, manifest) as writer:
         for index, shot in enumerate(writer.missing):
@@ -439,6 +488,8 @@ def _exports(root: Path) -> Iterator[Seed]:
 
 _MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
     "image": _images,
+    "icc": _profiles,
+    "transfer": _curves,
     "mask": _masks,
     "raw": _raws,
     "lights": _light_files,

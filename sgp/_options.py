@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -45,12 +46,31 @@ def _finite(text: str) -> float:
     return value
 
 
+def _gamma(kind: object, tokens: Sequence[Token]) -> str:
+    """Check the text of a transfer curve before anything is read; see `transfer_of`."""
+    text = tokens[0].value
+    if text.lower() in _CURVES or transfer_files(text):
+        return text
+    try:
+        value = _finite(text)
+    except ValueError as error:
+        finite = "not a number" in str(error)
+        reason = f"{error}, auto, srgb, linear or a file" if finite else str(error)
+        raise CoercionError(msg=reason, token=tokens[0]) from error
+    if not _LEAST_GAMMA <= value <= _MOST_GAMMA:
+        text = f"{_short(text)} is not within {_LEAST_GAMMA:g} to {_MOST_GAMMA:g}"
+        raise CoercionError(msg=text, token=tokens[0])
+    return text
+
+
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 # Longest part of a command line that a message quotes, in characters.
 _LONGEST = 40
+_CURVES = ("auto", "srgb", "linear")
+_LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 
 _INPUT = object()
 # Files or folders that must exist when the command starts.
@@ -67,7 +87,7 @@ Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
-Gamma = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.1, lte=10))]
+Gamma = Annotated[str, Parameter(converter=_gamma)]
 Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
 Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
@@ -91,8 +111,9 @@ class SourceOptions:
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
-        Exponent that makes the images linear (2.2 for display-ready images); default: the images
-        are already linear.
+        Transfer curve of the images: auto (their metadata; without metadata, 8-bit JPEGs are sRGB
+        and other files linear), srgb, linear, an exponent such as 2.2, or a file with a table of
+        samples and light.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -102,7 +123,7 @@ class SourceOptions:
     mask: OptionalInput = None
     method: processing.Method = "cauchy"
     distant: bool = False
-    gamma: Gamma | None = None
+    gamma: Gamma = "auto"
     max_pixels: Pixels = rig.MAX_PIXELS
 
 
@@ -122,6 +143,33 @@ def require_inputs(command: Callable[..., object], arguments: Mapping[str, objec
             for path in value if isinstance(value, tuple) else (value,):
                 if path is not None and not path.exists():
                     raise acquisition.MissingPathError(f"{path}: no such file or folder")
+
+
+def transfer_of(gamma: str) -> acquisition.TransferCurve | None:
+    """Return the transfer curve that an option names; None for auto.
+
+    Raises
+    ------
+    DataError
+        If it names a file without a valid table.
+    """
+    match gamma.lower():
+        case "auto":
+            return None
+        case "linear":
+            return acquisition.LINEAR
+        case "srgb":
+            return acquisition.SRGB
+    if transfer_files(gamma):
+        return acquisition.read_transfer(gamma)
+    return acquisition.TransferCurve.power(float(gamma))
+
+
+def transfer_files(gamma: str) -> list[Path]:
+    """Return the file that the option names, if it names one."""
+    # Not with pathlib, which raises an error if a name is too long.
+    named = gamma.lower() not in _CURVES and os.path.isfile(gamma)
+    return [Path(gamma)] if named else []
 
 
 def numbers(option: str, text: str, count: int) -> list[float]:

@@ -42,7 +42,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             check_folder(out, force=force)
             _check_apart(out, _paths(parameters.values()))
             result = command(*args, **kwargs)
-            write_record(out / record, _name(command), parameters, result)
+            write_record(out / record, _name(command), parameters | result.parameters, result)
             return result
 
         return run

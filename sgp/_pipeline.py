@@ -56,8 +56,9 @@ def process(
     Each folder gets its own record. Outputs and figures of the stages are merged under the
     stage's name.
     """
-    parameters = {"source": source.path, **asdict(options)}
-    merged = Result(inputs=files)
+    chosen = {"transfer": source.transfer.record()}
+    parameters = {"source": source.path, **asdict(options), **chosen}
+    merged = Result(inputs=files, parameters=chosen)
 
     def write(name: str, files_of: Callable[[Path], Result]) -> None:
         record = f"{name}.json"

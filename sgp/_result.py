@@ -29,6 +29,8 @@ class Result:
         Lines for the terminal; not printed with ``--json``.
     inputs
         Files that were read; the record contains their hashes.
+    parameters
+        Parameters that the command chose itself, by name; the record lists them with its arguments.
     ok
         False if the command ran but found faults in the data or the rig that it examined.
     failing_code
@@ -40,6 +42,7 @@ class Result:
     warnings: list[rig.Notice] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)
     inputs: list[Path] = field(default_factory=list)
+    parameters: dict[str, Any] = field(default_factory=dict)
     ok: bool = True
     failing_code: int = 4
 

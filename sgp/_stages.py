@@ -12,7 +12,7 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._options import SourceOptions
+from sgp._options import SourceOptions, transfer_files, transfer_of
 
 
 def open_source(
@@ -21,6 +21,7 @@ def open_source(
     lights: Path | None = None,
     camera: Path | None = None,
     mask: Path | None = None,
+    gamma: str = "auto",
     others: Sequence[Path] = (),
     max_pixels: int = rig.MAX_PIXELS,
 ) -> tuple[acquisition.Source, list[Path]]:
@@ -37,11 +38,13 @@ def open_source(
         path,
         lights=None if lights is None else acquisition.read_lights(lights),
         mask_path=mask,
+        transfer=transfer_of(gamma),
         max_pixels=max_pixels,
     )
     if camera is not None:
         source = replace(source, camera=acquisition.read_camera(camera, source.size))
-    options = [option for option in (lights, camera, mask, *others) if option is not None]
+    given = (lights, camera, mask, *transfer_files(gamma), *others)
+    options = [option for option in given if option is not None]
     used = {option.resolve() for option in options}
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
     if unused:
@@ -58,7 +61,6 @@ def compute_normals(
             source,
             method=options.method,
             distant=options.distant,
-            gamma=options.gamma,
             surface=False,
             on_progress=progress,
         )

@@ -16,6 +16,7 @@ from acquisition._errors import StorageError
 from acquisition._export.caption import Caption
 from acquisition._pixels.images import encode_image, store_image
 from acquisition._pixels.png_chunks import SIGNATURE
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 
 # Five times as fast as OpenImageIO's PNG writer, and smaller files on sensor noise.
 _PNG_OPTIONS = (
@@ -25,11 +26,13 @@ _PNG_OPTIONS = (
     cv2.IMWRITE_PNG_FILTER_SUB,
 )
 _HEADER_END = len(SIGNATURE) + 4 + 4 + 13 + 4  # IHDR: length, kind, 13 bytes, CRC
-_GAMMA_LINEAR = struct.pack(">I", 100_000)
+_RENDERING_INTENT = b"\1"  # relative colorimetric
 
 
-def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Caption) -> None:
-    """Write a 16-bit PNG with gamma 1 in its header and the caption as iTXt fields and XMP.
+def write_captioned_png(
+    path: Path, pixels: npt.NDArray[np.uint16], caption: Caption, transfer: TransferCurve = LINEAR
+) -> None:
+    """Write a 16-bit PNG with its gamma in its header and the caption as iTXt fields and XMP.
 
     Parameters
     ----------
@@ -39,6 +42,8 @@ def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Cap
         ``(H, W)`` or ``(H, W, 3)`` RGB uint16, stored unchanged.
     caption
         Texts to store in the file.
+    transfer
+        Transfer curve of the samples. The header cannot state a table.
 
     Raises
     ------
@@ -50,14 +55,18 @@ def write_captioned_png(path: Path, pixels: npt.NDArray[np.uint16], caption: Cap
     data = encoded.tobytes()
     if not done:
         raise StorageError(f"{path}: cannot be encoded as PNG: check the memory of this computer")
-    chunks = [_chunk(b"gAMA", _GAMMA_LINEAR)]
+    chunks = _curve_chunks(transfer)
     fields = {**caption.texts(), "XML:com.adobe.xmp": caption.xmp()}
     chunks += [_chunk(b"iTXt", _international(*field)) for field in fields.items()]
     store_image(path, b"".join([data[:_HEADER_END], *chunks, data[_HEADER_END:]]), pixels)
 
 
 def write_captioned_exr(
-    path: Path, pixels: npt.NDArray[np.float32], caption: Caption, attributes: dict[str, Any]
+    path: Path,
+    pixels: npt.NDArray[np.float32],
+    caption: Caption,
+    attributes: dict[str, Any],
+    transfer: TransferCurve = LINEAR,
 ) -> None:
     """Write a lossless float EXR with the caption and further attributes in its header.
 
@@ -71,6 +80,8 @@ def write_captioned_exr(
         Texts to store in the file.
     attributes
         Texts, numbers or tuples of three numbers by attribute name.
+    transfer
+        Transfer curve of the samples.
 
     Raises
     ------
@@ -81,7 +92,8 @@ def write_captioned_exr(
     height, width, channels = image.shape
     spec = oiio.ImageSpec(width, height, channels, oiio.FLOAT)
     spec.attribute("compression", "zip")
-    spec.attribute("oiio:ColorSpace", "linear")
+    if transfer == LINEAR:
+        spec.attribute("oiio:ColorSpace", "linear")
     standard = {
         "DocumentName": caption.title,
         "Artist": caption.creator,
@@ -100,6 +112,20 @@ def write_captioned_exr(
     if caption.exposure_us is not None:
         spec.attribute("ExposureTime", caption.exposure_us / 1e6)
     store_image(path, encode_image(path, "openexr", spec, image), pixels)
+
+
+def _curve_chunks(transfer: TransferCurve) -> list[bytes]:
+    """Return the chunks that state a transfer curve: PNG 3, 11.3.2.2 and 11.3.2.5."""
+    match transfer.kind:
+        case "table":
+            return []
+        case "srgb":
+            return [_chunk(b"sRGB", _RENDERING_INTENT), _chunk(b"gAMA", _gamma(2.2))]
+    return [_chunk(b"gAMA", _gamma(transfer.exponent or 1.0))]
+
+
+def _gamma(exponent: float) -> bytes:
+    return struct.pack(">I", round(100_000 / exponent))
 
 
 def _chunk(kind: bytes, data: bytes) -> bytes:

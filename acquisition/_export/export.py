@@ -128,9 +128,12 @@ class Export:
         caption = Caption.of(self.session.manifest, noted.exposure_us)
         if self.layout == "exr":
             attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)
-            write_captioned_exr(path, self._samples.floats(frame), caption, attributes)
+            write_captioned_exr(
+                path, self._samples.floats(frame), caption, attributes, self._samples.transfer
+            )
         else:
-            write_captioned_png(path, self._samples.whole_numbers(frame), caption)
+            pixels = self._samples.whole_numbers(frame)
+            write_captioned_png(path, pixels, caption, self._samples.transfer)
 
     def _write_tables(self, out: Path) -> list[Path]:
         names = [frame.file for frame in self.notes.frames]
@@ -186,7 +189,8 @@ def prepare_export(
         dark frames included, as float. All layouts have recording.json and, if the lights and the
         camera are known, lights.json and camera.json.
     values
-        ``raw``: samples as recorded, black level included. ``linear``: the mean of the ambient
+        ``raw``: samples as recorded, black level included; ``recording.json`` and the images state
+        their transfer curve. ``linear``: the transfer curve is removed; the mean of the ambient
         frames of the same exposure is subtracted, or that of its dark frames, or the black level,
         in this order of preference; the white level becomes 65535, or 1 in EXR, where values are
         not clipped.

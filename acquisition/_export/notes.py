@@ -14,9 +14,11 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
+from acquisition._session.value_records import TransferRecord
 from acquisition._source.recording_json import RECORD_FILE, ExportedFrame, RecordingNotes
 from acquisition._source.source import Frame, Source
 from acquisition._values.lights import Lights, led_id
+from acquisition._values.transfer_curve import LINEAR
 from rig import Notice
 
 Layout = Literal["diligent", "lp", "exr", "alicevision"]
@@ -62,6 +64,7 @@ def recording_notes(
         rights=manifest.rights,
         started_utc=manifest.started_utc,
         camera=camera,
+        transfer=None if samples.transfer == LINEAR else TransferRecord.of(samples.transfer),
         lights_file=None if source.lights is None else LIGHTS_FILE,
         camera_file=None if source.camera is None else CAMERA_FILE,
         remarks=(),
@@ -123,6 +126,7 @@ def exr_attributes(
         "sgp:black_level": notes.camera.black_level_dn,
         "sgp:white_level": notes.camera.white_dn,
         "sgp:cfa": notes.camera.cfa,
+        "sgp:transfer": "linear" if notes.transfer is None else notes.transfer.value().name,
     }
     if noted.led is not None:
         attributes["sgp:led"] = noted.led

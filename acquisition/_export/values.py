@@ -11,6 +11,7 @@ import numpy.typing as npt
 from acquisition._source.linear import Linearizer
 from acquisition._source.recording_json import Values
 from acquisition._source.source import Frame, Source
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice
 
 _FULL = 65535
@@ -59,6 +60,11 @@ class Samples:
             }
         return {"bit_depth": 16, "white_level_dn": 1.0 if layout == "exr" else float(_FULL)}
 
+    @property
+    def transfer(self) -> TransferCurve:
+        """The transfer curve of the written values."""
+        return self._source.transfer if self.values == "raw" else LINEAR
+
     def subtracted(self, frames: Sequence[Frame]) -> str:
         """Return a text that names what is subtracted from the frames."""
         if self.values == "raw":
@@ -71,12 +77,21 @@ class Samples:
     def warnings(self, frames: Sequence[Frame]) -> list[Notice]:
         """Return warnings for programs that take the values as proportional to light."""
         source = self._source
+        kept = []
+        if self.transfer != LINEAR:
+            text = (
+                f"the values are raw and follow the transfer curve of the session "
+                f"({self.transfer.name}): export linear values to remove it"
+            )
+            kept.append(Notice("transfer-curve-kept", text))
         if self.values == "raw" and source.black_level > 0:
             text = (
                 f"the values are raw, with a black level of {source.black_level:g}: "
                 "export linear values to subtract it"
             )
-            return [Notice("black-level-kept", text)]
+            kept.append(Notice("black-level-kept", text))
+        if kept:
+            return kept
         if self.values == "linear" and self.subtracted(frames) == "black level":
             text = "no dark frames of these exposures: the black level is subtracted instead"
             return [Notice("dark-frames-missing", text)]

@@ -26,12 +26,14 @@ from acquisition._session.labels import Labels
 from acquisition._session.layout import MASK, TRUE_NORMALS
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
+from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
 from acquisition._values.lights import Lights, led_id
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Progress, no_progress
 
 # Files that are named like the frames of a session keep their LED number.
@@ -44,6 +46,7 @@ def read_import(
     *,
     lights: Lights | None = None,
     mask_path: Path | None = None,
+    transfer: TransferCurve | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Read a source for import.
@@ -58,7 +61,9 @@ def read_import(
             f"{path}: an EXR stack holds floats, but a session holds whole numbers: "
             "export the session as lp, diligent or alicevision to import it again"
         )
-    return read_source(path, lights=lights, mask_path=mask_path, max_pixels=max_pixels)
+    return read_source(
+        path, lights=lights, mask_path=mask_path, transfer=transfer, max_pixels=max_pixels
+    )
 
 
 def import_frames(
@@ -74,9 +79,9 @@ def import_frames(
     ----------
     source
         Source from `read_import` or `read_source`: images, camera RAW or a DiLiGenT folder. 8-bit
-        samples keep their values in 16-bit files, with white level 255. CFA pattern, black and
-        white level, exposures, lights and camera are recorded if known. Mask and true normals
-        are written into ``derived/``, where `read_source` finds them.
+        samples keep their values in 16-bit files, with white level 255. The transfer curve is
+        recorded, and CFA pattern, black and white level, exposures, lights and camera if known.
+        Mask and true normals are written into ``derived/``, where `read_source` finds them.
     folder
         New or empty folder.
     labels
@@ -129,6 +134,7 @@ def import_frames(
         camera=_camera(first, source, record),
         labels=labels,
         calibrations=Calibrations(camera_model=source.camera, lights=lights),
+        transfer=TransferRecord.of(source.transfer),
         **others,
     )
     with SessionWriter.create(folder, manifest) as writer:

@@ -22,14 +22,19 @@ from acquisition._import.watch_match import (
     pace_of,
 )
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._pixels.images import image_form
+from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.labels import Labels
 from acquisition._session.layout import is_session
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
+from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
+from acquisition._source.transfer_notice import transfer_notices
 from acquisition._values.lights import Lights
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 _POLL_S: Final = 0.2
@@ -272,6 +277,7 @@ class _Watcher:
             earlier = next(iter(self._recorded), None)
             self._first = image if earlier is None else self._files.take(earlier)
         image.check_like(self._first)
+        transfer = self._transfer(image)
         if self._writer is None:
             if image.bit_depth == 8:
                 text = "8 bits, probably not linear: record camera RAW"
@@ -282,12 +288,33 @@ class _Watcher:
                 plan=self._watch.plan,
                 labels=self._labels,
                 calibrations=Calibrations(lights=self._lights),
+                transfer=TransferRecord.of(transfer),
             )
             self._writer = SessionWriter.create(self._out, manifest)
             self._writer.write_event(
                 _WATCHED, shots=shot_files(self._watch.shots), **camera_metadata(image)
             )
         return self._writer
+
+    def _transfer(self, image: ImportedImage) -> TransferCurve:
+        """Return the transfer curve of an image, which must be that of the session."""
+        if self._watch.transfer is not None:
+            curve, why = self._watch.transfer, "given"
+        elif is_raw(image.path):
+            curve, why = LINEAR, "camera RAW"
+        else:
+            stated = image_form(image.path, max_pixels=self._watch.max_pixels).transfer
+            curve, why = stated.curve, stated.origin
+            white, name = image.white_level_dn, image.path.name
+            for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
+                self._say(notice)
+        record = None if self._writer is None else self._writer.manifest.transfer
+        if record is not None and record.value() != curve:
+            raise DataError(
+                f"{image.path}: {curve.name} ({why}), but the session is {record.value().name}: "
+                "give the transfer curve of the session (--gamma)"
+            )
+        return curve
 
     def _say(self, notice: Notice) -> None:
         """Report a notice, but only once."""

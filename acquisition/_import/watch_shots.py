@@ -9,6 +9,7 @@ from pathlib import Path
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._values.lights import Lights, led_id
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, short_repr
 
 
@@ -35,6 +36,8 @@ class Watch:
         Time for which a file must stay unchanged to count as complete, seconds.
     max_pixels
         Largest allowed number of pixels per image.
+    transfer
+        Transfer curve of the images; default: as `read_source` chooses for the first image.
     """
 
     folder: Path
@@ -45,6 +48,7 @@ class Watch:
     timeout_s: float = 600.0
     settle_s: float = 1.0
     max_pixels: int = MAX_PIXELS
+    transfer: TransferCurve | None = None
 
     __repr__ = short_repr
 

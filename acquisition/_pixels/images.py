@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.png_chunks import SIGNATURE, check_png
 from acquisition._pixels.raw import is_raw
 from acquisition._pixels.scratch import scratch_file
+from acquisition._pixels.stated_curve import StatedCurve, stated_curve
 from acquisition._storage import disk, library_path, published, write_whole
 from rig import (
     MAX_BINARY_BYTES,
@@ -106,16 +108,34 @@ def read_image_with_alpha(
     return np.ascontiguousarray(pixels[..., 0] if len(channels) == 1 else pixels), alpha
 
 
-def image_form(
-    path: str | Path, *, max_pixels: int = MAX_PIXELS
-) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    """Return the shape and sample type that `read_image` would return, from the header only.
+@dataclass(frozen=True)
+class ImageForm:
+    """What the header of an image states.
+
+    Parameters
+    ----------
+    shape, dtype
+        Shape and sample type of the array that `read_image` returns.
+    transfer
+        The transfer curve of the samples.
+    """
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[np.generic]
+    transfer: StatedCurve
+
+
+def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
+    """Return the form of the image that `read_image` would return, from the header only.
 
     Errors are those of `read_image`, except for damage after the header.
     """
-    with _opened(Path(path), max_pixels) as (_, spec, channels, dtype):
+    path = Path(path)
+    with _opened(path, max_pixels) as (file, spec, channels, dtype):
         size = (spec.height, spec.width)
-    return (size if len(channels) == 1 else (*size, 3)), np.dtype(dtype)
+        with convert_read_errors(path):
+            transfer = stated_curve(path, file.format_name(), spec)
+    return ImageForm(size if len(channels) == 1 else (*size, 3), np.dtype(dtype), transfer)
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
@@ -238,6 +258,8 @@ def _write(
     spec.attribute("compression", compression)
     spec.attribute("png:compressionLevel", 1)  # half the time of the default, same size
     spec.attribute("DateTime", "")  # otherwise the current time is written
+    if kind == "png":
+        spec.attribute("oiio:ColorSpace", "data")  # otherwise the file states the sRGB curve
     store_image(path, encode_image(path, kind, spec, array), array)
 
 

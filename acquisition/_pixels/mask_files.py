@@ -81,7 +81,7 @@ def read_mask_shares(
     path = Path(path)
     if size is not None:
         max_pixels = max(max_pixels, size[0] * size[1])
-        (height, width, *_), _ = image_form(path, max_pixels=max_pixels)
+        height, width, *_ = image_form(path, max_pixels=max_pixels).shape
         if (height, width) != size:
             raise DataError(
                 f"{path}: a mask of {width} x {height} pixels, but the images have {size[1]} x "

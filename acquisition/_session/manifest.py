@@ -18,6 +18,7 @@ from acquisition._session.value_records import (
     SensorRecord,
     Size,
     Table,
+    TransferRecord,
 )
 from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
@@ -27,7 +28,7 @@ FORMAT_VERSION: Final = 3
 _READ: Final = (1, 2, FORMAT_VERSION)
 # Versions that this program can write: a session of version 2 keeps its version.
 _WRITTEN: Final = (2, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 3 only added events.
+# Keys that version 2 added to version 1, by table. Version 3 added events and one key.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -38,6 +39,7 @@ _ADDED_2: Final = {
     ),
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
+_ADDED_3: Final = "transfer"
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -138,11 +140,12 @@ class CameraRecord(Table):
 class Manifest(Table):
     """Content of ``session.toml``.
 
-    Sessions of version 1 have default values for the keys that version 2 added. ``format_version``
+    Sessions of earlier versions have default values for keys that were added. ``format_version``
     is the version with which the session was created; see `Session.format_version`. ``plan`` and
     ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
-    camera model describes the upright image.
+    camera model describes the upright image. ``transfer`` is the transfer curve of the frames; a
+    session without it is linear.
     """
 
     format_version: Literal[1, 2, 3] = FORMAT_VERSION
@@ -156,6 +159,7 @@ class Manifest(Table):
     plan: CapturePlan | None = None
     rig: RigRecord | None = None
     camera: CameraRecord
+    transfer: TransferRecord | None = None
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
     lights: LightsRecord | None = None
@@ -254,6 +258,10 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
         )
     if version < 2:
         _refuse_added(values, path)
+    if version < 3 and _ADDED_3 in values:
+        raise DataError(
+            f"{path}: unknown key '{_ADDED_3}': format version {version} does not have it"
+        )
     manifest = validated(Manifest, values, path)
     try:
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):

@@ -29,6 +29,7 @@ from acquisition._storage import is_hidden, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import (
     MAX_TEXT_BYTES,
     MAX_TOML_BYTES,
@@ -136,6 +137,12 @@ class Session:
         """The sensor's noise model, if known."""
         record = self.manifest.sensor
         return None if record is None else record.value()
+
+    @property
+    def transfer(self) -> TransferCurve:
+        """The transfer curve of the frames; linear unless the session records another one."""
+        record = self.manifest.transfer
+        return LINEAR if record is None else record.value()
 
     @property
     def lights(self) -> Lights | None:

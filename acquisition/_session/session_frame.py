@@ -87,11 +87,11 @@ class SessionFrame:
             raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
             stated = self.shape[0] * self.shape[1]
-            shape, dtype = image_form(self.path, max_pixels=max(stated, MAX_PIXELS))
-            if shape != self.shape or dtype != np.uint16:
+            form = image_form(self.path, max_pixels=max(stated, MAX_PIXELS))
+            if form.shape != self.shape or form.dtype != np.uint16:
                 raise DataError(
-                    f"{self.path}: has {dtype} pixels of shape {shape}, the session requires "
-                    f"uint16 of {self.shape}; restore the file"
+                    f"{self.path}: has {form.dtype} pixels of shape {form.shape}, the session "
+                    f"requires uint16 of {self.shape}; restore the file"
                 )
             pixels = read_image(self.path, max_pixels=stated)
         except MissingPathError as error:

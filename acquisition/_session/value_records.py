@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
+from acquisition._values.transfer_curve import TransferCurve
 
 Size = Annotated[int, Field(ge=1, lt=2**31)]
 _Vector = tuple[float, float, float]
@@ -48,6 +49,28 @@ class SensorRecord(Table):
     def value(self) -> NoiseModel:
         """Return the noise model; raise DataError if the values are invalid."""
         return NoiseModel(**self.model_dump(exclude_none=True))
+
+
+class TransferRecord(Table):
+    """Fields of a `TransferCurve`; those of other kinds are omitted."""
+
+    kind: Literal["linear", "srgb", "power", "table"]
+    exponent: float | None = None
+    points: tuple[tuple[float, float], ...] | None = None
+
+    @classmethod
+    def of(cls, curve: TransferCurve) -> TransferRecord:
+        """Return the record of a transfer curve."""
+        return cls(kind=curve.kind, exponent=curve.exponent, points=curve.points or None)
+
+    def value(self) -> TransferCurve:
+        """Return the curve; raise DataError if the values are invalid."""
+        return TransferCurve(self.kind, self.exponent, self.points or ())
+
+    @model_validator(mode="after")
+    def _valid(self) -> TransferRecord:
+        self.value()
+        return self
 
 
 class CameraModelRecord(Table):

@@ -17,6 +17,7 @@ from acquisition._source.source import Source
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.lights import read_lights
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_BINARY_BYTES, MAX_PIXELS, Notice, UnreadableError, read_bounded
 
 _TRUTH_FILE = "Normal_gt.mat"
@@ -30,7 +31,10 @@ def is_diligent(folder: Path) -> bool:
 
 
 def read_diligent(
-    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+    folder: Path,
+    mask_path: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
+    transfer: TransferCurve | None = None,
 ) -> Source:
     """Read an object folder: the images of filenames.txt with lights, mask and true normals.
 
@@ -55,7 +59,8 @@ def read_diligent(
             )
     mask = mask_path or folder / "mask.png"
     masks = [mask] if mask_path or mask.exists() else []
-    source = images_source(folder, [folder / name for name in names], masks, max_pixels)
+    images = [folder / name for name in names]
+    source = images_source(folder, images, masks, max_pixels, transfer)
     lights = read_lights(folder) if (folder / DIRECTIONS_FILE).is_file() else None
     truth = folder / _TRUTH_FILE
     others = [FILENAMES_FILE, _TRUTH_FILE]

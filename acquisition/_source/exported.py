@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from acquisition._errors import DataError
-from acquisition._source.recording_json import RECORD_FILE, read_recording_notes
+from acquisition._source.recording_json import RECORD_FILE, RecordingNotes, read_recording_notes
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
+from acquisition._values.transfer_curve import LINEAR
 from rig import Notice, pluralize
 
 # Other files of an export, which hold no further data.
@@ -16,10 +17,11 @@ _FOR_OTHERS = ("export.json", "alicevision_lights.json")
 
 
 def with_export_notes(source: Source) -> Source:
-    """Take levels, filter pattern, exposures, lights and camera from a ``recording.json``.
+    """Take levels, filter pattern, curve, exposures, lights and camera from a ``recording.json``.
 
     The file is in the folder of the images. Without it, and for an EXR stack, whose floats have no
-    saturation level, the source is returned unchanged.
+    saturation level, the source is returned unchanged; but floats with another transfer curve get
+    this curve and its levels.
 
     Raises
     ------
@@ -29,8 +31,14 @@ def with_export_notes(source: Source) -> Source:
     """
     folder = source.path if source.path.is_dir() else source.path.parent
     notes = None if source.kind == "session" else read_recording_notes(folder)
-    if notes is None or source.frames[0].path.suffix.lower() == ".exr":
+    if notes is None:
         return source
+    if source.frames[0].path.suffix.lower() == ".exr":
+        source = _with_curve(source, notes)
+        if source.transfer == LINEAR:
+            return source
+        black, white = notes.camera.black_level_dn, notes.camera.white_dn
+        return replace(source, black_level=black, white_level=white)
     noted = {frame.file: frame for frame in notes.frames}
     strange = next((f.path for f in source.frames if f.path.name not in noted), None)
     if strange is not None:
@@ -62,7 +70,7 @@ def with_export_notes(source: Source) -> Source:
         camera = read_camera(folder / notes.camera_file)
     ours = (RECORD_FILE, *present)
     return replace(
-        source,
+        _with_curve(source, notes),
         frames=tuple(
             replace(frame, exposure_us=noted[frame.path.name].exposure_us)
             for frame in source.frames
@@ -77,3 +85,11 @@ def with_export_notes(source: Source) -> Source:
         ignored=tuple(name for name in source.ignored if name not in (*ours, *_FOR_OTHERS)),
         warnings=(*source.warnings, *lost),
     )
+
+
+def _with_curve(source: Source, notes: RecordingNotes) -> Source:
+    """Return the source with the transfer curve of the notes, unless the caller gave one."""
+    if source.transfer_origin == "given":
+        return source
+    curve = LINEAR if notes.transfer is None else notes.transfer.value()
+    return replace(source, transfer=curve, transfer_origin=RECORD_FILE)

@@ -12,18 +12,22 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import Image, image_form
+from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
 from acquisition._pixels.raw import is_raw, read_raw
 from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES
 from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import light_id
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, pluralize
 
 
 def read_images(
-    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+    folder: Path,
+    mask_path: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
+    transfer: TransferCurve | None = None,
 ) -> Source:
     """Read a plain folder: its largest series of numbered images, in natural order."""
     files = _files(folder)
@@ -33,7 +37,8 @@ def read_images(
         raise DataError(
             f"{folder}: no numbered images (name.0.png, name.1.png, ...): choose another folder"
         )
-    source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
+    masks = [mask_path] if mask_path else masks
+    source = images_source(folder, series, masks, max_pixels, transfer)
     return with_ignored(source, folder)
 
 
@@ -43,7 +48,11 @@ def lp_files(folder: Path) -> list[Path]:
 
 
 def read_lp_folder(
-    folder: Path, lp: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+    folder: Path,
+    lp: Path,
+    mask_path: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
+    transfer: TransferCurve | None = None,
 ) -> Source:
     """Read the images that an .lp file lists, or the numbered images if it lists none of them."""
     lights = read_lights(lp)
@@ -69,7 +78,8 @@ def read_lp_folder(
             f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}: add "
             "the images"
         )
-    source = images_source(folder, series, [mask_path] if mask_path else masks, max_pixels)
+    masks = [mask_path] if mask_path else masks
+    source = images_source(folder, series, masks, max_pixels, transfer)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
     return with_ignored(source, folder)
 
@@ -79,6 +89,7 @@ def images_source(
     series: Sequence[Path],
     masks: Sequence[Path] = (),
     max_pixels: int = MAX_PIXELS,
+    transfer: TransferCurve | None = None,
 ) -> Source:
     """Build a source from image files that belong together.
 
@@ -92,14 +103,18 @@ def images_source(
         Mask of the images, if any; more than one is an error.
     max_pixels
         Largest allowed number of pixels per image.
+    transfer
+        Transfer curve of the images; default: the one that their metadata state, else that of
+        their kind.
 
     Raises
     ------
     DataError
-        If an image cannot be read or differs from the first in size or type, if the mask has
-        another size, or if there are several masks.
+        If an image cannot be read or differs from the first in size, type or transfer curve, if
+        the mask has another size, or if there are several masks.
     """
     cfa, black = None, 0.0
+    curve, origin = LINEAR, "camera RAW"
     if is_raw(series[0]):
         raw = read_raw(series[0], max_pixels=max_pixels)
         shape, cfa, black, white = raw.pixels.shape, raw.cfa, raw.black_level_dn, raw.white_level_dn
@@ -114,8 +129,10 @@ def images_source(
             for file in series
         )
     else:
-        shape, dtype = _same_form(series, max_pixels)
-        white = np.inf if dtype.kind == "f" else float(np.iinfo(dtype.name).max)
+        form = _same_form(series, max_pixels, same_curve=transfer is None)
+        shape, kind = form.shape, form.dtype
+        white = np.inf if kind.kind == "f" else float(np.iinfo(kind.name).max)
+        curve, origin = form.transfer.curve, form.transfer.origin
         frames = tuple(Frame(file, file.stem, shape, max_pixels=max_pixels) for file in series)
     if len(masks) > 1:
         raise DataError(
@@ -130,6 +147,8 @@ def images_source(
         cfa=cfa,
         black_level=black,
         white_level=white,
+        transfer=transfer or curve,
+        transfer_origin="given" if transfer else origin,
         files=(*series, *masks),
     )
 
@@ -172,22 +191,27 @@ def _raw_pixels(path: Path, max_pixels: int) -> Image:
     return read_raw(path, max_pixels=max_pixels).pixels
 
 
-def _same_form(
-    series: Sequence[Path], max_pixels: int
-) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+def _same_form(series: Sequence[Path], max_pixels: int, *, same_curve: bool) -> ImageForm:
     first = image_form(series[0], max_pixels=max_pixels)
     for path in series[1:]:
         form = image_form(path, max_pixels=max_pixels)
-        if form != first:
+        if (form.shape, form.dtype) != (first.shape, first.dtype):
             raise DataError(
-                f"{path}: {_describe(*form)}, but {series[0].name} is {_describe(*first)}: all "
+                f"{path}: {_describe(form)}, but {series[0].name} is {_describe(first)}: all "
                 "images of a recording must have the same size and type"
+            )
+        mine, firsts = form.transfer, first.transfer
+        if same_curve and mine.curve != firsts.curve:
+            raise DataError(
+                f"{path}: {mine.curve.name} ({mine.origin}), but {series[0].name} is "
+                f"{firsts.curve.name} ({firsts.origin}): give the transfer curve (--gamma)"
             )
     return first
 
 
-def _describe(shape: tuple[int, ...], dtype: np.dtype[np.generic]) -> str:
-    return f"{shape[1]} x {shape[0]} {'grey' if len(shape) == 2 else 'RGB'} {dtype}"
+def _describe(form: ImageForm) -> str:
+    shape = form.shape
+    return f"{shape[1]} x {shape[0]} {'grey' if len(shape) == 2 else 'RGB'} {form.dtype}"
 
 
 def _files(folder: Path) -> list[Path]:

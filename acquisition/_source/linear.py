@@ -9,36 +9,45 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
+from acquisition._pixels.images import Image
 from acquisition._source.source import Frame, Source
+from acquisition._values.transfer_curve import LINEAR
 
 FloatImage = npt.NDArray[np.float32]
 Reference = Literal["ambient", "dark"]
 
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
+_GREY_VALUES = 65536
+_ROWS = 64
 
 
 class Linearizer:
     """Turns frames of a source into linear signal: 0 is black, 1 is the white level.
 
-    Every sample becomes ``((dn - black) / (white - black)) ** gamma``, less the mean of the
-    reference frames of the same exposure time, made linear in the same way: ambient frames if there
-    are any, else dark frames. Sources without a white level (float images) keep their scale. The
-    references are read on first use; the object may be used by several threads.
+    Every sample becomes ``(dn - black) / (white - black)``, and this becomes light by the transfer
+    curve of the source, less the mean of the reference frames of the same exposure time, made
+    linear in the same way: ambient frames if there are any, else dark frames. Sources without a
+    white level (float images) keep their scale. The references are read on first use; the object
+    may be used by several threads.
 
     Parameters
     ----------
     source
-        The frames, with their black and white level.
-    gamma
-        Exponent that linearises the samples. Default: they are linear already.
+        The frames, with their black and white level and their transfer curve.
     """
 
-    def __init__(self, source: Source, gamma: float | None = None) -> None:
+    def __init__(self, source: Source) -> None:
         self._source = source
-        self._gamma = gamma
         span = source.white_level - source.black_level
         self._span = np.float32(span if np.isfinite(span) else 1.0)
+        self._curve = None if source.transfer == LINEAR else source.transfer
+        # Light by grey value; a frame of a source has at most 16 bits.
+        self._light = np.zeros(0, np.float32)
+        if self._curve is not None and np.isfinite(span):
+            grey = np.arange(_GREY_VALUES, dtype=np.float64)
+            light = self._curve.light((grey - source.black_level) / span)
+            self._light = light.astype(np.float32)
         self._lock = threading.Lock()
         self._offsets: list[tuple[float, FloatImage | None]] = []
 
@@ -60,29 +69,32 @@ class Linearizer:
 
     def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
         """Return `signal` and the samples at or above the white level; raises as `signal` does."""
-        dn = self._read(frame)
-        return self._above_references(frame, dn), dn >= self._source.white_level
+        pixels = self._read(frame)
+        return self._above_references(frame, pixels), pixels >= self._source.white_level
 
-    def _above_references(self, frame: Frame, dn: FloatImage) -> FloatImage:
-        signal = self._linear(dn)
+    def _above_references(self, frame: Frame, pixels: Image) -> FloatImage:
+        signal = self._linear(pixels)
         offset = self._offset(frame.exposure_us)
         if offset is not None:
             signal -= offset
         return signal
 
-    def _read(self, frame: Frame) -> FloatImage:
+    def _read(self, frame: Frame) -> Image:
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
             raise DataError(f"{frame.path}: contains values that are not finite")
-        image: FloatImage = pixels.astype(np.float32)
-        return image
+        return pixels
 
-    def _linear(self, dn: FloatImage) -> FloatImage:
-        linear: FloatImage = (dn - np.float32(self._source.black_level)) / self._span
-        if self._gamma is not None:
-            np.clip(linear, 0, None, out=linear)
-            np.power(linear, self._gamma, out=linear)
-        return linear
+    def _linear(self, pixels: Image) -> FloatImage:
+        if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
+            light = np.zeros(pixels.shape, np.float32)
+            # In parts, because NumPy copies indices to 64 bits.
+            for top in range(0, len(pixels), _ROWS):
+                light[top : top + _ROWS] = self._light[pixels[top : top + _ROWS]]
+            return light
+        samples: FloatImage = pixels.astype(np.float32) - np.float32(self._source.black_level)
+        samples /= self._span
+        return samples if self._curve is None else self._curve.light(samples).astype(np.float32)
 
     def _references(self, role: Reference, exposure_us: float | None) -> list[Frame]:
         return [

@@ -6,16 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._session.layout import is_session
+from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
+from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
 
@@ -25,6 +27,7 @@ def read_source(
     lights: Lights | None = None,
     mask_path: Path | None = None,
     camera: CameraModel | None = None,
+    transfer: TransferCurve | None = None,
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Detect the kind of a recording and read everything except its pixels.
@@ -43,6 +46,11 @@ def read_source(
         Mask to use instead of that of the source.
     camera
         Camera to use instead of that of the source.
+    transfer
+        Transfer curve of the samples. Default: that of the session or of ``recording.json``; else
+        the one that the metadata of the images state (ICC profile, Exif colour space, chunks of
+        PNG); else sRGB for JPEG, WebP and JPEG XL with 8 bits, and linear for all others. A notice
+        reports the choice, except linear for more than 8 bits.
     max_pixels
         Largest allowed number of pixels per image, checked before anything is decoded.
 
@@ -57,14 +65,14 @@ def read_source(
         If ``path`` or ``mask_path`` does not exist.
     DataError
         If the path is not a recording of these kinds, its export was interrupted, or its parts do
-        not match: counts of images and lights, sizes of images, mask, camera and true normals; or
-        if an image has more than ``max_pixels`` pixels.
+        not match: counts of images and lights, sizes of images, mask, camera and true normals,
+        transfer curves of images; or if an image has more than ``max_pixels`` pixels.
     """
     path = Path(path)
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
     check_staging_finished(path if path.is_dir() else path.parent)
-    source = with_export_notes(_dispatch(path, mask_path, max_pixels))
+    source = _with_notice(with_export_notes(_dispatch(path, mask_path, max_pixels, transfer)))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
@@ -77,21 +85,33 @@ def read_source(
     return _with_matched_lights(source, lights or source.lights)
 
 
-def _dispatch(path: Path, mask_path: Path | None, max_pixels: int) -> Source:
+def _dispatch(
+    path: Path, mask_path: Path | None, max_pixels: int, transfer: TransferCurve | None
+) -> Source:
     if path.suffix.lower() == ".lp" and path.is_file():
-        return read_lp_folder(path.parent, path, mask_path, max_pixels)
+        return read_lp_folder(path.parent, path, mask_path, max_pixels, transfer)
     if not path.is_dir():
-        return images_source(path, [path], [mask_path] if mask_path else [], max_pixels)
+        masks = [mask_path] if mask_path else []
+        return images_source(path, [path], masks, max_pixels, transfer)
     if is_session(path):
-        return read_session(path, mask_path, max_pixels)
+        return read_session(path, mask_path, max_pixels, transfer)
     if is_diligent(path):
-        return read_diligent(path, mask_path, max_pixels)
+        return read_diligent(path, mask_path, max_pixels, transfer)
     lps = lp_files(path)
     if len(lps) > 1:
         raise DataError(f"{path}: has {lps[0].name} and {lps[1].name}: give one of these .lp files")
     if lps:
-        return read_lp_folder(path, lps[0], mask_path, max_pixels)
-    return read_images(path, mask_path, max_pixels)
+        return read_lp_folder(path, lps[0], mask_path, max_pixels, transfer)
+    return read_images(path, mask_path, max_pixels, transfer)
+
+
+def _with_notice(source: Source) -> Source:
+    """Add the notice about the transfer curve if neither the caller nor our own files gave it."""
+    origin = source.transfer_origin
+    if origin in ("given", MANIFEST, RECORD_FILE):
+        return source
+    notices = transfer_notices(source.transfer, origin, source.white_level, str(source.path))
+    return replace(source, warnings=(*source.warnings, *notices))
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:

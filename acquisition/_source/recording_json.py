@@ -10,6 +10,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 from acquisition._json import parse_json
 from acquisition._plan.planned_shot import Role
 from acquisition._session.manifest import CameraRecord
+from acquisition._session.value_records import TransferRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import read_text
 
@@ -46,6 +47,7 @@ class RecordingNotes(_Record):
     levels are those of the session; linear samples have black level 0 and white level 1 (EXR) or
     65535. ``subtracted`` names the offset that was subtracted. ``lights_file`` and
     ``camera_file`` name the files with the full data of the lights and of the camera model.
+    ``transfer`` is the transfer curve of the samples, if they are not linear.
     """
 
     format: Literal["sgp-recording"] = "sgp-recording"
@@ -59,6 +61,7 @@ class RecordingNotes(_Record):
     rights: str
     started_utc: AwareDatetime
     camera: CameraRecord
+    transfer: TransferRecord | None = None
     lights_file: _Name | None
     camera_file: _Name | None
     remarks: tuple[str, ...]
@@ -68,7 +71,8 @@ class RecordingNotes(_Record):
 def write_recording_notes(folder: Path, notes: RecordingNotes) -> Path:
     """Write the notes into the folder of an export; return the path of the file."""
     path = folder / RECORD_FILE
-    write_durably(path, (notes.model_dump_json(indent=1) + "\n").encode())
+    left_out = {"transfer"} if notes.transfer is None else set()
+    write_durably(path, (notes.model_dump_json(indent=1, exclude=left_out) + "\n").encode())
     return path
 
 

@@ -16,11 +16,15 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
+from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Mounting, Notice, pluralize
 
 
 def read_session(
-    folder: Path, mask_path: Path | None = None, max_pixels: int = MAX_PIXELS
+    folder: Path,
+    mask_path: Path | None = None,
+    max_pixels: int = MAX_PIXELS,
+    transfer: TransferCurve | None = None,
 ) -> Source:
     """Read a session, complete or not; missing frames become a warning.
 
@@ -93,6 +97,8 @@ def read_session(
         black_level=device.black_level_dn,
         white_level=device.white_dn,
         simulated=session.manifest.simulated,
+        transfer=transfer or session.transfer,
+        transfer_origin="given" if transfer else MANIFEST,
         files=(
             *(frame.path for frame in frames),
             *([mask_path] if mask_path else []),

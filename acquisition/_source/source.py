@@ -15,6 +15,7 @@ from acquisition._pixels.images import Image, read_image
 from acquisition._plan.planned_shot import Role
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
@@ -112,6 +113,12 @@ class Source:
         float images is infinite: no sample counts as saturated, and values are not limited.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
+    transfer
+        The transfer curve of the samples, which `Linearizer` applies: light relative to white from
+        samples relative to white, after the black level.
+    transfer_origin
+        What determined `transfer`, for people: ``given`` by the caller, a file of ours, metadata,
+        or the kind of the images.
     files
         All files that were read or that `frames` read.
     ignored
@@ -133,6 +140,8 @@ class Source:
     black_level: float = 0.0
     white_level: float = 1.0
     simulated: bool = False
+    transfer: TransferCurve = LINEAR
+    transfer_origin: str = ""
     files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
     warnings: tuple[Notice, ...] = ()

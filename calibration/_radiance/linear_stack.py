@@ -80,15 +80,15 @@ def linear_stack(
     source: Source,
     *,
     channel: Literal["gray", "rgb"] = "gray",
-    gamma: float | None = None,
     on_progress: Progress = no_progress,
 ) -> Stack:
     """Read a source and return its linear stack.
 
-    Every frame is linearised as ``linear = ((dn - black) / (white - black)) ** gamma``. The mean of
-    the linearised ambient frames of the same exposure, or else of the dark frames, is subtracted,
-    and the difference is divided by the relative exposure of the frame. Samples at the white level
-    are saturated and left out; float images have no white level and keep their scale. With several
+    Every frame is made linear as `acquisition.Linearizer` does: black level, white level, transfer
+    curve of the source. The mean of the ambient frames of the same exposure, or else of the dark
+    frames, made linear in the same way, is subtracted, and the difference is divided by the
+    relative exposure of the frame. Samples at the white level are saturated and left out; float
+    images have no white level and keep their scale. With several
     brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
     within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
@@ -100,9 +100,6 @@ def linear_stack(
         Source, as returned by `acquisition.read_source`.
     channel
         ``gray`` for one value per pixel, ``rgb`` for three.
-    gamma
-        Exponent that linearises the images (2.2 for display-ready images). Default: the images are
-        linear.
     on_progress
         Receives the stage ``reading``, one step per light.
 
@@ -128,10 +125,8 @@ def linear_stack(
             f"{source.path}: the white level of {source.white_level} must be above the black level "
             f"of {source.black_level}, which must not be negative"
         )
-    if gamma is not None and not (np.isfinite(gamma) and gamma > 0):
-        raise DataError(f"a gamma of {gamma} is not a positive number")
     ids, lights = source.light_ids, source.lights
-    develop = _Developer(source, lit, channel, gamma)
+    develop = _Developer(source, lit, channel)
     tasks = [
         (
             [frame for frame in lit if frame.light_id == name],
@@ -155,9 +150,7 @@ def linear_stack(
 class _Developer:
     """Callable that converts the frames of one light to its linear image."""
 
-    def __init__(
-        self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"], gamma: float | None
-    ) -> None:
+    def __init__(self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"]) -> None:
         self._source = source
         self._channel = channel
         exposures = [frame.exposure_us for frame in lit]
@@ -168,7 +161,7 @@ class _Developer:
                 f"{path}: no valid exposure time, although other images have one: add it"
             )
         self._longest = max(known, default=1.0)
-        self._linear = Linearizer(source, gamma)
+        self._linear = Linearizer(source)
         self.warnings: list[Notice] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
         if unlit and not known:
@@ -236,7 +229,8 @@ def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> N
         )
     # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
-    if not brightest > (2 / span if span >= _LEAST_GREY_VALUES else 0.0):
+    least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
+    if not brightest > least:
         raise EstimateError(
             f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
             "lights and the exposure"

@@ -11,6 +11,7 @@ from acquisition import DataError, Lights, Source
 from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
+from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.lit_images import lit_images
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
@@ -69,13 +70,13 @@ def reconstruct(
     *,
     method: Method = "cauchy",
     distant: bool = False,
-    gamma: float | None = None,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
     """Compute normals and height of a recorded object.
 
-    The images are converted to linear radiance. Images without light on the object are left out.
+    The images are converted to linear radiance; a warning says if they fit the lights much better
+    under another transfer curve. Images without light on the object are left out.
     Photometric stereo computes the normals, and their integration the height. Near lights are
     evaluated at the points of the working plane.
 
@@ -88,8 +89,6 @@ def reconstruct(
         Method of `photometric_stereo`.
     distant
         Treat lights with positions as distant lights.
-    gamma
-        Exponent that makes the images linear, see `calibration.linear_stack`.
     surface
         Also integrate the normals.
     on_progress
@@ -117,7 +116,7 @@ def reconstruct(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
-    stack = linear_stack(source, gamma=gamma, on_progress=on_progress)
+    stack = linear_stack(source, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
     mask = stack.mask
     if mask is None:
@@ -135,6 +134,7 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights = stack.take(lit), lights.take(lit)
+    warnings += curve_warnings(source, stack.values, lights, mask, points_mm)
     stereo = photometric_stereo(
         stack.values,
         lights,

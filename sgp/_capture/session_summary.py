@@ -39,6 +39,7 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
         "started_utc": manifest.started_utc.isoformat(),
         **{name: getattr(manifest, name) for name in ("object", "operator", "place", "rights")},
         "camera": camera.model_dump(),
+        "transfer": session.transfer.record(),
         "lights": None if session.lights is None else len(session.lights),
     }
     # Without a plan the number of frames that should exist is not known.
@@ -52,7 +53,8 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
         *(f"{name:<10}{text}" for name, text in texts if text),
         f"camera    {' '.join(filter(None, (camera.vendor, camera.model, camera.serial))) or '-'}, "
         f"{camera.width} x {camera.height}, {camera.bit_depth} bit"
-        + (f", colour filter {camera.cfa}" if camera.cfa else ""),
+        + (f", colour filter {camera.cfa}" if camera.cfa else "")
+        + (f", {session.transfer.name}" if session.transfer != acquisition.LINEAR else ""),
         f"frames    {len(session.frames)}, {missing}{len(metrics['rejected'])} rejected"
         + (f", {len(session.set_aside)} damaged and set aside" if session.set_aside else ""),
     ]

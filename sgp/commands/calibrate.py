@@ -14,7 +14,7 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import IntensitiesMetrics, SpheresMetrics
-from sgp._options import Input, OptionalInput, Pixels, Positive, numbers
+from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
 from sgp._stages import open_source
@@ -28,6 +28,7 @@ def spheres(
     camera: OptionalInput = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
+    gamma: Gamma = "auto",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -61,6 +62,9 @@ def spheres(
         shows the object and is not used.
     sphere
         Rough outline x,y,radius of a sphere in pixels; may be repeated.
+    gamma
+        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
+        table; see `sgp normals --help`.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -75,7 +79,7 @@ def spheres(
     # A folder may contain one mask for each sphere; giving one spares the reader the choice.
     first, others = (mask[0], mask[1:]) if mask else (None, ())
     opened, files = open_source(
-        source, camera=camera, mask=first, others=others, max_pixels=max_pixels
+        source, camera=camera, mask=first, gamma=gamma, others=others, max_pixels=max_pixels
     )
     stack = _undivided(opened)
     largest = max(stack.values.shape[1:])
@@ -108,6 +112,8 @@ def spheres(
         "camera": camera,
         "mask": mask,
         "sphere": sphere,
+        "gamma": gamma,
+        "transfer": opened.transfer.record(),
     }
     _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
@@ -129,6 +135,7 @@ def intensities(
     out: Path,
     camera: OptionalInput = None,
     mask: OptionalInput = None,
+    gamma: Gamma = "auto",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -154,13 +161,18 @@ def intensities(
     mask
         Mask image of the card; default: the complete frame, with everything except the card removed
         as outliers. The mask of the source is not used, because it shows an object or a sphere.
+    gamma
+        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
+        table; see `sgp normals --help`.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Overwrite an existing file.
     """
     check_file(out, ".json", force=force)
-    opened, files = open_source(source, camera=camera, mask=mask, max_pixels=max_pixels)
+    opened, files = open_source(
+        source, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
+    )
     if opened.camera is None:
         raise acquisition.DataError(
             f"{source}: the camera of these images is not known: give --camera"
@@ -196,7 +208,14 @@ def intensities(
         ],
         inputs=[*files, lights],
     )
-    parameters = {"source": source, "lights": lights, "camera": camera, "mask": mask}
+    parameters = {
+        "source": source,
+        "lights": lights,
+        "camera": camera,
+        "mask": mask,
+        "gamma": gamma,
+        "transfer": opened.transfer.record(),
+    }
     _write_lights(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
 

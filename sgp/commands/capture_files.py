@@ -14,7 +14,17 @@ import rig
 from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._metrics import ExportMetrics
-from sgp._options import Input, Leds, OptionalInput, Pixels, Positive, Whole, led_list
+from sgp._options import (
+    Gamma,
+    Input,
+    Leds,
+    OptionalInput,
+    Pixels,
+    Positive,
+    Whole,
+    led_list,
+    transfer_of,
+)
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
@@ -97,8 +107,8 @@ def export(
     out
         New folder.
     values
-        raw: values as recorded. linear: dark frame or black level subtracted, white level at full
-        scale.
+        raw: values as recorded. linear: transfer curve removed, dark frame or black level
+        subtracted, white level at full scale.
     bracket
         Number of the bracket, from 0, to export if the format has one image per light.
     lights
@@ -154,11 +164,13 @@ def import_(
     interval_s: Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
     timeout_s: Positive = 600.0,
+    gamma: Gamma = "auto",
     max_pixels: Pixels = rig.MAX_PIXELS,
 ) -> Result:
     """Import photographs into a session.
 
     Camera RAW files stay linear: black and white level and the colour filter pattern are recorded.
+    Other images keep their samples, and their transfer curve is recorded.
     With --watch, images are imported as a tethered camera delivers them; after a pause of two
     intervals one image counts as missing. Ctrl-C stops; run the same command again to continue.
 
@@ -204,6 +216,9 @@ def import_(
         With --watch: --no-gaps matches images to shots by order only and ignores pauses.
     timeout_s
         With --watch: seconds to wait for the next image.
+    gamma
+        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
+        table; see `sgp normals --help`.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -216,7 +231,7 @@ def import_(
         if leds is not None and led_count is not None:
             raise UsageError("--leds and --led-count both give the LEDs: give only one")
         asked = _watch(source, listed, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
-        asked = replace(asked, max_pixels=max_pixels)
+        asked = replace(asked, transfer=transfer_of(gamma), max_pixels=max_pixels)
         return _import_watched(asked, out, lights, labels)
     for option, value in (
         ("--leds", leds),
@@ -228,7 +243,13 @@ def import_(
             raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
     check_folder(out)
     chosen = None if lights is None else acquisition.read_lights(lights)
-    opened = acquisition.read_import(source, lights=chosen, mask_path=mask, max_pixels=max_pixels)
+    opened = acquisition.read_import(
+        source,
+        lights=chosen,
+        mask_path=mask,
+        transfer=transfer_of(gamma),
+        max_pixels=max_pixels,
+    )
     with Stages() as progress:
         acquisition.import_frames(opened, out, labels, on_progress=progress)
     result = info(out)

@@ -40,9 +40,11 @@ def normals(
         lights=options.lights,
         camera=options.camera,
         mask=options.mask,
+        gamma=options.gamma,
         max_pixels=options.max_pixels,
     )
     stage = compute_normals(opened, options)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage)
     result.inputs = files
+    result.parameters = {"transfer": opened.transfer.record()}
     return result

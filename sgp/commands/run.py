@@ -46,6 +46,7 @@ def run(
         lights=options.lights,
         camera=options.camera,
         mask=options.mask,
+        gamma=options.gamma,
         max_pixels=options.max_pixels,
     )
     outcome = process(opened, files, out, watch, options)

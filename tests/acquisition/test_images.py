@@ -151,7 +151,8 @@ def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.nd
     assert pixels.dtype == expected.dtype
     assert pixels.flags.c_contiguous
     np.testing.assert_array_equal(pixels, expected)
-    assert image_form(path) == (expected.shape, expected.dtype)
+    form = image_form(path)
+    assert (form.shape, form.dtype) == (expected.shape, expected.dtype)
 
 
 @pytest.mark.parametrize(

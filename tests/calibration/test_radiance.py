@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import DataError, Frame, Lights, Source
+from acquisition import LINEAR, SRGB, DataError, Frame, Lights, Source, TransferCurve
 from calibration import EstimateError, linear_stack
 
 BLACK, WHITE = 64.0, 4095.0
@@ -37,7 +37,7 @@ def paths_exist(monkeypatch):
     monkeypatch.setattr(Path, "exists", lambda self: True)
 
 
-def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None):
+def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None, transfer=LINEAR):
     return Source(
         Path("/nowhere"),
         "images",
@@ -46,6 +46,7 @@ def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None):
         black_level=black,
         white_level=white,
         cfa=cfa,
+        transfer=transfer,
     )
 
 
@@ -145,14 +146,28 @@ def test_any_saturated_channel_makes_gray_nan():
     assert np.isfinite(values[0, 0, 1])
 
 
-def test_gamma_is_applied_only_if_given():
-    image = np.full((1, 2), 0.5, np.float32)
-    one = source([frame("a", image)], None, 0.0, 1.0)
-    assert linear_stack(one).values == pytest.approx(0.5)
-    assert linear_stack(one, gamma=2.2).values == pytest.approx(0.5**2.2, rel=1e-6)
+@pytest.mark.parametrize(
+    ("transfer", "light"),
+    [
+        pytest.param(LINEAR, 0.5, id="linear"),
+        pytest.param(TransferCurve.power(2.2), 0.5**2.2, id="power"),
+        pytest.param(SRGB, ((0.5 + 0.055) / 1.055) ** 2.4, id="sRGB"),
+        pytest.param(TransferCurve.table([[0, 0], [4, 1], [8, 10]]), 0.1, id="table"),
+    ],
+)
+@pytest.mark.parametrize("kind", [np.float32, np.uint16])
+def test_the_curve_of_the_source_is_applied_relative_to_white(transfer, light, kind):
+    """0.5 of the range from black to white, as a float and as a whole number."""
+    image = np.array([[64 + 500, 64 + 1000, 64, 0]]).astype(kind)
+    one = source([frame("a", image)], None, 64.0, 1064.0, transfer=transfer)
+    values = linear_stack(one).values[0, 0]
+    assert values[0] == pytest.approx(light, rel=1e-6)
+    assert np.isnan(values[1]), "the white level is saturated under any curve"
+    assert values[2] == 0
+    assert values[3] == (0 if transfer != LINEAR else pytest.approx(-0.064))
 
 
-def test_gamma_undoes_the_curve_of_light_and_dark_before_the_difference():
+def test_the_curve_is_undone_of_light_and_dark_before_the_difference():
     """Images with a display curve give the radiance of the light without the room light."""
     light, room, gamma = np.array([[0.02, 0.3]]), 0.1, 2.2
 
@@ -163,7 +178,8 @@ def test_gamma_undoes_the_curve_of_light_and_dark_before_the_difference():
         frame("L00", encoded(light + room), exposure_us=10.0),
         frame("A", encoded(np.full((1, 2), room)), "ambient", 10.0),
     ]
-    values = linear_stack(source(frames, black=0.0, white=np.inf), gamma=gamma).values
+    curve = TransferCurve.power(gamma)
+    values = linear_stack(source(frames, black=0.0, white=np.inf, transfer=curve)).values
     assert values[0] == pytest.approx(light, rel=1e-5)
 
 

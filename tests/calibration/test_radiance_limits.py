@@ -1,9 +1,11 @@
 """Limits of the decisions about a sample, an exposure time and a stack."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from acquisition import DataError, Lights
+from acquisition import SRGB, DataError, Lights
 from calibration import EstimateError, linear_stack
 from tests.calibration.test_radiance import BLACK, WHITE, frame, paths_exist, source
 
@@ -128,10 +130,10 @@ def test_the_limit_of_black_images(values, levels, black):
         linear_stack(one)
 
 
-@pytest.mark.parametrize("gamma", [0.0, -1.0, np.nan, np.inf])
-def test_a_gamma_must_be_a_positive_number(gamma):
-    with pytest.raises(DataError, match="is not a positive number"):
-        linear_stack(source([frame("a", even(1000))]), gamma=gamma)
+def test_the_limit_of_black_images_follows_the_curve():
+    """Ten grey values of 255 are light, but only .003 of white in sRGB."""
+    one = source([frame("a", np.array([[10, 0]], np.uint8))], None, 0.0, 255.0, transfer=SRGB)
+    assert linear_stack(one).values[0, 0, 0] == pytest.approx(0.003035, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -147,11 +149,11 @@ def test_the_white_level_must_be_above_the_black_level(black, white, right):
         linear_stack(one)
 
 
-def test_gamma_maps_negative_samples_to_zero():
-    """Noise below the black level gives 0 and not NaN if a gamma is applied."""
+def test_a_curve_maps_negative_samples_to_zero():
+    """Noise below the black level gives 0 and not NaN if a curve is applied."""
     image = np.array([[60.0, 1000.0]], np.float32)
     one = source([frame("a", image)])
-    assert linear_stack(one, gamma=2.2).values[0, 0, 0] == 0
+    assert linear_stack(replace(one, transfer=SRGB)).values[0, 0, 0] == 0
     assert linear_stack(one).values[0, 0, 0] == pytest.approx((60 - BLACK) / (WHITE - BLACK))
 
 

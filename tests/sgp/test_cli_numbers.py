@@ -63,7 +63,7 @@ def test_options_are_found() -> None:
         "detail transfer --amplitude",
         "detail transfer --rotate-deg",
         "capture run --meter-fraction",
-        "normals --gamma",
+        "normals --max-pixels",
         "calibrate spheres --radius-mm",
         "rig light --led",
         "simulate --exposure-us",

@@ -1,0 +1,51 @@
+"""Files of measured transfer curves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from acquisition._errors import DataError
+from acquisition._text_files import numbered_lines, read_text
+from acquisition._values.transfer_curve import MOST_POINTS, TransferCurve
+
+_SHOWN = 40
+
+
+def read_transfer(path: str | Path) -> TransferCurve:
+    """Read a transfer curve from a table in a text file.
+
+    Parameters
+    ----------
+    path
+        File with one point per line: sample and light, in any unit, separated by a comma, a
+        semicolon or spaces. Both columns begin with 0 and increase strictly; the last line belongs
+        to the white level. A first line of words and lines that begin with ``#`` are skipped.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If it is not such a table; the message names the file and the line.
+    """
+    path = Path(path)
+    points: list[tuple[float, float]] = []
+    lines = [line for line in numbered_lines(read_text(path)) if not line[1].startswith("#")]
+    for index, (number, line) in enumerate(lines):
+        try:
+            sample, light = (float(part) for part in re.split(r"\s*[,;]\s*|\s+", line))
+        except ValueError:
+            if index == 0 and re.search("[^\\W\\d_]", line):
+                continue  # names of the columns
+            raise DataError(
+                f"{path} line {number}: {line[:_SHOWN]} is not a sample and its light: give two "
+                "numbers"
+            ) from None
+        points.append((sample, light))
+        if len(points) > MOST_POINTS:
+            raise DataError(f"{path}: has more than {MOST_POINTS} points: give fewer")
+    try:
+        return TransferCurve.table(points)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
