@@ -13,6 +13,7 @@ _SESSION = (
     "acquisition/test_resume.py",
 )
 _PARTS = "calibration/test_sphere_parts.py"
+_SEARCH = "calibration/test_sphere_search.py"
 _WHOLE_CALIBRATION = (_PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
@@ -50,7 +51,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
-    f"{_SPHERES}/find.py": (_PARTS,),
+    f"{_SPHERES}/find.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
@@ -62,7 +63,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "calibration/test_light_positions.py",
     ),
     f"{_SPHERES}/robust.py": ("calibration/test_robust_fits.py",),
-    f"{_SPHERES}/search.py": (_PARTS,),
+    f"{_SPHERES}/search.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
     f"{_SPHERES}/sphere_image.py": (_PARTS,),
     **{
