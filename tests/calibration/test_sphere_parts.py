@@ -55,7 +55,8 @@ def test_spheres_are_named_by_their_positions():
 
 
 @pytest.mark.parametrize(
-    ("found", "named"), [((5, 5), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")]
+    ("found", "named"),
+    [((5, 5), None), ((3, 1), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")],
 )
 def test_spheres_without_highlights_are_reported(found, named):
     warnings = missing_highlights_warning([image_of(found=count) for count in found])

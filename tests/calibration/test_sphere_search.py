@@ -311,6 +311,33 @@ def searched(monkeypatch, images, camera=None, radii=None, others=()):
     return search.searched_spheres(values, camera, None if radii is None else np.array(radii))
 
 
+def test_the_expected_size_is_that_of_a_sphere_on_the_working_plane(monkeypatch):
+    """The centre is one radius above the plane: 1200 x 20 / (600 - 20); never in the camera."""
+    asked = []
+
+    def find_one(values, radii_px=(), excluded=()):
+        asked.append(list(radii_px))
+        return [] if excluded else [image_of()]
+
+    monkeypatch.setattr(search, "find_spheres", find_one)
+    values = np.zeros((2, 30, 30), np.float32)
+    search.searched_spheres(values, SMALL.camera, np.array([20.0, 30.0, 400.0]))
+    assert asked == [pytest.approx([1200 * 20 / 580, 1200 * 30 / 570, 1200]), []]
+    search.searched_spheres(values, SMALL.camera, None)
+    assert asked[2:] == [[]]
+
+
+def test_a_blurred_outline_around_a_sphere_of_another_size_is_not_named(monkeypatch):
+    wanted, near, far = image_of(50.0), image_of(310.0, scatter=0.5), image_of(700.0, scatter=0.5)
+    others = [image_of(300.0), image_of(500.0)]
+    kept, notices = searched(monkeypatch, [wanted, near, far], SMALL.camera, [14.0], others)
+    assert kept == [wanted]
+    assert [notice.code for notice in notices] == ["sphere-of-another-size", "sphere-blurred"]
+    assert "the spheres at (300, 20), (500, 20) px were left out" in notices[0].text
+    assert "outlines there fit about 14.6, 14.6 mm" in notices[0].text
+    assert "the sphere at (700, 20) px" in notices[1].text
+
+
 @pytest.mark.parametrize(
     ("scatters", "left"),
     [

@@ -14,7 +14,9 @@ _SESSION = (
 )
 _PARTS = "calibration/test_sphere_parts.py"
 _SEARCH = "calibration/test_sphere_search.py"
-_WHOLE_CALIBRATION = (_PARTS, "calibration/test_spheres_simulated.py")
+_MARKS = "calibration/test_sphere_marks.py"
+_LIGHTS = "calibration/test_sphere_lights.py"
+_WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
@@ -55,7 +57,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
-    f"{_SPHERES}/marked.py": (_PARTS,),
+    f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
     f"{_SPHERES}/outline.py": ("calibration/test_outline.py", _PARTS),
     f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
     f"{_SPHERES}/reflection.py": (
