@@ -75,7 +75,10 @@ def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = 
 def _verify(
     values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
 ) -> SphereImage | None:
-    """Refine a candidate; return it if its highlights are those of a mirror sphere."""
+    """Refine a candidate; return it if its highlights are those of a mirror sphere.
+
+    The refinement moves the outline by 3 px or 3 % of the radius.
+    """
     few = values[:: max(len(values) // 8, 1)]
     if 2 * np.count_nonzero(find_highlights(few, circle).found) < len(few):
         return None

@@ -66,7 +66,7 @@ def test_edges_within_18_degrees_of_the_radius_face_the_centre():
         assert len(circles) == counted
 
 
-@pytest.mark.parametrize(("radius", "counted"), [(7.9, 0), (9.0, 1), (44.9, 1), (45.1, 0)])
+@pytest.mark.parametrize(("radius", "counted"), [(7.9, 0), (8.4, 1), (44.9, 1), (45.1, 0)])
 def test_radii_are_between_8_px_and_the_largest(radius, counted):
     angles = np.arange(0, 2 * np.pi, 0.01)
     side = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -82,6 +82,15 @@ def test_edges_in_a_band_of_three_pixels_are_one_circle_in_its_middle():
     assert coverage == 1
 
 
+@pytest.mark.parametrize(("smaller", "separate"), [(25.5, True), (27.5, False)])
+def test_circles_five_pixels_apart_are_separate(smaller, separate):
+    angles = np.arange(0, 2 * np.pi, 0.01)
+    side = np.column_stack([np.cos(angles), np.sin(angles)])
+    part = side[angles < 4]
+    edges, facing = np.concatenate([30.5 * side, smaller * part]), np.concatenate([side, part])
+    assert len(_radii(50 + edges, facing, (50.0, 50.0), 45.0)) == 1 + separate
+
+
 def ring(x, y, radius, sign=1):
     """Return edge pixels on a circle, and gradients away from its centre, or toward it."""
     angles = np.arange(0, 2 * np.pi, 1 / radius)
@@ -91,13 +100,14 @@ def ring(x, y, radius, sign=1):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("radius", [10, 30])
 @pytest.mark.parametrize("centre", [(0, 40), (119, 40), (60, 0), (60, 89), (55, 42), (0, 0)])
-def test_edges_vote_for_the_centre_of_a_circle(centre, sign):
+def test_edges_vote_for_the_centre_of_a_circle(centre, radius, sign):
     """A centre may be in the first or last row or column; other peaks are apart from it."""
-    edges, facing = ring(*centre, 30, sign)
+    edges, facing = ring(*centre, radius, sign)
     inside = np.all((edges >= 0) & (edges < (120, 90)), axis=1)
     peaks = np.array(_centres(edges[inside], facing[inside], (90, 120), 45.0))
-    assert peaks[0] == pytest.approx(centre, abs=1)
+    assert peaks[0] == pytest.approx(centre, abs=0.5)
     gaps = np.linalg.norm(peaks[:, None] - peaks, axis=2) + 100 * np.eye(len(peaks))
     assert gaps.min() > 4
 
@@ -194,7 +204,7 @@ def test_a_larger_circle_comes_first_if_it_is_covered_nearly_as_well(cut, first)
 
 @pytest.mark.parametrize(("radius", "found"), [(57.0, True), (75.0, False)])
 def test_circles_have_up_to_0_6_of_the_shorter_side(radius, found):
-    image = cv2.GaussianBlur(discs((100, 140), (70, 50, radius)), (0, 0), 0.7)
+    image = cv2.GaussianBlur(discs((100, 300), (150, 50, radius)), (0, 0), 0.7)
     sizes = [circle.radius_px for circle in _circles(image)]
     assert any(abs(size - radius) < 2 for size in sizes) == found
 
@@ -259,6 +269,7 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
         pytest.param({"radius": 30.0, "guess": 30.0, "moved": 0.9}, False, id="small, rests"),
         pytest.param({"lights": 1, "lit": 1, "lit_few": 1, "moved": 0.0}, True, id="one light"),
         pytest.param({"lights": 2, "lit": 2, "lit_few": 2, "moved": 0.0}, False, id="two rest"),
+        pytest.param({"radius": 400.0, "guess": 400.0}, True, id="a large sphere"),
         pytest.param({"outline": False}, False, id="no outline"),
     ],
 )
@@ -285,7 +296,8 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         pixels[count - 1, 1] += options["moved"]
         return Highlights(pixels, np.zeros(len(values), bool))
 
-    def refine(_image, _guess, _reach_px):
+    def refine(_image, guess, reach_px):
+        assert reach_px == pytest.approx(max(3.0, 0.03 * guess.radius_px))
         if not options["outline"]:
             raise EstimateError("no outline")
         return outline, np.zeros((5, 2)), options["coverage"]

@@ -14,6 +14,7 @@ _SESSION = (
 )
 _PARTS = "calibration/test_sphere_parts.py"
 _SEARCH = "calibration/test_sphere_search.py"
+_OUTLINE = ("calibration/test_outline_parts.py", "calibration/test_outline.py")
 _MARKS = "calibration/test_sphere_marks.py"
 _LIGHTS = "calibration/test_sphere_lights.py"
 _WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
@@ -58,7 +59,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
     f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
-    f"{_SPHERES}/outline.py": ("calibration/test_outline.py", _PARTS),
+    f"{_SPHERES}/outline.py": (*_OUTLINE, _PARTS),
     f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
     f"{_SPHERES}/reflection.py": (
         "calibration/test_reflection.py",
