@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration import EstimateError
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.outline import (
+    _fit,
     _steepest,
     _white,
     mask_outlines,
@@ -53,6 +55,14 @@ def test_crossings_are_interpolated():
     (points,) = mask_outlines(mask)
     sides = points[(points[:, 1] == 5)]
     np.testing.assert_allclose(sorted(sides[:, 0]), [1 + 0.3 / 0.7, 9 + 0.4 / 0.5])
+
+
+def test_a_pixel_of_exactly_a_half_is_one_crossing():
+    mask = np.zeros((12, 12))
+    mask[1:11, 2:10] = 0.9
+    mask[1:11, [1, 10]] = 0.5
+    (points,) = mask_outlines(mask)
+    assert sorted(points[points[:, 1] == 5, 0]) == [1, 10]
 
 
 @pytest.mark.parametrize(("last", "regions"), [(9, 0), (10, 1)])
@@ -165,13 +175,23 @@ def test_a_step_has_four_times_the_usual_contrast(step, seen):
 )
 def test_steps_within_2_5_px_of_the_frame_do_not_count(shape, centre):
     image = target(shape, centre, (44.0, 3.0))
-    angles, _, seen = _steepest(image, at(*centre, 44), 3.0)
+    angles, _, seen = _steepest(image, at(*centre, 42), 3.0)
     place = centre + 44 * np.column_stack([np.cos(angles), np.sin(angles)])
     room = np.minimum(place, np.array(shape[::-1]) - 1 - place).min(axis=1)
     assert seen[room > 3.1].all()
     assert not seen[room < 1.9].any()
     assert seen.any()
     assert not seen.all()
+
+
+def test_twelve_points_are_required():
+    angles = np.arange(12) / 4
+    circle, points, coverage = _fit(at(30, 30, 20), angles, np.full(12, 2.0), 48, None)
+    assert circle.centre_px == pytest.approx((30, 30))
+    assert circle.radius_px == pytest.approx(22)
+    assert (len(points), coverage) == (12, 0.25)
+    with pytest.raises(EstimateError, match=r"no sphere outline at \(30, 30\) px"):
+        _fit(at(30, 30, 20), angles[1:], np.full(11, 2.0), 48, None)
 
 
 def test_a_completely_visible_outline_is_an_ellipse():
