@@ -153,13 +153,13 @@ def _weighted_centroid(
     window = image[top : int(y.mean()) + half + 1, left : int(x.mean()) + half + 1]
     rows, columns = np.indices(window.shape) + np.array([top, left])[:, None, None]
     # More than half of the window is background.
-    window = window.astype(np.float64) - np.median(window)
+    excess = window.astype(np.float64) - np.median(window)
     for _ in range(60):
         gauss = np.exp(-((columns - centre[0]) ** 2 + (rows - centre[1]) ** 2) / (2 * sigma**2))
-        total = np.sum(gauss * window)
+        total = np.sum(gauss * excess)
         if not total > 0:
             break
-        offset = np.array([np.sum(gauss * window * columns), np.sum(gauss * window * rows)])
+        offset = np.array([np.sum(gauss * excess * columns), np.sum(gauss * excess * rows)])
         # Double the shift: the window moves the weighted mean half-way back to its own centre.
         shift = 2 * (offset / total - centre)
         centre = centre + shift

@@ -117,8 +117,8 @@ def refine_outline(
     Returns
     -------
     ellipse
-        The outline. It is a circle unless three quarters of the circumference are visible, because
-        a smaller part does not determine an ellipse.
+        The outline. It is a circle unless more than three quarters of the circumference are
+        visible, because a smaller part does not determine an ellipse.
     points_px
         ``(M, 2)`` edge points that belong to it.
     coverage

@@ -194,6 +194,14 @@ def test_twelve_points_are_required():
         _fit(at(30, 30, 20), angles[1:], np.full(11, 2.0), 48, None)
 
 
+@pytest.mark.parametrize(("visible", "axes"), [(36, 1), (37, 2)])
+def test_more_than_three_quarters_of_the_outline_determine_an_ellipse(visible, axes):
+    angles = np.arange(visible) * 2 * np.pi / 48
+    flat = Ellipse((30.0, 30.0), (20.5, 20.0))
+    ellipse, _, _ = _fit(flat, angles, np.zeros(visible), 48, None)
+    assert len(set(ellipse.semi_axes_px)) == axes
+
+
 def test_a_completely_visible_outline_is_an_ellipse():
     rows, columns = np.mgrid[:120, :140]
     distance = np.hypot((columns - 70.2) / 45, (rows - 60.4) / 40)
