@@ -148,7 +148,7 @@ def _weighted_centroid(
     weight = np.clip(image[y, x].astype(np.float64), 1e-12, None)
     centre = np.array([np.average(x, weights=weight), np.average(y, weights=weight)])
     sigma = np.sqrt(np.count_nonzero(region) / np.pi)
-    half = int(4 * sigma) + 2
+    half = int(5 * sigma)
     top, left = max(int(y.mean()) - half, 0), max(int(x.mean()) - half, 0)
     window = image[top : int(y.mean()) + half + 1, left : int(x.mean()) + half + 1]
     rows, columns = np.indices(window.shape) + np.array([top, left])[:, None, None]
