@@ -113,6 +113,15 @@ def test_a_highlight_agrees_to_one_and_a_half_pixels(bench, dome_mm, error_px, a
     assert used.sum() == used.size - (not agrees)
 
 
+@pytest.mark.parametrize(("error_px", "agrees"), [(6.0, True), (20.0, False)])
+def test_a_highlight_agrees_to_five_times_the_median_error(bench, dome_mm, error_px, agrees):
+    """The other highlights of the light are wrong by 2 px."""
+    placed, highlights = observe(bench, FOUR_R20, dome_mm[::6])
+    highlights[2] += [(2, 0), (-2, 0), (0, error_px), (2, 0)]
+    _, _, used = locate(bench, placed, highlights)
+    assert used[2].tolist() == [True, True, agrees, True]
+
+
 @pytest.mark.parametrize(("distance_mm", "determined"), [(45e3, True), (55e3, False)])
 def test_a_position_is_uncertain_by_a_quarter_of_the_distance_at_most(
     bench, distance_mm, determined
