@@ -66,11 +66,12 @@ def calibrate_spheres(
         `Source` shows its object; it marks spheres only if `Source.mask_origin` is ``given`` or
         ``folder``.
     circles
-        Approximate circles (x, y, radius) in pixels, which are refined in the images. Without masks
-        and circles the spheres are searched for; with a camera and a radius, only spheres that have
-        the right size if they are close to the working plane. A sphere that was found is left out,
-        with a warning, if its size differs, its outline is much less sharp than that of the others,
-        or most of its highlights disagree with the others.
+        Approximate circles (x, y, radius) in pixels, which are refined in the images; their
+        outlines may be wrong by 4 px and by a tenth of the radius. Without masks and circles the
+        spheres are searched for; with a camera and a radius, only spheres that have the right size
+        if they are close to the working plane. A sphere that was found is left out, with a warning,
+        if its size differs, its outline is much less sharp than that of the others, or most of its
+        highlights disagree with the others.
     camera
         Camera model; positions require its working distance.
     radius_mm

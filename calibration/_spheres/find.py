@@ -18,6 +18,7 @@ from calibration._spheres.sphere_image import SphereImage
 
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
+_EDGES = 20000
 _CENTRES = 60
 _CANDIDATES = 120
 _SECTORS = 72
@@ -32,9 +33,11 @@ def find_spheres(
     """Find the mirror spheres in a stack.
 
     Edges of the mean image vote for centres along their gradients (Hough transform). The radii
-    follow from the edges that face a centre. A candidate counts if it shows a compact highlight
-    under at least half of the lights and the highlight moves with the light. Of overlapping
-    candidates (a sphere mirrors circles inside itself) the largest well-covered one is the outline.
+    follow from the edges that face a centre, from 8 px in the reduced image to 0.6 of its shorter
+    side. A candidate counts if more than a third of its outline is visible, it shows a compact
+    highlight under at least half of the lights, and the highlight moves with the light, by 1 px and
+    2 % of the radius. Of overlapping candidates (a sphere mirrors circles inside itself) the
+    largest well-covered one is the outline.
 
     Parameters
     ----------
@@ -72,7 +75,10 @@ def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = 
 def _verify(
     values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
 ) -> SphereImage | None:
-    """Refine a candidate; return it if its highlights are those of a mirror sphere."""
+    """Refine a candidate; return it if its highlights are those of a mirror sphere.
+
+    The refinement moves the outline by 3 px or 3 % of the radius.
+    """
     few = values[:: max(len(values) // 8, 1)]
     if 2 * np.count_nonzero(find_highlights(few, circle).found) < len(few):
         return None
@@ -112,8 +118,6 @@ def _circles(image: npt.NDArray[np.float32]) -> list[Ellipse]:
     size = (max(round(image.shape[1] / factor), 1), max(round(image.shape[0] / factor), 1))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     edges, facing = _edges(np.log(small))
-    if len(edges) == 0:
-        return []
     largest = 0.6 * min(small.shape)
     centres = _centres(edges, facing, (small.shape[0], small.shape[1]), largest)
     scored = [
@@ -150,8 +154,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     ridge = (strength[y, x] >= ahead) & (strength[y, x] > behind)
     # Keep the strongest edges: enough for every circle, few enough for a fast vote.
     keep = np.flatnonzero(ridge)
-    if len(keep) > 20000:
-        keep = keep[np.argsort(strength[y[keep], x[keep]])[-20000:]]
+    keep = keep[np.argsort(strength[y[keep], x[keep]])[-_EDGES:]]
     return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
 
 
@@ -189,17 +192,16 @@ def _radii(
     """
     offset = edges - centre
     radius = np.linalg.norm(offset, axis=1)
-    cosine = np.abs(np.sum(offset * facing, axis=1)) / np.maximum(radius, 1e-9)
-    use = (radius > _SMALLEST_RADIUS_PX) & (radius < largest) & (cosine > 0.95)
-    sector = ((np.arctan2(offset[use, 1], offset[use, 0]) / (2 * np.pi) % 1) * _SECTORS).astype(int)
-    ring = radius[use].astype(int)
+    faces = np.abs(np.sum(offset * facing, axis=1)) > 0.95 * radius
+    use = faces & (radius > _SMALLEST_RADIUS_PX) & (radius < largest)
+    sector = np.arctan2(offset[use, 1], offset[use, 0]) / (2 * np.pi) * _SECTORS
     hit = np.zeros((int(largest) + 3, _SECTORS), bool)
-    hit[ring, sector % _SECTORS] = True
+    hit[radius[use].astype(int), np.floor(sector).astype(int) % _SECTORS] = True
     thick = hit[:-2] | hit[1:-1] | hit[2:]
     coverage = thick.mean(axis=1)
     circles = []
     while coverage.max() > _LEAST_COVERAGE:
         best = int(np.argmax(coverage))
         circles.append((best + 1.5, float(coverage[best])))
-        coverage[max(best - 4, 0) : best + 5] = 0.0
+        coverage[best - 4 : best + 5] = 0.0
     return circles

@@ -44,11 +44,12 @@ class Highlights:
 def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highlights:
     """Find the highlight of every light on a sphere.
 
-    The part that all lights share (reflections of the room) is subtracted. A highlight is the
-    compact blob with the largest flux within 0.85 of the radius. A light is left out if its
-    brightest blob is wide (a matte surface), is cut off by the frame, has a rival with half its
-    flux, or has less than 3 % of the flux of the other lights (then the light is hidden, and the
-    blob is its reflection from another sphere).
+    From three lights on, the brightness that more than three quarters of them share (reflections of
+    the room) is subtracted. A highlight is the compact blob with the largest flux within 0.85 of
+    the radius. A light is left out if its brightest blob is wider than 0.35 of the radius (a matte
+    surface), is cut off by the frame, has a rival with more than half its flux, or has less than
+    3 % of the median flux of all lights (then the light is hidden, and the blob is its reflection
+    from another sphere).
 
     Parameters
     ----------
@@ -63,26 +64,26 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         Unsaturated peaks are located by an iterated Gaussian-weighted centroid, saturated peaks by
         the centroid of the pixels above half of the white level.
     """
-    radius = outline.radius_px
-    x0, y0 = (np.floor(np.array(outline.centre_px) - radius * 1.1).astype(int)).clip(0)
-    x1, y1 = np.ceil(np.array(outline.centre_px) + radius * 1.1).astype(int) + 1
+    # Contains 0.85 of the long axis even if the axes have a ratio of 1.5.
+    reach = 1.1 * outline.radius_px
+    x0, y0 = (np.array(outline.centre_px) - reach).astype(int).clip(0)
+    x1, y1 = (np.array(outline.centre_px) + reach).astype(int) + 2
     crop = values[:, y0:y1, x0:x1]
     pixels = np.full((len(values), 2), np.nan)
+    peak_saturated = np.zeros(len(values), bool)
+    rows, columns = np.indices(crop.shape[1:])
+    places = np.stack([columns + x0, rows + y0], axis=-1)
+    within = np.linalg.norm(outline.unit(places), axis=-1) < _LARGEST_RADIUS
     saturated = np.isnan(crop)
-    if crop.size == 0 or saturated.all():
-        return Highlights(pixels, np.zeros(len(values), bool))
+    if saturated.all() or not within.any():
+        return Highlights(pixels, peak_saturated)
     filled = np.where(saturated, np.nanmax(crop), crop)
     if len(filled) >= 3:
         filled = filled - np.percentile(filled, 25, axis=0, method="lower").astype(np.float32)
-    y, x = np.mgrid[y0 : y0 + crop.shape[1], x0 : x0 + crop.shape[2]]
-    from_centre = np.linalg.norm(outline.unit(np.stack([x, y], axis=-1)), axis=-1)
-    within = from_centre < _LARGEST_RADIUS
-    height, width = values.shape[1:]
-    border = (x == 0) | (y == 0) | (x == width - 1) | (y == height - 1)
-    blobs = [_blob(image, within, radius) for image in filled]
-    fluxes = np.array([np.nan if blob is None else blob[1] for blob in blobs])
-    typical = float(np.median(fluxes[np.isfinite(fluxes)])) if np.isfinite(fluxes).any() else 0.0
-    peak_saturated = np.zeros(len(values), bool)
+    last = np.array(values.shape[:0:-1]) - 1
+    border = np.any((places == 0) | (places == last), axis=-1)
+    blobs = [_blob(image, within, outline.radius_px) for image in filled]
+    typical = np.median([blob[1] for blob in blobs if blob is not None] or [0.0])
     for i, blob in enumerate(blobs):
         if blob is None or blob[1] < _FAINTEST_FLUX * typical:
             continue
@@ -106,8 +107,8 @@ def _blob(
     """Return the region and flux of the only compact bright blob, or None."""
     smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), 0.7), 0.0)
     peak = float(smooth.max())
-    level = float(np.median(smooth[within])) if within.any() else 0.0
-    noise = 1.4826 * float(np.median(np.abs(smooth[within] - level))) if within.any() else 0.0
+    level = float(np.median(smooth[within]))
+    noise = 1.4826 * float(np.median(np.abs(smooth[within] - level)))
     if not peak - level > max(12 * noise, 1e-6):
         return None
     bright = (smooth > level + _BLOB_LEVEL * (peak - level)).astype(np.uint8)
@@ -141,26 +142,24 @@ def _weighted_centroid(
     """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN) without background.
 
     The window follows the spot, so the positions of the pixels do not bias a symmetric spot, and
-    noise in its wings has little weight.
+    noise in its wings and its neighbours have little weight.
     """
     y, x = np.nonzero(region)
     weight = np.clip(image[y, x].astype(np.float64), 1e-12, None)
     centre = np.array([np.average(x, weights=weight), np.average(y, weights=weight)])
-    sigma = max(np.sqrt(np.count_nonzero(region) / np.pi), 1.0)
-    half = int(np.ceil(4 * sigma)) + 1
-    rows, columns = np.mgrid[
-        max(int(y.mean()) - half, 0) : min(int(y.mean()) + half + 1, image.shape[0]),
-        max(int(x.mean()) - half, 0) : min(int(x.mean()) + half + 1, image.shape[1]),
-    ]
-    window = image[rows, columns].astype(np.float64)
-    far = np.hypot(columns - centre[0], rows - centre[1]) > 3 * sigma
-    window -= np.median(window[far]) if far.any() else 0.0
+    sigma = np.sqrt(np.count_nonzero(region) / np.pi)
+    half = int(5 * sigma)
+    top, left = max(int(y.mean()) - half, 0), max(int(x.mean()) - half, 0)
+    window = image[top : int(y.mean()) + half + 1, left : int(x.mean()) + half + 1]
+    rows, columns = np.indices(window.shape) + np.array([top, left])[:, None, None]
+    # More than half of the window is background.
+    excess = window.astype(np.float64) - np.median(window)
     for _ in range(60):
         gauss = np.exp(-((columns - centre[0]) ** 2 + (rows - centre[1]) ** 2) / (2 * sigma**2))
-        total = np.sum(gauss * window)
+        total = np.sum(gauss * excess)
         if not total > 0:
             break
-        offset = np.array([np.sum(gauss * window * columns), np.sum(gauss * window * rows)])
+        offset = np.array([np.sum(gauss * excess * columns), np.sum(gauss * excess * rows)])
         # Double the shift: the window moves the weighted mean half-way back to its own centre.
         shift = 2 * (offset / total - centre)
         centre = centre + shift

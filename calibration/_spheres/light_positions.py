@@ -88,9 +88,11 @@ def locate_lights(
 
     Every pair of reflected rays gives a candidate position for a light. The candidate whose
     predicted highlights have the least median error decides which spheres agree, so one false
-    highlight among three or more is harmless. All positions are then refined together with the
-    sphere centres: the refinement minimises the sum of the squared highlight errors in pixels and
-    of the squared deviations of the centres from those given by the outlines.
+    highlight among three or more is harmless: a highlight agrees if its error is at most 1.5 px, or
+    five times the median error. All positions are then refined together with the sphere centres:
+    the refinement minimises the sum of the squared highlight errors, relative to a standard
+    deviation of 0.05 px, or 0.5 px if saturated, and of the squared deviations of the centres from
+    those given by the outlines, relative to their covariance.
 
     Parameters
     ----------
@@ -117,8 +119,8 @@ def locate_lights(
     Raises
     ------
     EstimateError
-        If a light has highlights on fewer than two spheres or its rays do not meet in front of
-        them.
+        If a light has highlights on fewer than two spheres, its rays do not meet in front of them,
+        or the standard deviation of its position exceeds a quarter of its distance.
     """
     points, directions = observed_rays(camera, spheres, highlights_px)
     seen = np.isfinite(directions[..., 0])
@@ -178,17 +180,15 @@ def _refine(
 ) -> tuple[Array, Array]:
     """Refine all lights and sphere centres by Gauss-Newton with a Schur complement."""
     n, k = weight.shape
-    used = weight > 0
     centres = spheres.centres_mm.copy()
     information = np.linalg.inv(spheres.covariance_mm2)
     weight = np.repeat(weight[..., None], 2, axis=-1)
-    observed = np.where(used[..., None], highlights_px, 0.0)
+    observed = np.where(weight > 0, highlights_px, 0.0)
 
     def residuals(lights: Array, at: Array) -> Array:
         predicted = predicted_highlights(camera, at, spheres.radii_mm, lights)
-        return np.where(used[..., None], predicted - observed, 0.0)
+        return predicted - observed
 
-    of_light = np.zeros((n, 3, 3))
     for _ in range(_ROUNDS):
         error = residuals(positions, centres)
         by_light, by_centre = _slopes(residuals, positions, centres)
@@ -215,8 +215,6 @@ def _refine(
             positions + move_light * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
         )
         centres = centres + move_centre.reshape(k, 3)
-        if float(length.max()) < 1e-9:
-            break
     return positions, centres
 
 

@@ -117,8 +117,8 @@ def refine_outline(
     Returns
     -------
     ellipse
-        The outline. It is a circle unless three quarters of the circumference are visible, because
-        a smaller part does not determine an ellipse.
+        The outline. It is a circle unless more than three quarters of the circumference are
+        visible, because a smaller part does not determine an ellipse.
     points_px
         ``(M, 2)`` edge points that belong to it.
     coverage
@@ -135,7 +135,6 @@ def refine_outline(
         angles, offsets, seen = _steepest(image, ellipse, reach)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
-    points, coverage = np.zeros((0, 2)), 0.0
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
         profiles = _profiles(image, ellipse, angles, profile_offsets())

@@ -97,7 +97,7 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
     sharp = [image for image in images if image.rms_px <= limit_px]
-    return sharp, [image for image in images if image.rms_px > limit_px]
+    return sharp, [image for image in images if image not in sharp]
 
 
 def _blurred_notices(images: list[SphereImage]) -> list[Notice]:

@@ -2,7 +2,11 @@ import numpy as np
 import pytest
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
+from calibration._spheres.highlights import (
+    _clipped_centroid,
+    _weighted_centroid,
+    find_highlights,
+)
 
 OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
 
@@ -56,25 +60,176 @@ def test_a_saturated_blob_on_a_reflection_next_to_a_brighter_area():
     assert np.abs(result.pixels - PLACES).max() < 0.2
 
 
-def test_secondary_reflection_near_the_rim_is_rejected():
+@pytest.mark.parametrize("at", [0.87, 0.93])
+def test_secondary_reflection_near_the_rim_is_rejected(at):
+    """The flank of the nearer one is within 0.85 of the radius, but not its centre."""
     values = stack(PLACES)
-    values[2] = stack([(60 + 40 * 0.93, 50.0)])[0]  # the light is hidden
-    result = find_highlights(values, OUTLINE).found
-    assert result.tolist() == [True, True, False, True, True]
+    values[2] = stack([(60 + 40 * at, 50.0)])[0]  # the light is hidden
+    for saturation in (1e9, 20.0):
+        clipped = np.where(values > saturation, np.float32(np.nan), values)
+        result = find_highlights(clipped, OUTLINE)
+        assert result.found.tolist() == [True, True, False, True, True]
+        assert result.saturated.tolist() == (result.found & (saturation == 20)).tolist()
 
 
-def test_faint_secondary_inside_is_rejected_by_its_flux():
+@pytest.mark.parametrize(("share", "found"), [(0.01, False), (0.028, False), (0.035, True)])
+def test_a_spot_with_less_than_3_percent_of_the_usual_flux_is_a_reflection(share, found):
     values = stack(PLACES)
-    values[1] = stack([(52.0, 60.0)], peak=2.0, seed=5)[0]
-    result = find_highlights(values, OUTLINE).found
-    assert result.tolist() == [True, False, True, True, True]
+    values[1] = stack([(52.0, 60.0)], peak=200 * share, seed=5)[0]
+    assert find_highlights(values, OUTLINE).found.tolist() == [True, found, True, True, True]
 
 
-def test_two_equal_spots_are_ambiguous():
+def test_the_flux_does_not_include_the_background():
+    values = stack(PLACES[:2])
+    values[1] = stack(PLACES[1:2], peak=2.0)[0] + 10
+    assert find_highlights(values, OUTLINE).found.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("share", "found"), [(0.4, True), (0.5, True), (0.55, False), (1.0, False), (1.5, False)]
+)
+def test_a_rival_with_more_than_half_the_flux_is_ambiguous(share, found):
+    values = dots((30, 40), (45, 55), (70, 45))
+    values[1, 45, 70] += share
+    assert find_highlights(values, OUTLINE).found.tolist() == [True, found, True]
+
+
+def dots(*places, shape=(100, 120)):
+    """Return one image with a bright pixel per place (x, y)."""
+    values = np.zeros((len(places), *shape), np.float32)
+    for image, (x, y) in zip(values, places, strict=True):
+        image[y, x] = 1
+    return values
+
+
+@pytest.mark.parametrize(
+    ("radius", "found"), [(4.0, True), (6.0, True), (7.6, False), (15.0, False)]
+)
+def test_a_disc_wider_than_0_35_of_the_radius_is_not_a_highlight(radius, found):
+    y, x = np.mgrid[:100, :120]
+    values = (np.hypot(x - 65, y - 45) < radius).astype(np.float32)[None]
+    assert find_highlights(values, OUTLINE).found.tolist() == [found]
+
+
+@pytest.mark.parametrize(("sigma", "found"), [(3.5, True), (5.0, False)])
+def test_the_width_of_a_spot_is_that_at_0_3_of_its_height(sigma, found):
+    """The diameter is 3.1 sigma there; the limit is 14 px."""
+    values = spot(65, 45, 1.0, sigma=sigma)[None].astype(np.float32)
+    assert find_highlights(values, OUTLINE).found.tolist() == [found]
+
+
+@pytest.mark.parametrize(("side", "found"), [(1, True), (3, False)])
+def test_a_spot_of_up_to_3_px_is_compact_on_a_small_sphere(side, found):
+    values = np.zeros((1, 30, 30), np.float32)
+    values[0, 14 : 14 + side, 14 : 14 + side] = 1
+    assert find_highlights(values, Ellipse((15.0, 15.0), (6.0, 6.0))).found.tolist() == [found]
+
+
+@pytest.mark.parametrize("lights", [1, 2, 3, 5])
+def test_the_shared_brightness_is_subtracted_from_three_lights_on(lights):
+    static = spot(75.0, 40.0, 400.0).astype(np.float32)
+    found = find_highlights(stack(PLACES[:lights]) + static, OUTLINE)
+    expected = PLACES[:lights] if lights >= 3 else np.full((lights, 2), [75.0, 40.0])
+    assert np.abs(found.pixels - expected).max() < 0.02
+
+
+@pytest.mark.parametrize(("lit", "shared"), [(24, False), (25, True)])
+def test_brightness_under_more_than_three_quarters_of_the_lights_is_shared(lit, shared):
+    """A reflection with half the flux of the highlights is not a rival if it is shared."""
+    places = [(8 + 2 * (i % 8), 16 + 2 * (i // 8)) for i in range(32)]
+    values = dots(*places, shape=(32, 32))
+    values[:lit, 8, 16] = 0.8
+    found = find_highlights(values, Ellipse((15.5, 15.5), (16.0, 16.0))).found
+    assert found[:lit].all() == shared
+    assert found[lit:].all()
+
+
+@pytest.mark.parametrize("scale", [1e-4, 1e4])
+def test_the_scale_of_the_images_does_not_matter(scale):
     values = stack(PLACES)
-    values[3] += spot(70.0, 45.0, 180.0).astype(np.float32)
-    result = find_highlights(values, OUTLINE).found
-    assert result.tolist() == [True, True, True, False, True]
+    values[3] += spot(70.0, 45.0, 40.0).astype(np.float32)
+    plain, scaled = find_highlights(values, OUTLINE), find_highlights(scale * values, OUTLINE)
+    np.testing.assert_allclose(scaled.pixels, plain.pixels, atol=1e-4)
+
+
+@pytest.mark.parametrize(("peak", "found"), [(0.09, False), (0.3, True)])
+def test_a_spot_must_exceed_the_noise(peak, found):
+    values = stack(PLACES, peak=0.0) + dots(*PLACES.astype(int)) * np.float32(peak)
+    assert find_highlights(values[:2], OUTLINE).found.tolist() == [found] * 2
+
+
+def test_a_spot_on_a_bright_reflection_with_a_dark_hole():
+    values = np.full((1, 100, 120), 10, np.float32)
+    values[0, 60:64, 40:44] = 0
+    values += spot(71.5, 57.25, 1.0).astype(np.float32)
+    assert np.abs(find_highlights(values, OUTLINE).pixels - (71.5, 57.25)).max() < 0.01
+
+
+@pytest.mark.parametrize("size", [8, 40])
+def test_the_long_axis_of_an_ellipse_is_in_reach(size):
+    places = [(60 + size, 50), (60 - size, 50), (60, 50 + size // 2), (60, 50 - size // 2)]
+    outline = Ellipse((60.0, 50.0), (1.225 * size, 0.8165 * size))
+    found = find_highlights(dots(*places), outline)
+    np.testing.assert_allclose(found.pixels, places, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("outline", "values"),
+    [
+        pytest.param(Ellipse((-60.0, 50.0), (40.0, 40.0)), 0.0, id="left of the frame"),
+        pytest.param(Ellipse((60.0, 500.0), (40.0, 40.0)), 0.0, id="below the frame"),
+        pytest.param(OUTLINE, np.nan, id="completely saturated"),
+        pytest.param(Ellipse((60.5, 50.5), (0.5, 0.5)), 1.0, id="between the pixels"),
+    ],
+)
+def test_a_sphere_that_shows_nothing_has_no_highlights(outline, values):
+    result = find_highlights(np.full((3, 100, 120), values, np.float32), outline)
+    assert result.pixels.shape == (3, 2)
+    assert not result.found.any()
+    assert not result.saturated.any()
+
+
+@pytest.mark.parametrize("sigma", [1.0, 2.0, 3.5])
+def test_a_neighbour_at_five_sigma_has_little_weight(sigma):
+    """The window of 1.55 sigma reduces its flux to 2.5 %; the shift is 0.032 sigma."""
+    image = spot(40.3, 50.6, 1.0, sigma) + spot(40.3 + 5 * sigma, 50.6, 0.25, sigma)
+    region = spot(40.3, 50.6, 1.0, sigma) > 0.3
+    centre = _weighted_centroid(image.astype(np.float32), region)
+    assert centre == pytest.approx((40.3, 50.6), abs=0.045 * sigma)
+
+
+@pytest.mark.parametrize("corner", [(5.3, 5.6), (113.4, 5.6), (5.3, 93.8), (113.4, 93.8)])
+def test_a_bright_background_does_not_move_a_spot_in_a_corner(corner):
+    """The window is cut off, so a background would move the centre away from the corner."""
+    image = spot(*corner, 1.0, sigma=1.6)
+    region = image > 0.3
+    inner = np.where(np.array(corner) < 50, np.add(corner, 9), np.subtract(corner, 9)).astype(int)
+    image[inner[1], inner[0]] = -0.5
+    centre = _weighted_centroid((image + 100).astype(np.float32), region)
+    assert centre == pytest.approx(corner, abs=0.02)
+
+
+def test_a_region_without_flux_keeps_its_centre():
+    image = np.ones((20, 20), np.float32)
+    region = np.zeros((20, 20), bool)
+    region[7, 9] = True
+    assert _weighted_centroid(image, region).tolist() == [9, 7]
+
+
+def test_a_saturated_blob_is_weighted_by_its_excess_over_half_its_maximum():
+    """The excesses are 1, 0.5 and 0."""
+    image = np.array([[0.0, 0.0, 0.0, 0.0], [2.0, 1.5, 0.9, 0.0]], np.float32)
+    assert _clipped_centroid(image, image > 0) == pytest.approx((1 / 3, 1))
+    assert _clipped_centroid(image.T, image.T > 0) == pytest.approx((1, 1 / 3))
+
+
+@pytest.mark.parametrize(("gap", "found"), [(1, False), (2, True)])
+def test_a_spot_that_touches_the_frame_is_ignored(gap, found):
+    """One bright pixel becomes a spot of 3 x 3 pixels."""
+    places = [(gap, 15), (39 - gap, 14), (20, gap), (21, 29 - gap), (12, 12)]
+    outline = Ellipse((19.5, 14.5), (40.0, 40.0))
+    result = find_highlights(dots(*places, shape=(30, 40)), outline)
+    assert result.found.tolist() == [found] * 4 + [True]
 
 
 def test_a_spot_cut_off_by_the_frame_is_ignored():

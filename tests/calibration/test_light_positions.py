@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from calibration import EstimateError
 from calibration._spheres.cone import fit_cone
-from calibration._spheres.light_positions import KnownSpheres, locate_lights
+from calibration._spheres.light_positions import (
+    KnownSpheres,
+    _names,
+    _pair_positions,
+    locate_lights,
+)
 from calibration._spheres.placed import off_the_plane, place
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
@@ -29,9 +35,10 @@ def observe(bench, spheres, lights, outline_px=0.0, highlight_px=0.0, seed=0):
     return placed, highlights + rng.normal(0, highlight_px, highlights.shape)
 
 
-def locate(bench, placed, highlights):
+def locate(bench, placed, highlights, saturated=None):
     ids = tuple(f"L{i:02d}" for i in range(len(highlights)))
-    saturated = np.zeros(highlights.shape[:2], bool)
+    if saturated is None:
+        saturated = np.zeros(highlights.shape[:2], bool)
     return locate_lights(bench.camera, placed, highlights, saturated, ids)
 
 
@@ -42,6 +49,114 @@ def test_exact_observations_give_exact_positions(bench, dome_mm, spheres):
     assert np.linalg.norm(positions - dome_mm, axis=1).max() < 1e-3
     assert np.linalg.norm(centres - [c for c, _ in spheres], axis=1).max() < 1e-4
     assert used.all()
+
+
+@pytest.mark.parametrize(
+    ("points", "toward", "expected"),
+    [
+        pytest.param([(0, 0), (4, 0)], [(3, 4), (-1, 4)], [(3, 4)], id="they meet"),
+        pytest.param([(0, 0), (4, 0)], [(-3, -4), (-1, 4)], [], id="behind the first"),
+        pytest.param([(0, 0), (4, 0)], [(3, 4), (1, -4)], [], id="behind the second"),
+        pytest.param([(0, 0), (4, 0)], [(0, 1), (0, 1)], [], id="parallel"),
+        pytest.param([(0, 0), (0.4, 0)], [(3, 4), (-1, 4)], [(0.3, 0.4)], id="close to both"),
+        pytest.param(
+            [(0, 0), (4, 0), (8, 4)],
+            [(0, 1), (0, 1), (-1, 0)],
+            [(0, 4), (4, 4)],
+            id="two of three are parallel",
+        ),
+    ],
+)
+def test_pairs_of_rays_meet_in_front_of_both_spheres(points, toward, expected):
+    """The second ray is 2 mm above the others, so that a pair meets half-way, 1 mm above."""
+    height = np.array([0.0, 2.0, 0.0])[: len(points)]
+    directions = np.column_stack([toward, np.zeros(len(toward))])
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    met = _pair_positions(np.column_stack([points, height]), directions)
+    assert met.shape == (len(expected), 3)
+    if expected:
+        np.testing.assert_allclose(met[:, :2], expected, atol=1e-12)
+        assert met[-1, 2] == 1
+
+
+def test_the_refinement_minimises_the_stated_errors(bench):
+    """An independent minimisation over lights and centres gives the same result."""
+    spheres = [*TWO_R20, ((10, 80, 20), 20.0)]
+    lights = np.array([[120.0, 60.0, 400.0], [-200.0, 150.0, 350.0]])
+    placed, highlights = observe(bench, spheres, lights, 0.3, 0.2, seed=4)
+    saturated = np.array([[False, True, False], [False, False, False]])
+    highlights[0, 1] += 0.4
+    sigma_px = np.where(saturated, 0.5, 0.05)[..., None]
+    whiten = np.linalg.inv(np.linalg.cholesky(placed.covariance_mm2))
+
+    def errors(values):
+        points, centres = values[:6].reshape(2, 3), values[6:].reshape(3, 3)
+        seen = np.array([[bench.highlight(c, 20.0, light) for c in centres] for light in points])
+        off = whiten @ (centres - placed.centres_mm).ravel()
+        return np.concatenate([((seen - highlights) / sigma_px).ravel(), off])
+
+    start = np.concatenate([lights.ravel(), placed.centres_mm.ravel()])
+    least = least_squares(errors, start, x_scale=np.repeat([10.0, 0.1], [6, 9])).x
+    positions, centres, used = locate(bench, placed, highlights, saturated)
+    assert used.all()
+    assert np.abs(start - least).max() > 1.0
+    np.testing.assert_allclose(positions.ravel(), least[:6], atol=0.01)
+    np.testing.assert_allclose(centres.ravel(), least[6:], atol=0.001)
+
+
+@pytest.mark.parametrize(("error_px", "agrees"), [(1.2, True), (2.0, False)])
+def test_a_highlight_agrees_to_one_and_a_half_pixels(bench, dome_mm, error_px, agrees):
+    placed, highlights = observe(bench, FOUR_R20, dome_mm[::6])
+    highlights[2, 1, 0] += error_px
+    _, _, used = locate(bench, placed, highlights)
+    assert used[2].tolist() == [True, agrees, True, True]
+    assert used.sum() == used.size - (not agrees)
+
+
+@pytest.mark.parametrize(("error_px", "agrees"), [(6.0, True), (20.0, False)])
+def test_a_highlight_agrees_to_five_times_the_median_error(bench, dome_mm, error_px, agrees):
+    """The other highlights of the light are wrong by 2 px."""
+    placed, highlights = observe(bench, FOUR_R20, dome_mm[::6])
+    highlights[2] += [(2, 0), (-2, 0), (0, error_px), (2, 0)]
+    _, _, used = locate(bench, placed, highlights)
+    assert used[2].tolist() == [True, True, agrees, True]
+
+
+@pytest.mark.parametrize(("distance_mm", "determined"), [(45e3, True), (55e3, False)])
+def test_a_position_is_uncertain_by_a_quarter_of_the_distance_at_most(
+    bench, distance_mm, determined
+):
+    """The uncertainty is 0.5 % per metre with these two spheres; the near light is certain."""
+    lights = np.array([[0.0, 100.0, 400.0], [0.26 * distance_mm, 0.19 * distance_mm, distance_mm]])
+    placed, highlights = observe(bench, TWO_R20, lights)
+    if determined:
+        positions, _, _ = locate(bench, placed, highlights)
+        np.testing.assert_allclose(positions, lights, rtol=0.01, atol=0.01)
+        return
+    with pytest.raises(EstimateError, match="the distance of light L01 is not determined"):
+        locate(bench, placed, highlights)
+
+
+def test_rays_that_do_not_meet_are_reported(bench):
+    """Highlights on the opposite side of the centres: the rays diverge."""
+    placed, highlights = observe(bench, TWO_R20, np.array([[0.0, 100.0, 200.0]]))
+    centres_px = np.array([bench.project(np.array(centre)) for centre, _ in TWO_R20])
+    with pytest.raises(EstimateError, match="rays of light L00 do not meet in front"):
+        locate(bench, placed, 2 * centres_px - highlights)
+
+
+@pytest.mark.parametrize(
+    ("count", "says"),
+    [
+        (1, "light L0"),
+        (2, "lights L0, L1"),
+        (4, "lights L0, L1, L2, L3"),
+        (5, "lights L0, L1, L2, L3 and 1 more"),
+        (9, "lights L0, L1, L2, L3 and 5 more"),
+    ],
+)
+def test_at_most_four_lights_are_named(count, says):
+    assert _names([f"L{i}" for i in range(count)]) == says
 
 
 @pytest.mark.parametrize(

@@ -2,16 +2,14 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
-from calibration._spheres import search
 from calibration._spheres.cone import fit_cone
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.find import _circles, _expected, _radii, find_spheres, overlap
+from calibration._spheres.find import find_spheres
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.marked import circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each, place
@@ -66,7 +64,8 @@ def test_spheres_are_named_by_their_positions():
 
 
 @pytest.mark.parametrize(
-    ("found", "named"), [((5, 5), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")]
+    ("found", "named"),
+    [((5, 5), None), ((3, 1), None), ((0, 5), "the sphere"), ((0, 0), "the spheres")],
 )
 def test_spheres_without_highlights_are_reported(found, named):
     warnings = missing_highlights_warning([image_of(found=count) for count in found])
@@ -130,54 +129,6 @@ def test_spheres_are_placed_by_their_radius(bench):
         along = cone.axis @ systematic @ cone.axis
         assert along == pytest.approx(sideways**2 + depth**2, rel=1e-3)
         assert np.trace(systematic) == pytest.approx(3 * sideways**2 + depth**2, rel=1e-3)
-
-
-@pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
-def test_circles_overlap_if_one_contains_the_centre_of_the_other(apart, over):
-    large = Ellipse((100.0, 50.0), (30.0, 30.0))
-    for dx, dy in ((apart, 0), (0, apart), (-0.6 * apart, 0.8 * apart)):
-        small = Ellipse((100.0 + dx, 50.0 + dy), (5.0, 5.0))
-        assert overlap(large, small) == overlap(small, large) == over
-
-
-@pytest.mark.parametrize(
-    ("radius", "radii", "right"),
-    [
-        (100, (), True),
-        (100, (100, 50), True),
-        (57.4, (100, 50), True),
-        (57.6, (100, 50), False),
-        (42.6, (100, 50), True),
-        (42.4, (100, 50), False),
-    ],
-)
-def test_a_circle_has_an_expected_radius_to_15_percent(radius, radii, right):
-    assert _expected(Ellipse((0.0, 0.0), (float(radius), float(radius))), radii) == right
-
-
-def test_radii_are_those_of_edges_that_face_the_centre():
-    angles = np.arange(0, 2 * np.pi, 0.01)
-    side = np.column_stack([np.cos(angles), np.sin(angles)])
-    half = side[angles < np.pi]
-    edges = np.concatenate([50 + 20.3 * side, 50 + 35.3 * half, 50 + 27.3 * side])
-    # The gradients of the last circle are tangential.
-    facing = np.concatenate([side, -half, side[:, ::-1] * [1, -1]])
-    circles = sorted(_radii(edges, facing, (50.0, 50.0), 45.0))
-    assert [radius for radius, _ in circles] == pytest.approx([20.3, 35.3], abs=1.3)
-    assert [coverage for _, coverage in circles] == pytest.approx([1.0, 0.5], abs=0.03)
-
-
-@pytest.mark.parametrize("scale", [1, 3])
-def test_circles_of_a_disc(scale):
-    """A large image is reduced for the search; the positions are those in the large image."""
-    height, width = 330 * scale, 420 * scale
-    x, y, radius = 150.25 * scale, 170.75 * scale, 61.0 * scale
-    rows, columns = np.mgrid[:height, :width]
-    cover = np.clip(radius + 0.5 - np.hypot(columns - x, rows - y), 0, 1)
-    image = (0.2 + 0.5 * cover).astype(np.float32)
-    best = _circles(cv2.GaussianBlur(image, (0, 0), 0.7 * scale))[0]
-    assert best.centre_px == pytest.approx((x, y), abs=1.5 * scale)
-    assert best.radius_px == pytest.approx(radius, abs=2 * scale)
 
 
 def share(centre, radius):
@@ -314,49 +265,3 @@ def test_search_sorts_from_the_left_and_skips_known_spheres(drawn):
     np.testing.assert_allclose([sphere.outline.centre_px for sphere in others], centres[1:])
     assert len(find_spheres(values, [spheres[1].outline.radius_px])) == 2
     assert find_spheres(values, [20.0]) == []
-
-
-def searched(monkeypatch, images, camera=None, radii=None, others=()):
-    """Search a stack in which these spheres are found, and the others next to them."""
-
-    def find(values, radii_px=(), excluded=()):
-        return list(others) if excluded or (others and not radii_px and radii) else list(images)
-
-    monkeypatch.setattr(search, "find_spheres", find)
-    values = np.zeros((2, 30, 30), np.float32)
-    return search.searched_spheres(values, camera, None if radii is None else np.array(radii))
-
-
-@pytest.mark.parametrize(
-    ("scatters", "left"),
-    [
-        pytest.param((0.01, 0.16), (), id="all sharp enough"),
-        pytest.param((0.01, 0.175), (1,), id="over a quarter of a pixel"),
-        pytest.param((0.1, 0.29), (), id="less than three times the sharpest"),
-        pytest.param((0.1, 0.31, 0.2), (1,), id="more than three times the sharpest"),
-    ],
-)
-def test_outlines_that_scatter_are_left_out(monkeypatch, scatters, left):
-    images = [image_of(100.0 * k, scatter=s) for k, s in enumerate(scatters)]
-    kept, warnings = searched(monkeypatch, images)
-    assert kept == [image for k, image in enumerate(images) if k not in left]
-    assert len(warnings) == len(left)
-    for notice, k in zip(warnings, left, strict=True):
-        assert notice.code == "sphere-blurred"
-        assert f"({100 * k}, 20) px was left out: the outline scatters by" in notice.text
-
-
-def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
-    """30 px at 600 mm and 1200 px focal length: 600 x 30 / 1230 = 14.6 mm on the plane."""
-    wanted, other = image_of(100.0, radius=40.0), image_of(300.0)
-    kept, warnings = searched(monkeypatch, [wanted], SMALL.camera, [20.0], [other])
-    assert kept == [wanted]
-    (notice,) = warnings
-    text = "(300, 20) px was left out: the sharp outline there fits about 14.6 mm, not 20"
-    assert text in notice.text
-    with pytest.raises(EstimateError, match=r"no sphere of 20 mm found, but .* about 14\.6 mm"):
-        searched(monkeypatch, [], SMALL.camera, [20.0], [other])
-    with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
-        searched(monkeypatch, [], SMALL.camera, [20.0])
-    with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
-        searched(monkeypatch, [])

@@ -13,7 +13,11 @@ _SESSION = (
     "acquisition/test_resume.py",
 )
 _PARTS = "calibration/test_sphere_parts.py"
-_WHOLE_CALIBRATION = (_PARTS, "calibration/test_spheres_simulated.py")
+_SEARCH = "calibration/test_sphere_search.py"
+_OUTLINE = ("calibration/test_outline_parts.py", "calibration/test_outline.py")
+_MARKS = "calibration/test_sphere_marks.py"
+_LIGHTS = "calibration/test_sphere_lights.py"
+_WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
@@ -50,19 +54,19 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
-    f"{_SPHERES}/find.py": (_PARTS,),
+    f"{_SPHERES}/find.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
-    f"{_SPHERES}/marked.py": (_PARTS,),
-    f"{_SPHERES}/outline.py": ("calibration/test_outline.py", _PARTS),
+    f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
+    f"{_SPHERES}/outline.py": (*_OUTLINE, _PARTS),
     f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
     f"{_SPHERES}/reflection.py": (
         "calibration/test_reflection.py",
         "calibration/test_light_positions.py",
     ),
     f"{_SPHERES}/robust.py": ("calibration/test_robust_fits.py",),
-    f"{_SPHERES}/search.py": (_PARTS,),
+    f"{_SPHERES}/search.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
     f"{_SPHERES}/sphere_image.py": (_PARTS,),
     **{
