@@ -4,10 +4,11 @@ from __future__ import annotations
 
 _SPHERES = "calibration/_spheres"
 _SHOOTING = ("rig/test_shooting_values.py", "rig/test_rig_sequence.py", "rig/test_rig_shoot.py")
+_LINES = "acquisition/test_session_lines.py"
 _SESSION = (
-    "acquisition/test_journal.py",
     "acquisition/test_session_golden.py",
     "acquisition/test_session_reader.py",
+    _LINES,
     "acquisition/test_session_writer.py",
     "acquisition/test_session_faults.py",
     "acquisition/test_resume.py",
@@ -27,9 +28,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "acquisition/test_engine.py",
         "acquisition/test_engine_disk.py",
     ),
-    "acquisition/_session/journal.py": _SESSION,
-    "acquisition/_session/recorded.py": _SESSION,
-    "acquisition/_session/open_shots.py": _SESSION,
+    "acquisition/_session/journal.py": ("acquisition/test_journal.py", _LINES),
+    "acquisition/_session/recorded.py": ("acquisition/test_recorded.py", *_SESSION),
+    "acquisition/_session/open_shots.py": (
+        "acquisition/test_recorded.py",
+        "acquisition/test_resume.py",
+    ),
     "acquisition/_session/verify.py": _SESSION,
     "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
     "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
