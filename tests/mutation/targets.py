@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 _SPHERES = "calibration/_spheres"
-_SHOOTING = ("rig/test_shooting_values.py", "rig/test_rig_sequence.py", "rig/test_rig_shoot.py")
+_VALUES, _BY_CLOCK = "rig/test_shooting_values.py", "rig/test_shots_by_clock.py"
 _LINES = "acquisition/test_session_lines.py"
 _SESSION = (
     "acquisition/test_session_golden.py",
@@ -35,16 +35,16 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "acquisition/test_resume.py",
     ),
     "acquisition/_session/verify.py": _SESSION,
-    "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/alive.py": (_VALUES,),
     "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
-    "rig/_shooting/shot_times.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/flash_chain.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/frame_time.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/sequence.py": _SHOOTING,
-    "rig/_shooting/shooting.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/shot.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/spacing.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/wires.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/shot_times.py": (_VALUES,),
+    "rig/_shooting/flash_chain.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/_shooting/frame_time.py": (_BY_CLOCK,),
+    "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
+    "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/_shooting/shot.py": (_VALUES,),
+    "rig/_shooting/spacing.py": (_VALUES,),
+    "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),
     "calibration/_radiance/linear_stack.py": (

@@ -279,7 +279,7 @@ def test_one_frame_alone_is_not_proven():
 
 def test_a_missing_report_of_the_board_is_an_error(bench, monkeypatch):
     with bench.rig(**FAST) as rig:
-        monkeypatch.setattr(rig.board, "did", lambda index: None)
+        monkeypatch.setattr(rig.board, "step_report", lambda index: None)
         with pytest.raises(BoardError, match="has not done step 0"):
             list(rig.sequence([1, 2, 3], EXPOSURE_US))
         assert led_on(bench) is None
