@@ -23,7 +23,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "acquisition/test_short_brackets.py",
     ),
     "acquisition/_engine/rejection.py": ("acquisition/test_rejection.py",),
-    "acquisition/_engine/agenda.py": ("acquisition/test_judging_order.py",),
+    "acquisition/_engine/agenda.py": (
+        "acquisition/test_agenda.py",
+        "acquisition/test_judging_order.py",
+    ),
     "acquisition/_engine/carry_out.py": (
         "acquisition/test_engine.py",
         "acquisition/test_engine_disk.py",
