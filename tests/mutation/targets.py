@@ -39,7 +39,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "acquisition/_session/verify.py": _SESSION,
     "rig/_shooting/alive.py": (_VALUES,),
-    "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
+    "rig/_shooting/dark.py": ("rig/test_dark.py", "rig/test_rig_signals.py"),
     "rig/_shooting/shot_times.py": (_VALUES,),
     "rig/_shooting/flash_chain.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
     "rig/_shooting/frame_time.py": (_BY_CLOCK,),
@@ -96,6 +96,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "simulator/test_surface_shapes.py",
     ),
     "simulator/_render/shade.py": (
+        "simulator/test_shade.py",
         "simulator/test_render_closed_forms.py",
         "simulator/test_render_light_and_colour.py",
         "simulator/test_shadow_edges.py",
