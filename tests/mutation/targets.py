@@ -30,6 +30,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "acquisition/_engine/carry_out.py": (
         "acquisition/test_engine.py",
         "acquisition/test_engine_disk.py",
+        "acquisition/test_set_aside.py",
     ),
     "acquisition/_session/journal.py": ("acquisition/test_journal.py", _LINES),
     "acquisition/_session/recorded.py": ("acquisition/test_recorded.py", *_SESSION),

@@ -164,7 +164,12 @@ def bench_of(devices: Devices, **changed: Any) -> Bench:
 )
 @pytest.mark.parametrize("led", [3, None])
 def test_a_shot_by_software(
-    devices: Devices, now_s: float, ready_s: float | None, on_s: float, trigger_s: float, led: int
+    devices: Devices,
+    now_s: float,
+    ready_s: float | None,
+    on_s: float,
+    trigger_s: float,
+    led: int | None,
 ) -> None:
     devices.clock.now_s, bench = now_s, bench_of(devices)
     if ready_s is not None:
