@@ -303,7 +303,9 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
     if as_json:
         from sgp._result import dumps
 
-        print(dumps({"ok": False, "error": line, "exit_code": code}))
+        findings = getattr(error, "findings", None)
+        listed = {} if findings is None else {"findings": findings}
+        print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
     print(f"error: {line}", file=STDERR)
     return code
 

@@ -308,10 +308,13 @@ class _Watcher:
             white, name = image.white_level_dn, image.path.name
             for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
                 self._say(notice)
-        record = None if self._writer is None else self._writer.manifest.transfer
-        if record is not None and record.value() != curve:
+        if self._writer is None:
+            return curve
+        record = self._writer.manifest.transfer
+        recorded = LINEAR if record is None else record.value()
+        if recorded != curve:
             raise DataError(
-                f"{image.path}: {curve.name} ({why}), but the session is {record.value().name}: "
+                f"{image.path}: {curve.name} ({why}), but the session is {recorded.name}: "
                 "give the transfer curve of the session (--gamma)"
             )
         return curve

@@ -126,6 +126,7 @@ def _named(light: Array) -> TransferCurve:
     except DataError:
         pass  # not a power
     rising = np.flatnonzero(light > np.maximum.accumulate(np.concatenate([[0.0], light[:-1]])))
+    rising = rising[rising > 0]  # a value just above 0 at the start counts as 0
     points = np.concatenate([[[0.0, 0.0]], np.stack([_GRID[rising], light[rising]], 1)])
     try:
         if rising.size and rising[-1] == len(_GRID) - 1 and abs(light[0]) <= _SAME:

@@ -22,7 +22,7 @@ def led_numbers(text: str) -> tuple[int, ...]:
     Raises
     ------
     ValueError
-        If the text has another form, or lists more than 65,536 LEDs.
+        If the text has another form, lists more than 65,536 LEDs, or one above 65,535.
     """
     leds: list[int] = []
     for part in text.split(","):
@@ -34,6 +34,8 @@ def led_numbers(text: str) -> tuple[int, ...]:
                 '"0-35" or "0-5, 8"'
             )
         first, last = int(match[1]), int(match[2] or match[1])
+        if max(first, last) >= MOST_LEDS:
+            raise ValueError(f"there is no LED {max(first, last)}: the largest is {MOST_LEDS - 1}")
         step = 1 if first <= last else -1
         leds += range(first, last + step, step)
         if len(leds) > MOST_LEDS:

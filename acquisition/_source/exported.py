@@ -34,7 +34,7 @@ def with_export_notes(source: Source) -> Source:
     if notes is None:
         return source
     if source.frames[0].path.suffix.lower() == ".exr":
-        source = _with_curve(source, notes)
+        source = replace(_with_curve(source, notes), simulated=notes.camera.simulated)
         if source.transfer == LINEAR:
             return source
         black, white = notes.camera.black_level_dn, notes.camera.white_dn

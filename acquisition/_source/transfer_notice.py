@@ -13,9 +13,10 @@ def transfer_notices(
 ) -> tuple[Notice, ...]:
     """Return a notice about a curve that was chosen, or nothing if there was hardly a choice.
 
-    Samples of more than 8 bits are linear unless metadata say otherwise: that needs no notice.
+    Samples of more than 8 bits are linear unless metadata say otherwise: that needs no notice. A
+    colour profile is always mentioned, also one that cannot be used.
     """
-    if curve == LINEAR and white_level > _WHITE_8_BIT:
+    if curve == LINEAR and white_level > _WHITE_8_BIT and "profile" not in origin:
         return ()
     text = f"the samples are read as {curve.name} ({origin})"
     return (Notice("transfer-curve", text, where, "info"),)

@@ -101,9 +101,8 @@ class Lights:
         count = len(vectors)
         ids = tuple(self.ids) or tuple(map(led_id, range(count)))
         if len(ids) != count:
-            raise DataError(
-                f"{pluralize(len(ids), 'id')} for {count} lights: give each light an id"
-            )
+            given, needed = pluralize(len(ids), "id"), pluralize(count, "light")
+            raise DataError(f"{given} for {needed}: give each light an id")
         length = np.linalg.norm(vectors, axis=1)
         if np.any(length < 1e-9):
             raise DataError(f"light {ids[int(np.argmin(length))]} is a zero vector")

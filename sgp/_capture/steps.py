@@ -95,6 +95,14 @@ def metered(
     return metering.plan
 
 
+class CheckFailedError(rigs.RigError):
+    """A check before a recording failed; ``--json`` prints its `findings`."""
+
+    def __init__(self, message: str, findings: list[str]) -> None:
+        super().__init__(message)
+        self.findings = findings
+
+
 def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
     """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
 
@@ -107,8 +115,9 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
     if len(complaints) > 1:
         for complaint in complaints:
             note(f"- {complaint}")
-        raise rigs.RigError(
-            f"the check before recording failed: see the {len(complaints)} findings above"
+        raise CheckFailedError(
+            f"the check before recording failed: see the {len(complaints)} findings above",
+            [str(complaint) for complaint in complaints],
         )
     if complaints:
         raise rigs.RigError(f"the check before recording failed: {complaints[0]}")

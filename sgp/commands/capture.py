@@ -16,6 +16,7 @@ from sgp._capture.steps import MeterOptions, Preparation, accept, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
+from sgp._exit import UsageError
 from sgp._options import Input, OptionalInput
 from sgp._output import check_file, check_folder
 from sgp._result import Result
@@ -234,7 +235,7 @@ def verify(session: Input) -> Result:
         result.summary.append(f"{session}: DAMAGED, {problems}")
         if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
             again = ResumeCommand(session).text(retake_damaged=True)
-            rig = "" if default_rig() else ", with --rig,"
+            rig = "" if _has_default_rig() else ", with --rig,"
             result.summary.append(
                 f"if the object has not moved, `{again}`{rig} takes these frames again"
             )
@@ -318,6 +319,13 @@ def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | N
             f"{session.folder}: is complete, and was recorded with another plan: use the original "
             "plan, or record into a new folder"
         )
+
+
+def _has_default_rig() -> bool:
+    try:
+        return default_rig() is not None
+    except UsageError:
+        return False  # an invalid configuration must not hide the result of a check
 
 
 def _can_be_retaken(session: Path) -> bool:

@@ -113,7 +113,7 @@ def plan(
 
 
 def check(
-    out: Path, *, rig: Path | None = None, plan: Path | None = None, quick: bool = False
+    out: Path, *, rig: Path | None = None, plan: OptionalInput = None, quick: bool = False
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 
@@ -178,7 +178,9 @@ def chosen_plan(
     try:
         chosen.check(config.leds)
     except acquisition.DataError as error:
-        raise acquisition.DataError(f"{path or '--leds'}: {error}") from error
+        if path is None:
+            raise UsageError(f"--leds: {error}") from error
+        raise acquisition.DataError(f"{path}: {error}") from error
     return chosen, left_out
 
 

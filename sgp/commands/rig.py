@@ -174,8 +174,9 @@ def snap(
     force
         Overwrite existing files.
     """
-    name, view = chosen_rig(rig), out.with_suffix(".png")
+    name = chosen_rig(rig)
     check_file(out, ".tif", force=force)
+    view = out.with_suffix(".png")
     check_file(view, ".png", force=force)
 
     import numpy as np

@@ -10,13 +10,16 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
+from acquisition._engine import carry_out as _carry_out
 from acquisition._engine import recording as _recording
+from acquisition._engine import write_queue as _write_queue
 from acquisition._engine.engine import record
 from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.rehearsal import rehearse
@@ -199,6 +202,41 @@ def test_leds_that_cannot_be_turned_off_are_reported_and_hide_no_error(
         record(rig, PLAN, tmp_path / "s", LABELS)
     assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
     assert events_of(Session.open(tmp_path / "s"))[0].details["leds_confirmed_off"] is False
+
+
+def test_leds_that_cannot_be_turned_off_after_a_shot_are_reported(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    def stop(line: FrameLine) -> None:
+        bench.off_fails = True
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        record(rig, PLAN, tmp_path / "s", LABELS, hooks=RecordingHooks(on_frame=stop))
+    assert caught.value.__notes__ == ["LEDs not confirmed off: fake: OFF is not answered"]
+    assert Session.open(tmp_path / "s").events[-1].details["leds_confirmed_off"] is False
+
+
+def test_code_is_compiled_before_an_led_is_on(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, logs = _carry_out.measure_quality, []
+
+    def compiled(*words: Any, **more: Any) -> Any:
+        logs.append([*bench.log])
+        return real(*words, **more)
+
+    monkeypatch.setattr(_carry_out, "measure_quality", compiled)
+    record(rig, PLAN, tmp_path / "s", LABELS)
+    assert ["on" in log for log in logs] == [False]
+
+
+def test_the_writers_end_with_the_recording(rig: RealRig, tmp_path: Path) -> None:
+    before = set(threading.enumerate())
+    record(rig, PLAN, tmp_path / "s", LABELS)
+    for thread in set(threading.enumerate()) - before:
+        thread.join(10)
+        assert not thread.is_alive()
 
 
 @pytest.mark.parametrize(
@@ -583,9 +621,65 @@ def test_ctrl_c_twice_does_not_wait_for_a_stuck_disk(
                 threading.Timer(wait_s, os.kill, (os.getpid(), signal.SIGINT)).start()
 
     bench.on_trigger = press_soon
-    with pytest.raises(KeyboardInterrupt):
-        record(rig, PLAN, tmp_path / "s", LABELS)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        record(rig, PLAN, tmp_path / "s", LABELS, stall_s=5.0)
     assert bench.led is None
+    # The writers get a second, which is less than the time after which a disk counts as stuck.
+    assert not hasattr(caught.value, "__notes__")
+    gate.open.set()
+
+
+def test_a_stuck_disk_is_noted_after_another_error(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = _Gate(monkeypatch)
+
+    def fail(number: int) -> None:
+        if number == 3:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError, match="unplugged") as caught:
+        record(rig, PLAN, tmp_path / "s", LABELS, stall_s=0.2)
+    (note,) = caught.value.__notes__
+    assert "no write has finished for 0.2 s, 2 writes are waiting" in note
+    # Nothing is written while a writer runs.
+    assert Session.open(tmp_path / "s").events == ()
+    gate.open.set()
+
+
+def test_a_slow_disk_may_finish_after_an_error(
+    rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = _session_writer.store_frame
+
+    def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+        time.sleep(0.1)
+        return real(path, pixels)
+
+    def fail(number: int) -> None:
+        if number == 5:
+            raise CameraError("the camera was unplugged")
+
+    monkeypatch.setattr(_session_writer, "store_frame", slow)
+    monkeypatch.setattr(_carry_out, "_PATIENCE_S", 0.0)
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, PLAN, tmp_path / "s", LABELS)
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == 4
+    assert [line.event for line in events_of(session)] == ["failed"]
+
+
+def test_a_disk_counts_as_stuck_after_half_a_minute(
+    rig: RealRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = SimpleNamespace(monotonic=lambda: 20 * time.monotonic())
+    monkeypatch.setattr(_write_queue, "time", clock)
+    gate = _Gate(monkeypatch)
+    # It is checked twice a second, every 10 s of this clock.
+    with pytest.raises(StorageError, match=r"no write has finished for [345]\d\.\d s"):
+        record(rig, PLAN, tmp_path / "s", LABELS)
     gate.open.set()
 
 

@@ -7,11 +7,20 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
-from acquisition._session.journal import GENESIS, encode_line, parse_journal
+from acquisition._session.journal import (
+    GENESIS,
+    EventLine,
+    FrameLine,
+    StartLine,
+    encode_line,
+    parse_journal,
+)
 
 TIME = "2026-03-04T05:06:07.000000+00:00"
 START = {"kind": "session", "seq": 0, "time_utc": TIME, "session_toml_sha256": "a" * 64}
+PERCENTILES = {"0": 1, "1": 1, "50": 4, "99": 8, "99.9": 9, "100": 9}
 FRAME = {
     "kind": "frame",
     "seq": 1,
@@ -31,7 +40,7 @@ FRAME = {
     "temperature_c": None,
     "echo": {"seq": 3, "led": 7},
     "clipped_fraction": 0.0,
-    "percentiles_dn": {"0": 1, "1": 1, "50": 4, "99": 8, "99.9": 9, "100": 9},
+    "percentiles_dn": PERCENTILES,
     "sharpness": 0.5,
     "status": "ok",
     "origin": None,
@@ -144,14 +153,127 @@ def test_a_torn_line_followed_by_another_is_damage() -> None:
         pytest.param({**FRAME, "file": "frames/a/b.tif"}, "file", id="deeper"),
         pytest.param({**FRAME, "file": "frames/x.tif\n"}, "file", id="newline"),
         pytest.param({k: v for k, v in FRAME.items() if k != "status"}, "status", id="missing"),
+        pytest.param({**FRAME, "time_utc": "2026-03-04"}, "in ISO 8601 format", id="only-a-day"),
+        pytest.param(
+            {**FRAME, "time_utc": "2026-13-04T05:06:07Z"}, "is not a date and time: ", id="month-13"
+        ),
+        pytest.param({**FRAME, "led": None}, "a light frame needs an LED", id="light-without-led"),
+        pytest.param(
+            {**FRAME, "role": "dark"}, "a dark frame has no LED, not 7", id="dark-with-led"
+        ),
+        pytest.param(
+            {**FRAME, "role": "ambient", "led": None, "above_dark": 0.1},
+            "ambient frame has no above_dark",
+            id="ambient-above-dark",
+        ),
+        pytest.param(
+            {**FRAME, "percentiles_dn": {"0": 1, "100": 9}},
+            "must have exactly the keys 0, 1, 50, 99, 99.9, 100",
+            id="few-percentiles",
+        ),
+        pytest.param(
+            {**FRAME, "percentiles_dn": {**PERCENTILES, "50": 9}},
+            "must not decrease from 0 to 100 per cent",
+            id="percentiles-that-decrease",
+        ),
     ],
 )
-def test_a_line_with_a_valid_hash_must_be_valid_itself(record: dict[str, Any], said: str) -> None:
-    found = parse_journal(chain(START, record))
+@pytest.mark.parametrize("ends", [True, False], ids=["", "no newline"])
+def test_a_line_with_a_valid_hash_must_be_valid_itself(
+    record: dict[str, Any], said: str, ends: bool
+) -> None:
+    data = chain(START, record)
+    found = parse_journal(data if ends else data[:-1])
     assert found.damage is not None
     assert found.damage.startswith("line 2 is not understood")
     assert said in found.damage
     assert "\n" not in found.damage
+    assert len(found.lines) == 1
+
+
+# For each key the least and the greatest value, and values beyond them.
+LIMITS: dict[str, tuple[tuple[Any, ...], tuple[Any, ...]]] = {
+    "led": ((0, 2**31 - 1), (2**31, 7.0, "7", True)),
+    "exposure_us": ((0.25, 1e12, None), (0.0, 1.5e12)),
+    "bytes": ((1, 2**63 - 1), (0, 2**63)),
+    "frame_id": ((-(2**63), -1, 2**64 - 1, None), (-(2**63) - 1, 2**64)),
+    "clipped_fraction": ((0.0, 1.0), (-0.5, 1.5)),
+    "sharpness": ((0.0,), (-0.5,)),
+    # Percentiles 0 and 100 are 1 and 9.
+    "mean_dn": ((1 - 1e-4, 1.0, 9.0, 9 + 1e-4, None), (1 - 1.5e-4, 9 + 1.5e-4, 100.0)),
+    "above_dark": ((-0.5, 0.5, None), ("0.5",)),
+    "percentiles_dn": (
+        ({**PERCENTILES, "0": 0}, {**PERCENTILES, "100": 65_535}),
+        ({**PERCENTILES, "0": -1}, {**PERCENTILES, "100": 65_536}),
+    ),
+    "echo": (
+        ({"seq": 3, "led": 7, "lit_us": 0}, {"seq": 3, "led": None, "lit_us": 2**63 - 1}),
+        ({"seq": 3, "led": 7, "lit_us": -1}, {"seq": 3, "led": 7, "lit_us": 2**63}),
+    ),
+}
+
+
+@pytest.mark.parametrize("key", LIMITS)
+def test_the_limits_of_values(key: str) -> None:
+    for ours, number in zip(LIMITS[key], (2, 1), strict=True):
+        for value in ours:
+            found = parse_journal(chain(START, {**FRAME, key: value}))
+            assert (len(found.lines), found.damage is None) == (number, number == 2), value
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        pytest.param('{"seq":1,"seq":1', "a key appears twice", id="a key twice"),
+        pytest.param('{"seq":NaN', "NaN is not JSON", id="NaN"),
+        pytest.param('[{"seq":1', "it is not a JSON object", id="not closed"),
+        pytest.param(json.dumps(FRAME)[:-1].replace("0.5", "1e999"), "finite", id="infinite"),
+    ],
+)
+def test_a_line_with_a_valid_hash_must_be_json(text: str, said: str) -> None:
+    first = chain(START)
+    own = hashlib.sha256((json.loads(first)["line_sha256"] + text).encode()).hexdigest()
+    found = parse_journal(first + f'{text},"line_sha256":"{own}"}}\n'.encode())
+    assert found.damage is not None
+    assert found.damage.startswith("line 2 is not understood: ")
+    assert said in found.damage
+
+
+def test_a_journal_starts_with_the_line_of_the_session() -> None:
+    found = parse_journal(chain(event(0)))
+    assert found.damage is not None
+    assert "line 1 is not understood: the first line, and no other, must be of" in found.damage
+
+
+def test_values_that_are_not_json_are_not_written() -> None:
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        encode_line(event(1, value=float("nan")), GENESIS)
+
+
+def test_lines_have_their_identity_and_cannot_be_changed() -> None:
+    start, frame, note, _ = parse_journal(GOOD).lines
+    assert isinstance(start, StartLine)
+    assert isinstance(frame, FrameLine)
+    assert frame.key == ("light", 7, 0, 0)
+    assert repr(frame) == "FrameLine(1, frames/L07_E0.tif, ok)"
+    assert repr(note) == "EventLine(2, note)"
+    with pytest.raises(ValidationError, match="frozen"):
+        frame.status = "rejected"
+
+
+@pytest.mark.parametrize(
+    ("name", "details", "leds"),
+    [
+        pytest.param("left_out", {"leds": [3, 1, 3]}, {1, 3}, id="left out"),
+        pytest.param("left_out", {"leds": [True, "2", 2.0, 4]}, {4}, id="not all whole numbers"),
+        pytest.param("left_out", {"leds": 3}, set(), id="not a list"),
+        pytest.param("left_out", {}, set(), id="none named"),
+        pytest.param("retake", {"leds": [3]}, set(), id="another event"),
+    ],
+)
+def test_leds_that_are_left_out(name: str, details: dict[str, Any], leds: set[int]) -> None:
+    line = EventLine(seq=1, time_utc=TIME, event=name, details=details)
+    assert line.left_out == leds
 
 
 @settings(deadline=None, max_examples=100)

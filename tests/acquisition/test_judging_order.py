@@ -14,7 +14,6 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._engine import engine as _engine
-from acquisition._engine.agenda import Agenda
 from acquisition._engine.engine import record, resume
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import writer as _session_writer
@@ -176,26 +175,3 @@ def test_frames_that_another_process_added_are_references_too(
     with pytest.raises(RigError, match="LED 0 gave no light"):
         resume(rig, tmp_path / "s")
     assert not Session.open(tmp_path / "s").complete
-
-
-def test_a_rejected_shot_is_added_before_those_judged_by_it_otherwise_last() -> None:
-    plan = CapturePlan(leds=(0, 1), exposures_us=(200.0, 50.0), flats=1)
-    shots = plan.shots()
-    by_name = {shot.file: shot for shot in shots}
-
-    def order_with(again: str, behind: int) -> list[str]:
-        agenda = Agenda(shots[behind:])
-        agenda.again(by_name[again])
-        return [shot.file for shot in agenda.take(lambda shot: True)]
-
-    assert [shot.file for shot in shots] == [
-        *("D_200us.tif", "D_50us.tif"),
-        *("L00_E0.tif", "L01_E0.tif", "L00_E1.tif", "L01_E1.tif"),
-        *("F_E0.tif", "F_E1.tif"),
-    ]
-    assert order_with("D_200us.tif", 2)[0] == "D_200us.tif"
-    assert order_with("D_50us.tif", 2)[1:4] == ["L01_E0.tif", "D_50us.tif", "L00_E1.tif"]
-    assert order_with("L00_E0.tif", 3)[:3] == ["L01_E0.tif", "L00_E0.tif", "L00_E1.tif"]
-    assert order_with("L00_E1.tif", 5)[:3] == ["L01_E1.tif", "L00_E1.tif", "F_E0.tif"]
-    assert order_with("F_E0.tif", 7) == ["F_E0.tif", "F_E1.tif"]
-    assert order_with("F_E1.tif", 8) == ["F_E1.tif"]

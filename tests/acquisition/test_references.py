@@ -6,7 +6,8 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +79,50 @@ def test_the_longest_exposure_is_the_reference_of_an_led() -> None:
     assert references.light(shot("light", 1)) == light
     assert references.light(shot("light", 2)) is None
     assert references.light(shot("flat", 1)) is None
+
+
+def test_what_cannot_be_compared_is_not_judged() -> None:
+    references = References(CAMERA)
+    unknown = PlannedShot("light", 1, 0, 0, None)
+    assert references.note(shot("light", 1), figures(64))
+    assert references.note(unknown, figures(64))
+    assert references.light(shot("light", 1)) is None
+    assert references.note(shot("dark"), figures(64))
+    assert references.note(unknown, figures(64))
+    assert references.dark(unknown) is None
+    assert references.light(shot("dark")) is None
+
+
+def test_an_led_without_light_is_known_when_it_gives_light() -> None:
+    references = References(CAMERA)
+    assert references.range_dn == 4095 - 64
+    references.note(shot("dark"), figures(64))
+    assert not references.note(shot("light", 1), figures(64))
+    assert references.light(shot("light", 1)) is None
+    assert references.note(shot("light", 1), figures(164))
+    light = references.light(shot("light", 1))
+    assert light is not None
+    assert light.rise_dn["50"] == 100
+
+
+def test_the_references_of_a_session() -> None:
+    """Lines are those of the plan, whose exposures count; unlit frames may be later ones."""
+    plan = CapturePlan(leds=(1,), exposures_us=(500.0,))
+    dark, lit = figures(64), figures(164)
+    rows = [("light", 1, 0, lit), ("dark", None, 0, dark), ("dark", None, 5, lit)]
+    frames = [
+        SimpleNamespace(
+            line=SimpleNamespace(key=(role, led, bracket, 0), exposure_us=7.0, **vars(quality))
+        )
+        for role, led, bracket, quality in rows
+    ]
+    for planned, count in ((plan, 1), (None, 0)):
+        manifest = SimpleNamespace(camera=CAMERA, plan=planned)
+        session = cast(Session, SimpleNamespace(manifest=manifest, frames=frames))
+        references = References.of(session)
+        assert references.dark(shot("light", 1)) == (dark if count else None)
+        assert (references.light(shot("light", 1)) is not None) == bool(count)
+        assert references.range_dn == 4095 - 64
 
 
 def cap(bench: Bench, number: int) -> None:

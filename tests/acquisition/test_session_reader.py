@@ -371,3 +371,18 @@ def test_counts(folder: Path) -> None:
     found = verify_session(folder)
     assert (found.ok, found.complete, found.frames, found.events) == (True, True, 3, 0)
     assert found.bytes == sum(path.stat().st_size for path in (folder / "frames").iterdir())
+
+
+def test_a_verification_in_words(folder: Path) -> None:
+    assert repr(verify_session(folder)) == f"Verification({folder}, complete, 3 frames, 0 problems)"
+    forge(folder, records(folder)[:-1], complete=False)
+    (folder / "frames/L00_E0.tif").unlink()
+    said = f"Verification({folder}, incomplete, 1 missing, 2 frames, 1 problem)"
+    assert repr(verify_session(folder)) == said
+
+
+def test_without_its_manifest_nothing_of_a_session_is_known(folder: Path) -> None:
+    (folder / "session.toml").unlink()
+    found = verify_session(folder)
+    assert (found.ok, found.complete) == (False, False)
+    assert (found.frames, found.events, found.bytes, found.missing) == (0, 0, 0, ())

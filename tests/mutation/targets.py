@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 _SPHERES = "calibration/_spheres"
-_SHOOTING = ("rig/test_shooting_values.py", "rig/test_rig_sequence.py", "rig/test_rig_shoot.py")
+_VALUES, _BY_CLOCK = "rig/test_shooting_values.py", "rig/test_shots_by_clock.py"
+_LINES = "acquisition/test_session_lines.py"
 _SESSION = (
-    "acquisition/test_journal.py",
     "acquisition/test_session_golden.py",
     "acquisition/test_session_reader.py",
+    _LINES,
     "acquisition/test_session_writer.py",
     "acquisition/test_session_faults.py",
     "acquisition/test_resume.py",
@@ -26,25 +27,32 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "acquisition/test_short_brackets.py",
     ),
     "acquisition/_engine/rejection.py": ("acquisition/test_rejection.py",),
-    "acquisition/_engine/agenda.py": ("acquisition/test_judging_order.py",),
+    "acquisition/_engine/agenda.py": (
+        "acquisition/test_agenda.py",
+        "acquisition/test_judging_order.py",
+    ),
     "acquisition/_engine/carry_out.py": (
         "acquisition/test_engine.py",
         "acquisition/test_engine_disk.py",
+        "acquisition/test_set_aside.py",
     ),
-    "acquisition/_session/journal.py": _SESSION,
-    "acquisition/_session/recorded.py": _SESSION,
-    "acquisition/_session/open_shots.py": _SESSION,
+    "acquisition/_session/journal.py": ("acquisition/test_journal.py", _LINES),
+    "acquisition/_session/recorded.py": ("acquisition/test_recorded.py", *_SESSION),
+    "acquisition/_session/open_shots.py": (
+        "acquisition/test_recorded.py",
+        "acquisition/test_resume.py",
+    ),
     "acquisition/_session/verify.py": _SESSION,
-    "rig/_shooting/alive.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/dark.py": ("rig/test_rig_signals.py",),
-    "rig/_shooting/shot_times.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/flash_chain.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/frame_time.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/sequence.py": _SHOOTING,
-    "rig/_shooting/shooting.py": ("rig/test_shooting_values.py", "rig/test_rig_shoot.py"),
-    "rig/_shooting/shot.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/spacing.py": ("rig/test_shooting_values.py",),
-    "rig/_shooting/wires.py": ("rig/test_shooting_values.py",),
+    "rig/_shooting/alive.py": (_VALUES,),
+    "rig/_shooting/dark.py": ("rig/test_dark.py", "rig/test_rig_signals.py"),
+    "rig/_shooting/shot_times.py": (_VALUES,),
+    "rig/_shooting/flash_chain.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/_shooting/frame_time.py": (_BY_CLOCK,),
+    "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
+    "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/_shooting/shot.py": (_VALUES,),
+    "rig/_shooting/spacing.py": (_VALUES,),
+    "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),
     "calibration/_radiance/linear_stack.py": (
@@ -93,6 +101,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "simulator/test_surface_shapes.py",
     ),
     "simulator/_render/shade.py": (
+        "simulator/test_shade.py",
         "simulator/test_render_closed_forms.py",
         "simulator/test_render_light_and_colour.py",
         "simulator/test_shadow_edges.py",

@@ -3,13 +3,11 @@
 import signal
 import subprocess
 import sys
-import threading
 import time
 
 import pytest
 
 from rig import Board
-from rig._shooting.dark import watch
 
 # Opens rigs on these ports, with a camera that never delivers, and reports when the LED is on.
 HOST = """
@@ -161,71 +159,3 @@ def test_a_program_that_does_not_close_turns_the_led_off(own_bench):
     assert end(host)[0] == 0
     assert went_dark(own_bench)
     assert trips(own_bench) == 0
-
-
-@pytest.fixture
-def handlers():
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.getsignal(number) for number in numbers]
-    yield lambda: [signal.getsignal(number) for number in numbers]
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
-
-
-def test_handlers_are_restored_with_the_last_watch(handlers):
-    before = handlers()
-    first, second = watch(lambda: None), watch(lambda: None)
-    assert handlers()[1] is not before[1]
-    first()
-    first()
-    assert handlers()[1] is not before[1]
-    second()
-    assert handlers() == before
-
-
-def test_a_handler_that_was_installed_later_is_kept(handlers):
-    def other(number, frame):
-        raise AssertionError
-
-    release = watch(lambda: None)
-    signal.signal(signal.SIGTERM, other)
-    release()
-    assert handlers()[1] is other
-
-
-def test_ctrl_c_turns_the_led_off_and_raises_keyboard_interrupt(handlers):
-    put_out = []
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    release = watch(lambda: put_out.append(True))
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
-    assert put_out == [True]
-    release()
-    with pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGINT)
-    assert put_out == [True]
-
-
-def test_sigterm_is_a_system_exit_unless_it_was_handled(handlers):
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    release = watch(lambda: None)
-    with pytest.raises(SystemExit) as ended:
-        signal.raise_signal(signal.SIGTERM)
-    assert ended.value.code == 143
-    release()
-    seen = []
-    signal.signal(signal.SIGTERM, lambda number, frame: seen.append(number))
-    release = watch(lambda: seen.append("dark"))
-    signal.raise_signal(signal.SIGTERM)
-    assert seen == ["dark", signal.SIGTERM]
-    release()
-
-
-def test_other_threads_watch_without_handlers(handlers):
-    before = handlers()
-    releases = []
-    thread = threading.Thread(target=lambda: releases.append(watch(lambda: None)))
-    thread.start()
-    thread.join()
-    assert handlers() == before
-    releases[0]()

@@ -165,6 +165,37 @@ def test_a_known_rate_narrows_the_tolerance() -> None:
     chain.check(frame(50_000 + open_us + 2), 7, 50_000, EXPOSURE)
 
 
+@pytest.mark.parametrize(("off_us", "proven"), [(334, True), (336, False), (-336, False)])
+def test_the_tolerance_after_a_second_of_flashes(off_us: float, proven: bool) -> None:
+    """300 us, 600 us in the second for which the rate is known, and 0.01 % of drift."""
+    chain = FlashChain("cam")
+    chain.begin(frame(0))
+    for k in range(1, 21):
+        chain.check(frame(k * 50_000), 7, 50_000, EXPOSURE)
+    if proven:
+        chain.check(frame(1_050_000 + off_us), 7, 50_000, EXPOSURE)
+        return
+    with pytest.raises(CameraError, match="something else triggered"):
+        chain.check(frame(1_050_000 + off_us), 7, 50_000, EXPOSURE)
+
+
+def test_a_rate_that_is_not_known_well_does_not_count() -> None:
+    """The first flash is 800 us late and the second 800 us early: both are within 1 %."""
+    chain = FlashChain("cam")
+    chain.begin(frame(0))
+    chain.check(frame(50_800), 7, 50_000, EXPOSURE)
+    chain.check(frame(100_000), 7, 50_000, EXPOSURE)
+
+
+def test_a_chain_reaches_exactly_as_far_as_the_margin(clock: Clock) -> None:
+    """The margin is 300 us and 1 % of 105 ms: a pause of 62.5 ms and a period of 42.5 ms."""
+    times = replace(EXPOSURE, period_us=42_500.0)
+    chain = FlashChain("cam")
+    chain.begin(frame(0))
+    clock.now_s += 0.0625
+    assert chain.reaches(times)
+
+
 def test_a_chain_reaches_as_far_as_the_margin(clock: Clock) -> None:
     """The uncertainty reaches the margin of 1400 us after 110 ms, including one future period."""
     chain = FlashChain("cam")

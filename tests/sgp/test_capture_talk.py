@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from sgp._capture.resume_command import ResumeCommand
 from sgp._capture.talk import CaptureTalk
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
@@ -42,7 +43,7 @@ def unfinished(folder: Path, lines: int | None = None) -> Path:
 )  # fmt: skip
 def test_the_state_of_an_unfinished_session(tmp_path, capsys, lines, damaged, said):
     folder = unfinished(tmp_path / "s", lines)
-    talk = CaptureTalk(folder)
+    talk = CaptureTalk(ResumeCommand(folder))
     if damaged:
         talk.on_damage("D_100us.tif")
     talk.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
