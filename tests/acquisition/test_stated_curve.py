@@ -20,6 +20,7 @@ from PIL import Image, ImageCms
 from acquisition import LINEAR, SRGB, TransferCurve, write_exr, write_png, write_tiff
 from acquisition._pixels.icc_curve import icc_curve
 from acquisition._pixels.images import image_form
+from acquisition._source.transfer_notice import transfer_notices
 from rig import UnreadableError
 
 RGB = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
@@ -80,6 +81,9 @@ def para(function: int, *numbers: float) -> bytes:
 
 SRGB_PARA = para(3, 2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
 SRGB_TABLE = curv(*np.rint(65535 * SRGB.light(np.linspace(0, 1, 1024))).astype(int).tolist())
+# 0.6 x^2.2 + 0.4 x, a little above black at the start, as scanners write it.
+_MIXED = 0.6 * np.linspace(0, 1, 1024) ** 2.2 + 0.4 * np.linspace(0, 1, 1024)
+MIXED_TABLE = curv(33, *np.rint(65535 * _MIXED[1:]).astype(int).tolist())
 REAL = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
@@ -234,6 +238,29 @@ def test_metadata_of_every_kind(tmp_path: Path, case: str) -> None:
     assert found.curve.light(0.5) == pytest.approx(float(curve.light(0.5)), abs=1e-4)
     assert found.origin.startswith(origin)
     assert found.stated == (not origin[0].isdigit())
+
+
+def test_a_table_that_starts_just_above_black_is_a_table() -> None:
+    found = icc_curve(profile(MIXED_TABLE))
+    assert found.kind == "table"
+    assert found.light(0.5) == pytest.approx(0.6 * 0.5**2.2 + 0.2, abs=1e-3)
+    assert found.light(0.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("origin", "white", "reported"),
+    [
+        ("16-bit TIFF without colour metadata", 65535, False),
+        (
+            "16-bit TIFF, whose ICC profile has different curves for red, green and blue",
+            65535,
+            True,
+        ),
+        ("8-bit PNG without colour metadata", 255, True),
+    ],
+)
+def test_a_profile_that_cannot_be_used_is_reported(origin, white, reported) -> None:
+    assert bool(transfer_notices(LINEAR, origin, white, "a.tif")) == reported
 
 
 def test_our_own_files_state_no_display_curve(tmp_path: Path) -> None:

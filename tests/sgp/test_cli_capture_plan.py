@@ -114,7 +114,7 @@ def test_options_of_a_plan_that_contradict(sgp, plan, words, message):
 
 
 def test_a_listed_led_that_the_board_lacks(sgp):
-    assert "--leds: the plan's LED 36" in sgp("capture", "plan", "--leds", "0-40").error_line(4)
+    assert "--leds: the plan's LED 36" in sgp("capture", "plan", "--leds", "0-40").error_line(2)
 
 
 def test_exposures_are_shown_by_groups_of_leds(sgp, plan):

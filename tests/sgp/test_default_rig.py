@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -23,6 +24,9 @@ scene = "plane"
 width = 64
 height = 52
 """
+
+
+GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 
 
 @pytest.fixture
@@ -158,6 +162,32 @@ def test_a_faulty_configuration_gets_one_line(sgp, config, text, message):
     line = sgp("rig", "off").error_line(2)
     assert message in line
     assert str(path) in line or "NUL" in message
+
+
+def test_a_faulty_configuration_does_not_hide_damage(sgp, config, tmp_path):
+    config("rigg = 3")
+    shutil.copytree(GOLDEN, tmp_path / "s")
+    frame = next((tmp_path / "s" / "frames").glob("*.tif"))
+    frame.write_bytes(frame.read_bytes()[:-1] + b"x")
+    answer = sgp("capture", "verify", tmp_path / "s")
+    assert answer.code == 4
+    assert frame.name in answer.out + answer.err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        pytest.param(["capture", "plan", "--leds", "70000-70001"], "no LED 70001", id="LED"),
+        pytest.param(
+            ["capture", "plan", "--leds", "0-5", "--led-count", "3"], "--leds: ", id="count"
+        ),
+        pytest.param(
+            ["rig", "snap", "--rig", "simulated", "--out", "."], "give --out a file name", id="snap"
+        ),
+    ],
+)
+def test_wrong_usage_gets_one_line(sgp, words, message):
+    assert message in sgp(*words).error_line(2)
 
 
 def test_a_folder_in_place_of_the_file(sgp, tmp_path, monkeypatch):

@@ -126,8 +126,9 @@ FOUND = (
 
 
 def test_several_findings_are_a_list(capsys):
-    with pytest.raises(RigError, match="failed: see the 3 findings above"):
+    with pytest.raises(RigError, match="failed: see the 3 findings above") as failed:
         accept(Preflight(FOUND), Preparation())
+    assert failed.value.findings[2] == "LEDs: LED 4: clean it"
     assert capsys.readouterr().err.splitlines() == [
         "- disk: 1 MB free, 3 MB required: free space",
         "- LEDs: LED 2 gives no light: check it",
