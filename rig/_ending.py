@@ -27,30 +27,52 @@ _FINALIZER = "__del__"
 # An import may run an entire program, so the wait is limited; a compiler always ends.
 _BRIEF_PATIENCE_S = 10.0
 _AGAIN_EVERY_S = 0.1
+# So many intervals after a signal that no handler has seen, another one is sent.
+_LOST_AFTER = 20
 
 
 class _Waiting:
-    """A signal whose exception is delayed, and the thread that sends the signal again."""
+    """A signal whose exception is delayed, and the thread that sends the signal again.
+
+    Only one signal of the thread is on its way at a time, and none after `end`: a late one would
+    look like a second signal from outside, or would end the program in its cleanup.
+    """
 
     def __init__(self, number: int) -> None:
         self.number = number
         self.since_s = time.monotonic()
         self.sent_again = False
-        self.over = False
+        self._over = False
+        # The handler may interrupt itself while it holds the lock.
+        self._lock = threading.RLock()
         # A daemon thread: the end of the program does not wait for it.
         threading.Thread(target=self._send_again, daemon=True).start()
 
+    def end(self) -> None:
+        """Stop sending."""
+        with self._lock:
+            self._over = True
+
     def _send_again(self) -> None:
-        time.sleep(_AGAIN_EVERY_S)
-        while not self.over:
-            self.sent_again = True
-            if hasattr(signal, "pthread_kill"):
-                ident = threading.main_thread().ident
-                if ident is not None:
-                    signal.pthread_kill(ident, self.number)
-            else:  # Windows
-                signal.raise_signal(self.number)
+        late = 0
+        while True:
             time.sleep(_AGAIN_EVERY_S)
+            late = late + 1 if self.sent_again else 0
+            if late % _LOST_AFTER:
+                continue
+            with self._lock:
+                if self._over:
+                    return
+                self.sent_again = True
+                self._send()
+
+    def _send(self) -> None:
+        if hasattr(signal, "pthread_kill"):
+            ident = threading.main_thread().ident
+            if ident is not None:
+                signal.pthread_kill(ident, self.number)
+        else:  # Windows
+            signal.raise_signal(self.number)
 
 
 _waiting: _Waiting | None = None
@@ -79,7 +101,7 @@ def end_program(number: int, frame: FrameType | None) -> None:
         _waiting = waiting or _Waiting(number)
         return
     if waiting is not None:
-        waiting.over = True
+        waiting.end()
         _waiting = None
         number = waiting.number
     raise exception_of(number)
