@@ -5,8 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
-# Many tests wait for a board or a camera: four workers keep two cores busy.
-WORKERS ?= 4
+# Many tests wait for a board or a camera: three workers keep two cores busy.
+WORKERS ?= 3
 
 .PHONY: demo test slow lint install clean genicam-1.5
 
