@@ -72,6 +72,15 @@ _LONGEST = 40
 _CURVES = ("auto", "srgb", "linear")
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 
+
+def _rig(kind: object, tokens: Sequence[Token]) -> Path:
+    """Read the name of a rig or a path; ``./dome`` stays a path, which Path("./dome") forgets."""
+    text = tokens[0].value
+    path = Path(text)
+    return path.absolute() if str(path) == path.name != text else path
+
+
+RigOption = Annotated[Path | None, Parameter(converter=_rig)]
 _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]

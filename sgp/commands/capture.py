@@ -17,7 +17,7 @@ from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
 from sgp._exit import UsageError
-from sgp._options import Input, OptionalInput
+from sgp._options import Input, OptionalInput, RigOption
 from sgp._output import check_file, check_folder
 from sgp._result import Result
 from sgp._user_config import chosen_operator, chosen_rig, default_rig
@@ -29,7 +29,7 @@ _UNMETERED = MeterOptions()
 def run(
     out: Path,
     *,
-    rig: Path | None = None,
+    rig: RigOption = None,
     plan: OptionalInput = None,
     metering: MeterOptions = _UNMETERED,
     object_name: str = "",
@@ -126,7 +126,7 @@ def run(
 def resume(
     session: Input,
     *,
-    rig: Path | None = None,
+    rig: RigOption = None,
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,

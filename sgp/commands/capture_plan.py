@@ -14,7 +14,7 @@ import acquisition
 import rig as rigs
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Count, Leds, OptionalInput, Real, image_size, led_list
+from sgp._options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
 from sgp._result import Result
 from sgp._user_config import chosen_rig, default_rig
 
@@ -30,7 +30,7 @@ Milliseconds = Annotated[Real, Parameter(validator=Number(gte=0, lte=60_000))]
 def plan(
     plan: OptionalInput = None,
     *,
-    rig: Path | None = None,
+    rig: RigOption = None,
     leds: str | None = None,
     led_count: Leds | None = None,
     size: str | None = None,
@@ -113,7 +113,7 @@ def plan(
 
 
 def check(
-    out: Path, *, rig: Path | None = None, plan: OptionalInput = None, quick: bool = False
+    out: Path, *, rig: RigOption = None, plan: OptionalInput = None, quick: bool = False
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 

@@ -10,7 +10,7 @@ import acquisition
 import rig as rigs
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Microseconds, Positive, Whole
+from sgp._options import Microseconds, Positive, RigOption, Whole
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._user_config import chosen_rig
@@ -25,7 +25,7 @@ _HOT_C = 70.0
 _VIEW_GAMMA = 1 / 2.2
 
 
-def check(*, rig: Path | None = None) -> Result:
+def check(*, rig: RigOption = None) -> Result:
     """Open a rig, describe its board and camera, and report possible problems.
 
     For example:
@@ -79,7 +79,7 @@ def check(*, rig: Path | None = None) -> Result:
         )
 
 
-def light(led: Whole, *, rig: Path | None = None, seconds: Positive = 5.0) -> Result:
+def light(led: Whole, *, rig: RigOption = None, seconds: Positive = 5.0) -> Result:
     """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
@@ -125,7 +125,7 @@ def light(led: Whole, *, rig: Path | None = None, seconds: Positive = 5.0) -> Re
     return Result(metrics={"led": led, "seconds": seconds}, summary=[f"LED {led} is off"])
 
 
-def off(*, rig: Path | None = None) -> Result:
+def off(*, rig: RigOption = None) -> Result:
     """Turn all LEDs off. No camera is needed.
 
     For example:
@@ -149,7 +149,7 @@ def snap(
     out: Path,
     led: Whole | None = None,
     exposure_us: Microseconds = 20_000.0,
-    rig: Path | None = None,
+    rig: RigOption = None,
     force: bool = False,
 ) -> Result:
     """Take one frame with one LED on, or with all LEDs off.
@@ -203,7 +203,7 @@ def snap(
     )
 
 
-def selftest(*, rig: Path | None = None) -> Result:
+def selftest(*, rig: RigOption = None) -> Result:
     """Find dead, dim, swapped, doubled and stuck LEDs with the camera, and missing wires.
 
     Place a matte object under the camera that fills most of its view. Swapped LEDs can be found

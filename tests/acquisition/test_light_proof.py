@@ -24,7 +24,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from rig import CameraError, Rig, RigError, Shot
-from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.mutants import rows_of, seal
 
 LIGHT = PlannedShot("light", 3, 0, 0, 10.0)
@@ -61,18 +61,6 @@ def test_reports_are_compared_with_the_plan(
 ) -> None:
     found = wrong_light(shot, lit)
     assert found is None if said is None else said in (found or "")
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    rig = rig_on(bench)
-    yield rig
-    rig.close()
 
 
 def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -28,18 +28,6 @@ from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    rig = rig_on(bench)
-    yield rig
-    rig.close()
 
 
 def interrupted(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,18 +29,6 @@ from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, fl
 from tests.acquisition.mutants import rows_of, seal
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    rig = rig_on(bench)
-    yield rig
-    rig.close()
 
 
 def flipped(*names: str) -> Callable[[Path], None]:

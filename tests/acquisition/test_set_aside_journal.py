@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,22 +16,10 @@ from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from rig import Rig
-from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
 from tests.acquisition.mutants import rows_of, seal
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    rig = rig_on(bench)
-    yield rig
-    rig.close()
 
 
 def test_version_2_is_upgraded_by_an_event_and_only_if_needed(

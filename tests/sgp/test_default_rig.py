@@ -190,6 +190,13 @@ def test_wrong_usage_gets_one_line(sgp, words, message):
     assert message in sgp(*words).error_line(2)
 
 
+def test_a_path_with_a_dot_is_not_the_name_of_an_installed_rig(sgp, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    line = sgp("capture", "plan", "--rig", "./simulated").error_line(2)
+    assert str(tmp_path / "simulated") in line
+    assert sgp("capture", "plan", "--rig", "simulated").code == 0
+
+
 def test_a_folder_in_place_of_the_file(sgp, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     (tmp_path / "sgp" / "config.toml").mkdir(parents=True)
