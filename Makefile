@@ -8,6 +8,9 @@ PYTEST_ARGS ?=
 # Many tests wait for a board or a camera: three workers keep two cores busy.
 WORKERS ?= 3
 
+# The programs that tests start must not compile the modules again each time.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test slow lint install clean genicam-1.5
 
 demo: $(STAMP)

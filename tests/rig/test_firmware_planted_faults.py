@@ -233,4 +233,5 @@ def test_without_a_fault_the_same_checks_pass(tmp_path: Path) -> None:
         (builds.avr, AVR_LATE_US, PIN_FAULTS),
     ):
         with BoardUnderTest(build(tmp_path), late_us=late_us) as board:
-            assert run_checks(board, {fault.check for fault in faults.values()}) == []
+            checks = {fault.check for fault in faults.values()}
+            assert run_checks(board, checks, attempts=1 if late_us < 1000 else 3) == []

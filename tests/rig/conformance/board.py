@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import binascii
-import json
 import os
 import select
-import subprocess
 import time
-import tty
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
+
+from tests.rig.board_program import BoardProgram, Event
 
 # Limits for the start of a program, an answer and an edge on a computer with other load.
 START_S = 20.0
@@ -24,7 +21,6 @@ QUIET_S = 0.15
 # A pty accepts more at once than 115200 baud transfer.
 PIECE = 64
 PIECE_S = 0.006
-Event = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -40,7 +36,7 @@ class Identity:
     steps: int
 
 
-class BoardUnderTest:
+class BoardUnderTest(BoardProgram):
     """Starts a board program and communicates with it, without sharing code with it.
 
     Parameters
@@ -56,16 +52,12 @@ class BoardUnderTest:
 
     def __init__(self, command: list[str], *, late_us: int) -> None:
         self.late_us = late_us
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdout is not None
-        self._output = self._process.stdout.fileno()
-        self._half_line = b""
+        super().__init__(command)
         self._events: deque[Event] = deque()
         # All edges since the start.
         self.seen: list[Event] = []
         self.port = self._first_line()
-        self._fd = os.open(self.port, os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(self._fd)
+        self._open_port(self.port)
         self._seq = 0x1000
         self._rest = b""
         self.identity = self.greet()
@@ -238,36 +230,6 @@ class BoardUnderTest:
             f"{passed_us} us, but {declared_us} us were declared"
         )
 
-    def close(self) -> None:
-        """End the program."""
-        os.close(self._fd)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(10)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._process.stdout.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-    def order(self, text: str) -> None:
-        """Send the program an order without waiting for it."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(text.encode() + b"\n")
-        self._process.stdin.flush()
-
     def _first_line(self) -> str:
         ends_s = time.monotonic() + START_S
         while not self._events:
@@ -278,10 +240,7 @@ class BoardUnderTest:
         return port
 
     def _take_events(self) -> None:
-        data = os.read(self._output, 65536)
-        assert data, "the program has ended"
-        *lines, self._half_line = (self._half_line + data).split(b"\n")
-        events = [json.loads(line) for line in lines]
+        events = self._read_events()
         self._events.extend(events)
         self.seen.extend(events)
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import binascii
-import json
 import os
 import select
-import subprocess
 import time
-import tty
+from collections import deque
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Self
 
-Event = dict[str, Any]
+from tests.rig.board_program import BoardProgram, Event
+
 _PATIENCE_S = 8.0
 # Time that a byte takes on the serial line.
 BYTE_US = 94
@@ -41,22 +38,13 @@ class Step:
     due_us: tuple[tuple[int, int], ...] = ()
 
 
-class Program:
-    """Starts a stepped board program and communicates with it over its port.
-
-    Parameters
-    ----------
-    command
-        Command that starts the program (see ``rig/firmware/host/board.cpp``).
-    """
+class Program(BoardProgram):
+    """Communicates with a stepped board program (see ``rig/firmware/host/board.cpp``)."""
 
     def __init__(self, command: list[str]) -> None:
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        assert self._process.stdout is not None
-        self._output = self._process.stdout.fileno()
-        self._rest = b""
-        self._fd = os.open(self._event()["port"], os.O_RDWR | os.O_NOCTTY)
-        tty.setraw(self._fd)
+        super().__init__(command)
+        self._events: deque[Event] = deque()
+        self._open_port(self._event()["port"])
         self._half_reply = b""
 
     def step(self, data: bytes, until_us: int, *, burst: bool = False) -> Step:
@@ -78,45 +66,11 @@ class Program:
         due_us = tuple((last_us, next_us) for last_us, next_us in event.get("due", ()))
         return Step(tuple(lines), tuple(events), event.get("next"), due_us)
 
-    def order(self, text: str) -> None:
-        """Send an order: ``active 1``, ``active 0`` or ``reset``."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(text.encode() + b"\n")
-        self._process.stdin.flush()
-
-    def close(self) -> None:
-        """End the program."""
-        os.close(self._fd)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        try:
-            self._process.wait(10)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._process.stdout.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def _event(self) -> Event:
-        while b"\n" not in self._rest:
+        while not self._events:
             assert select.select([self._output], [], [], _PATIENCE_S)[0], "the program is stuck"
-            data = os.read(self._output, 65536)
-            assert data, "the program has ended"
-            self._rest += data
-        text, _, self._rest = self._rest.partition(b"\n")
-        event: Event = json.loads(text)
-        return event
+            self._events.extend(self._read_events())
+        return self._events.popleft()
 
 
 def whole(reply: bytes) -> bool:
