@@ -129,11 +129,12 @@ def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) 
 
 @numba.njit(cache=True)
 def _across(
-    image: Float, step: int, kernel: Float, top: int, bottom: int, left: int, right: int
+    image: Float, width: int, kernel: Float, top: int, bottom: int, left: int, right: int
 ) -> Float:
     """Smooth across the rows of a tile and the rows above and below that its columns require."""
     radius = kernel.size - 1
-    rows, width = image.shape[0], image.shape[1] // step
+    # Not a constant argument: numba would compile everything below once for each constant.
+    rows, step = image.shape[0], image.shape[1] // width
     out = np.zeros((bottom - top + 2 * radius, (right - left) * step), np.float32)
     padded = np.zeros((right - left + 2 * radius) * step, np.float32)
     first, last = max(left - radius, 0), min(right + radius, width)
@@ -143,7 +144,8 @@ def _across(
             for k in range(step):
                 padded[(c - left + radius) * step + k] = row[_mirrored(c, width) * step + k]
         inside = padded[(first - left + radius) * step : (last - left + radius) * step]
-        inside[:] = row[first * step : last * step]
+        # The assignment of a slice takes much longer to compile.
+        _scaled(row[first * step : last * step], np.float32(1), inside)
         for c in range(last, right + radius):
             for k in range(step):
                 padded[(c - left + radius) * step + k] = row[_mirrored(c, width) * step + k]
@@ -211,7 +213,7 @@ def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detai
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
-        smooth = _across(normals, 3, kernel, top, bottom, left, right)
+        smooth = _across(normals, mask.shape[1], kernel, top, bottom, left, right)
         mean = np.zeros((right - left) * 3, np.float32)
         for r in range(top, bottom):
             _down(smooth, r - top, kernel, mean)
@@ -228,7 +230,7 @@ def gains(mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
-        smooth = _across(weights, 1, kernel, top, bottom, left, right)
+        smooth = _across(weights, mask.shape[1], kernel, top, bottom, left, right)
         weight = np.zeros(right - left, np.float32)
         for r in range(top, bottom):
             _down(smooth, r - top, kernel, weight)
@@ -252,7 +254,7 @@ def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> No
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
-        smooth = _across(rest, 3, kernel, top, bottom, left, right)
+        smooth = _across(rest, mask.shape[1], kernel, top, bottom, left, right)
         mean = np.zeros((right - left) * 3, np.float32)
         for r in range(top, bottom):
             _down(smooth, r - top, kernel, mean)
