@@ -68,7 +68,8 @@ def test_positions_without_masks(scene):
     assert result.residuals_deg.max() < 0.2
 
 
-@pytest.mark.parametrize("seed", [11, pytest.param(13, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [11, 13])
 def test_faint_outlines_on_velvet_next_to_an_object(seed):
     """On velvet the mirrored horizon is much stronger than the outline: the known size decides.
 
@@ -84,7 +85,8 @@ def test_faint_outlines_on_velvet_next_to_an_object(seed):
     assert angle_deg(result.lights.unit_directions, truth.lights.unit_directions).mean() < 0.4
 
 
-@pytest.mark.parametrize("seed", [21, pytest.param(22, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [21, 22])
 def test_one_radius_for_three_sizes_selects_spheres_of_that_size(seed):
     """Round outlines of the right size around the smaller spheres are rejected and reported."""
     values, truth = capture(seed)

@@ -38,4 +38,5 @@ def board(request, tmp_path_factory) -> Iterator[BoardUnderTest]:
 
 @pytest.mark.parametrize("name", CHECKS)
 def test_board(board, name):
-    assert run_checks(board, [name], attempts=1 if board.late_us < 1000 else 3) == []
+    # A busy computer may keep a board program from running while a check waits for it.
+    assert run_checks(board, [name], attempts=3) == []

@@ -82,6 +82,7 @@ def writers(made: Path, disk: Path) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "reason", "remedy"),
     [
@@ -90,7 +91,6 @@ def writers(made: Path, disk: Path) -> list[str]:
             "read-only",
             "Read-only file system",
             "mount it writable or choose another folder",
-            marks=pytest.mark.slow,
         ),
     ],
 )
