@@ -171,8 +171,9 @@ def import_(
 
     Camera RAW files stay linear: black and white level and the colour filter pattern are recorded.
     Other images keep their samples, and their transfer curve is recorded.
-    With --watch, images are imported as a tethered camera delivers them; after a pause of two
-    intervals one image counts as missing. Ctrl-C stops; run the same command again to continue.
+    With --watch, each image is imported as soon as a tethered camera has delivered it. The number
+    in its name gives its LED, so pauses and restarts change nothing, and a missing number leaves an
+    LED empty. Ctrl-C stops; run the same command again to continue.
 
     For example:
 
@@ -211,9 +212,9 @@ def import_(
     plan
         With --watch: plan file; expect its shots, in order.
     interval_s
-        With --watch: seconds between shots; default: estimated from the first images.
+        With --watch: seconds between shots, so that longer pauses count as missing images.
     gaps
-        With --watch: --no-gaps matches images to shots by order only and ignores pauses.
+        With --watch: --no-gaps counts images in order of arrival and ignores their numbers.
     timeout_s
         With --watch: seconds to wait for the next image.
     gamma

@@ -199,7 +199,7 @@ def tethered(folder: Path, times: list[float]) -> Path:
 def test_watching_a_folder(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 8, 10, 12]), tmp_path / "out"
     words = ("capture", "import", folder, "--watch", "--led-count", 7, "--out", out)
-    answer = sgp(*words, "--timeout-s", 1.5, "--operator", "Ada", "--json")
+    answer = sgp(*words, "--timeout-s", 1.5, "--interval-s", 2, "--operator", "Ada", "--json")
     assert answer.code == 4, answer.err
     assert json.loads(answer.out)["metrics"]["missing"] == ["L03_E0.tif"]
     assert "1 image is missing between IMG_0002.png and IMG_0003.png" in answer.err
