@@ -77,6 +77,10 @@ from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
+from ._value_files.near_lights import LightAxes as LightAxes
+from ._value_files.near_lights import NearLights as NearLights
+from ._value_files.near_lights import is_near_lights as is_near_lights
+from ._value_files.near_lights import read_near_lights as read_near_lights
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel

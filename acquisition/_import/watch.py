@@ -16,6 +16,7 @@ from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
 from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.images import image_form
 from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
@@ -201,6 +202,8 @@ class _Watcher:
             self._mark(line, line.origin, indices[line.key])
         if session.frames:
             camera = session.manifest.camera
+            # Each image states all 16 bits; how many are in use was decided for the session.
+            full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
             self._first = ImportedImage(
                 path=session.frames[0].path,
                 pixels=session.frames[0].read(),
@@ -208,7 +211,7 @@ class _Watcher:
                 bit_depth=camera.bit_depth,
                 cfa=camera.cfa,
                 black_level_dn=camera.black_level_dn,
-                white_level_dn=camera.white_dn,
+                white_level_dn=65535.0 if full else camera.white_dn,
             )
         self._earlier = frozenset(self._recorded)
         text = f"continued with {pluralize(len(self._recorded), 'image')}"
@@ -313,9 +316,14 @@ class _Watcher:
             if image.bit_depth == 8:
                 text = "8 bits, probably not linear: record camera RAW"
                 self._say(Notice("image-8-bit", text, image.path.name))
+            camera = camera_of(image)
+            bits = None if image.cfa else high_bits_of(image.pixels)
+            if bits is not None:
+                self._say(high_bits_notice(bits, image.path.name))
+                camera["white_level_dn"] = white_level_of(bits)
             manifest = Manifest.begin(
                 self._out,
-                camera=camera_of(image),
+                camera=camera,
                 plan=self._watch.plan,
                 labels=self._labels,
                 calibrations=Calibrations(lights=self._lights),
