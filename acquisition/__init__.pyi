@@ -42,6 +42,7 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
+from ._preflight.rig import check_leds as check_leds
 from ._selftest.finding import Finding as Finding
 from ._selftest.selftest import SelfTest as SelfTest
 from ._selftest.selftest import selftest as selftest
