@@ -42,6 +42,7 @@ from ._preflight.check import Check as Check
 from ._preflight.preflight import Preflight as Preflight
 from ._preflight.preflight import preflight as preflight
 from ._preflight.preflight import preflight_resume as preflight_resume
+from ._preflight.rig import check_leds as check_leds
 from ._selftest.finding import Finding as Finding
 from ._selftest.selftest import SelfTest as SelfTest
 from ._selftest.selftest import selftest as selftest
@@ -77,6 +78,10 @@ from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
+from ._value_files.near_lights import LightAxes as LightAxes
+from ._value_files.near_lights import NearLights as NearLights
+from ._value_files.near_lights import is_near_lights as is_near_lights
+from ._value_files.near_lights import read_near_lights as read_near_lights
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel

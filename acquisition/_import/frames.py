@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
+from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights, led_id
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Progress, no_progress
@@ -45,6 +47,7 @@ def read_import(
     path: str | Path,
     *,
     lights: Lights | None = None,
+    camera: CameraModel | None = None,
     mask_path: Path | None = None,
     transfer: TransferCurve | None = None,
     max_pixels: int = MAX_PIXELS,
@@ -62,7 +65,12 @@ def read_import(
             "export the session as lp, diligent or alicevision to import it again"
         )
     return read_source(
-        path, lights=lights, mask_path=mask_path, transfer=transfer, max_pixels=max_pixels
+        path,
+        lights=lights,
+        camera=camera,
+        mask_path=mask_path,
+        transfer=transfer,
+        max_pixels=max_pixels,
     )
 
 
@@ -118,7 +126,8 @@ def import_frames(
     shots = _shots(source.frames, record)
     lights = source.lights
     if lights is not None:
-        lights = replace(lights, ids=tuple(led_id(shot.led or 0) for shot in shots))
+        leds = [shot.led or 0 for shot in shots if shot.role == "light"]
+        lights = replace(lights, ids=tuple(map(led_id, leds)))
     others: dict[str, Any] = {}
     if record is not None:
         labels = Labels(
@@ -237,15 +246,23 @@ def _shots(frames: Sequence[Frame], record: RecordingNotes | None) -> list[Plann
             PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
             for shot in listed
         ]
-    leds = list(range(len(frames)))
-    named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in frames]
+    lit = [frame for frame in frames if frame.role == "light"]
+    leds = list(range(len(lit)))
+    named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in lit]
     by_name = [int(match[1]) for match in named if match is not None]
-    if len(by_name) == len(frames) == len(set(by_name)):
+    if len(by_name) == len(lit) == len(set(by_name)):
         leds = by_name
-    return [
-        PlannedShot("light", led, 0, 0, frame.exposure_us)
-        for led, frame in zip(leds, frames, strict=True)
-    ]
+    shots = {
+        frame.path: PlannedShot("light", led, 0, 0, frame.exposure_us)
+        for led, frame in zip(leds, lit, strict=True)
+    }
+    repeats: Counter[str] = Counter()
+    for frame in frames:
+        if frame.role != "light":
+            repeat = repeats[frame.role]
+            repeats[frame.role] += 1
+            shots[frame.path] = PlannedShot(frame.role, None, 0, repeat, frame.exposure_us)
+    return [shots[frame.path] for frame in frames]
 
 
 def _read(frame: Frame, source: Source) -> ImportedImage:

@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_metadata, camera_of, write_imported
-from acquisition._import.image import ImportedImage
-from acquisition._import.watch_files import WatchedFolder
-from acquisition._import.watch_match import (
-    PACE_INTERVALS,
-    Arrival,
-    Match,
-    Pace,
-    ends_with_gap,
-    match_shots,
-    pace_of,
-)
+from acquisition._import.image import ImportedImage, ShotData
+from acquisition._import.watch_files import Recorded, WatchedFolder
+from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
+from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.images import image_form
 from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
+from acquisition._session.journal import FrameLine
 from acquisition._session.labels import Labels
 from acquisition._session.layout import is_session
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
+from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.transfer_notice import transfer_notices
@@ -73,10 +70,12 @@ def watch_folder(
 ) -> WatchResult:
     """Record images as they appear, until every shot has one or the timeout has passed.
 
-    An image is recorded when its file is complete: the file has not changed for a while, and it
-    decodes. A gap in time leaves a shot empty instead of shifting every later image to the wrong
-    light. Times are those that the camera wrote into the images, or else those of the files. An
-    image named after a shot (``L12.CR2``) is always recorded as that shot.
+    An image is recorded as soon as its file is complete: the file has not changed for a while, and
+    it decodes. The running number in its name gives its shot, counted from the nearest recorded
+    number of the same series; a missing number leaves a shot empty. Images without a running number
+    get the next shot in order of arrival. Pauses and restarts have no effect. If `Watch.interval_s`
+    is given, times show gaps too: those that the camera wrote into the images, or else those of the
+    files. An image named after a shot (``L12.CR2``) is always recorded as that shot.
 
     Parameters
     ----------
@@ -103,8 +102,8 @@ def watch_folder(
     MissingPathError
         If the folder does not exist.
     DataError
-        If an image remains damaged or differs in kind from the first, if an earlier watch was for
-        other shots, or if no image appeared at all.
+        If an image differs in kind from the first, if its number is below that of the first, if an
+        earlier watch was for other shots, or if no image appeared at all.
     StorageError
         If the session cannot be written.
     """
@@ -137,6 +136,9 @@ class _Watcher:
         self._said: dict[Notice, None] = {}
         self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
         self._recorded: dict[str, int] = {}
+        self._earlier: frozenset[str] = frozenset()
+        self._names: dict[str, str] = {}  # of files, by the hash of their pixels
+        self._copies: set[str] = set()
         self._first: ImportedImage | None = None
         self._writer: SessionWriter | None = None
         if is_session(out):
@@ -148,6 +150,7 @@ class _Watcher:
         while not self._complete:
             if self._files.scan():
                 changed_s = time.monotonic()
+            self._files.report_overwritten()
             late = time.monotonic() - changed_s >= self._watch.timeout_s
             recorded = self._record(self._match(decide=late))
             if late:
@@ -186,77 +189,109 @@ class _Watcher:
             self._writer.write_event(_WATCHED, shots=shot_files(self._watch.shots))
         indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
         # Read the session again: from here on no other watch can add to it.
-        for frame in Session.open(self._out).frames:
-            if frame.line.origin is None:
+        session = Session.open(self._out)
+        for frame in session.frames:
+            line = frame.line
+            if line.origin is None:
                 continue
-            if frame.line.key not in indices:
+            if line.key not in indices:
                 raise DataError(
                     f"{frame.path}: does not match any shot for which this session was started: "
                     "restore the session from a copy, or choose a new folder"
                 )
-            self._recorded[frame.line.origin] = indices[frame.line.key]
+            self._mark(line, line.origin, indices[line.key])
+        if session.frames:
+            camera = session.manifest.camera
+            # Each image states all 16 bits; how many are in use was decided for the session.
+            full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
+            self._first = ImportedImage(
+                path=session.frames[0].path,
+                pixels=session.frames[0].read(),
+                data=ShotData(),
+                bit_depth=camera.bit_depth,
+                cfa=camera.cfa,
+                black_level_dn=camera.black_level_dn,
+                white_level_dn=65535.0 if full else camera.white_dn,
+            )
+        self._earlier = frozenset(self._recorded)
         text = f"continued with {pluralize(len(self._recorded), 'image')}"
         self._say(Notice("watch-continued", text, str(self._out), "info"))
 
+    def _mark(self, line: FrameLine, name: str, index: int) -> None:
+        """Note that a file is recorded."""
+        time_s = datetime.fromisoformat(line.time_utc).timestamp()
+        self._recorded[name] = index
+        self._names[line.pixels_sha256] = name
+        self._files.mark(name, Recorded(time_s, line.pixels_sha256))
+
     def _match(self, *, decide: bool) -> Match:
-        """Match the files in the folder, in order, up to the first that is not complete yet."""
-        names, shots = self._files.names, self._watch.shots
-        gone = next((name for name in self._recorded if name not in names), None)
-        if gone is not None:
-            raise DataError(
-                f"{self._watch.folder / gone}: was recorded, but is no longer in the folder: put "
-                "it back, because lights are assigned by the order of the files"
-            )
+        """Match the complete files in the folder to shots."""
         series: list[Arrival] = []
         named: dict[str, int] = {}
-        waiting = False
-        for name in names:
+        waiting: list[str] = []
+        by_number = self._watch.gaps and self._watch.interval_s is None
+        for name in self._files.names:
+            if name in self._copies:
+                continue
             index = self._called.get(Path(name).stem.casefold())
-            arrival = self._files.arrival(name, self._recorded)
+            arrival = self._files.arrival(name)
             if arrival is None:
-                waiting = waiting or index is None
+                if index is None:
+                    waiting.append(name)
             elif index is not None:
                 named[name] = index
-            elif not waiting:
+            # An image that only its order assigns waits for the incomplete ones before it.
+            elif not waiting or (by_number and running_number(name)) or name in self._recorded:
                 series.append(arrival)
-        # Gaps cannot be seen until the pace is known, so the first images wait for each other.
-        if self._watch.gaps and self._watch.interval_s is None and not decide:
-            enough = min(PACE_INTERVALS + 1, len(shots) - len(named))
-            if len(series) < enough:
-                series = []
-        pace = pace_of(series, self._watch.interval_s) if self._watch.gaps else None
-        if self._watch.gaps and pace is None and len(series) > PACE_INTERVALS:
-            text = (
-                "the images have no steady pace: missing images are found by the numbers in the "
-                "file names"
+        interval_s = self._watch.interval_s
+        if interval_s is not None and not decide and series:
+            last = series[-1].name
+            new = (
+                last not in self._recorded
+                and series[-2:-1]
+                and series[-2].name not in self._earlier
             )
-            self._say(Notice("images-without-pace", text))
-        if pace is not None and not decide and self._may_be_late(series, pace):
-            series = series[:-1]
-        assigned = {**named, **self._recorded}
-        match = match_shots(series, len(shots), assigned, pace, gaps=self._watch.gaps)
-        return replace(match, shots={**named, **match.shots})
-
-    def _may_be_late(self, series: Sequence[Arrival], pace: Pace) -> bool:
-        """Return whether the last image follows a gap and must wait two paces for the next.
-
-        If the next image then arrives early, there is no gap: the image was only delayed.
-        """
-        if not ends_with_gap(series, pace) or series[-1].name in self._recorded:
-            return False
-        return self._files.age_s(series[-1].name) < 2 * pace.interval_s
+            # If the next image arrives early, there is no gap: this one was only delayed.
+            if new and follows_gap(series, interval_s) and self._files.age_s(last) < 2 * interval_s:
+                series = series[:-1]
+        series_recorded = {
+            name: index
+            for name, index in self._recorded.items()
+            if Path(name).stem.casefold() not in self._called
+        }
+        named |= {n: i for n, i in self._recorded.items() if n not in series_recorded}
+        match = match_shots(
+            series,
+            [Path(shot.file).stem for shot in self._watch.shots],
+            series_recorded,
+            Rule(self._watch.gaps, interval_s),
+            named=named,
+            waiting=waiting,
+            earlier=self._earlier,
+        )
+        match.shots = {n: i for n, i in named.items() if n not in self._recorded} | match.shots
+        return match
 
     def _record(self, match: Match) -> bool:
         """Record the matched images; return whether there were any."""
-        for gap in match.gaps:
-            self._say(Notice("images-missing", gap))
-        for name in match.unused:
-            self._say(Notice("image-without-shot", "no shot is left for this image", name))
-        new = [(name, index) for name, index in match.shots.items() if name not in self._recorded]
+        for notice in match.unused:
+            self._say(notice)
+        new = list(match.shots.items())
         for name, index in new:
             image = self._files.take(name)
+            other = self._names.get(pixels_sha256(image.pixels))
+            if other is not None and image.pixels.min() < image.pixels.max():
+                if name in match.by_order and Path(other).stem in Path(name).stem:
+                    text = f"not recorded: it is a copy of {other}"
+                    self._copies.add(name)
+                    self._say(Notice("image-without-shot", text, name))
+                    return True  # the files after it have to be matched again
+                text = f"has the same pixels as {other}: the camera or the program repeats an image"
+                self._say(Notice("image-repeated", text, name))
+            for notice in match.notices.get(name, ()):
+                self._say(notice)
             line = write_imported(self._open(image), self._watch.shots[index], image)
-            self._recorded[name] = index
+            self._mark(line, name, index)
             self._tell(f"{name} is {Path(line.file).stem}")
             shots = len(self._watch.shots)
             self._on_progress("watching", shots - len(self._missing), shots)
@@ -274,17 +309,21 @@ class _Watcher:
     def _open(self, image: ImportedImage) -> SessionWriter:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
-            earlier = next(iter(self._recorded), None)
-            self._first = image if earlier is None else self._files.take(earlier)
+            self._first = image
         image.check_like(self._first)
         transfer = self._transfer(image)
         if self._writer is None:
             if image.bit_depth == 8:
                 text = "8 bits, probably not linear: record camera RAW"
                 self._say(Notice("image-8-bit", text, image.path.name))
+            camera = camera_of(image)
+            bits = None if image.cfa else high_bits_of(image.pixels)
+            if bits is not None:
+                self._say(high_bits_notice(bits, image.path.name))
+                camera["white_level_dn"] = white_level_of(bits)
             manifest = Manifest.begin(
                 self._out,
-                camera=camera_of(image),
+                camera=camera,
                 plan=self._watch.plan,
                 labels=self._labels,
                 calibrations=Calibrations(lights=self._lights),

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 import stat
 import time
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._import.image import ImportedImage, ShotData, read_for_import, read_shot_data
-from acquisition._import.watch_match import Arrival, in_order
+from acquisition._import.image import ImportedImage, read_for_import
+from acquisition._import.watch_match import Arrival
+from acquisition._import.watch_names import in_order
 from acquisition._pixels.raw import is_raw
+from acquisition._session.session_frame import pixels_sha256
 from acquisition._suffixes import IMAGE_SUFFIXES
 from rig import MAX_PIXELS, Notice
 
 # Number of images kept in memory between the check that they decode and their recording.
 _KEPT: Final = 3
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a session knows about a file: when it was recorded, seconds since 1970, and pixels."""
+
+    time_s: float
+    pixels_sha256: str
 
 
 @dataclass
@@ -26,7 +36,6 @@ class _File:
     since_s: float
     arrival: Arrival | None = None
     complaint: str = ""
-    taken: bool = False
     image: ImportedImage | None = field(default=None, repr=False)
 
 
@@ -60,6 +69,8 @@ class WatchedFolder:
         self._say = say
         self._max_pixels = max_pixels
         self._files: dict[str, _File] = {}
+        self._recorded: dict[str, Recorded] = {}
+        self._unchanged: dict[str, tuple[int, int]] = {}
 
     @property
     def names(self) -> list[str]:
@@ -74,7 +85,7 @@ class WatchedFolder:
     def scan(self) -> bool:
         """List the folder; return whether anything changed since the last scan.
 
-        A file that was taken keeps its state, even if it is overwritten later.
+        A recorded file keeps its times for matching, even if it is overwritten later.
 
         Raises
         ------
@@ -95,13 +106,9 @@ class WatchedFolder:
                     continue
                 state = (status.st_size, status.st_mtime_ns)
                 file = self._files.get(path.name)
-                if file is None or not (file.taken or file.state == state):
-                    file = _File(state, now)
-                elif file.state != state:
-                    text = (
-                        "was overwritten after it was recorded; the session holds the earlier image"
-                    )
-                    self._say(Notice("image-overwritten", text, path.name))
+                if file is None or file.state != state:
+                    earlier = file.arrival if file and path.name in self._recorded else None
+                    file = _File(state, now, earlier)
                 files[path.name] = file
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
@@ -117,48 +124,68 @@ class WatchedFolder:
         """Return the time for which a file has been unchanged, seconds."""
         return time.monotonic() - self._files[name].since_s
 
-    def arrival(self, name: str, recorded: Container[str]) -> Arrival | None:
-        """Return the arrival of a file for matching, or None if the file is not complete yet.
-
-        For a file in ``recorded`` only the header is read, without waiting.
-        """
-        file, path = self._files[name], self.folder / name
-        if file.arrival is None and not file.complaint:
+    def arrival(self, name: str) -> Arrival | None:
+        """Return the arrival of a file for matching, or None if the file is not complete yet."""
+        file = self._files[name]
+        if name in self._recorded:
+            file.arrival = file.arrival or Arrival(name, file.state[1] / 1e9)
+        elif file.arrival is None and not file.complaint:
             settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
-            try:
-                if name in recorded:
-                    file.arrival = _arrival(name, file, read_shot_data(path))
-                elif settled:
-                    image = read_for_import(path, max_pixels=self._max_pixels)
-                    file.arrival = _arrival(name, file, image.data)
-                    if sum(other.image is not None for other in self._files.values()) < _KEPT:
-                        file.image = image
-            except (DataError, MissingPathError) as error:
-                file.complaint = str(error)
-                text = f"waiting for the rest of the file: {error}"
-                self._say(Notice("image-not-complete", text))
+            image = self._read(name) if settled else None
+            if image is not None:
+                taken = image.data.taken
+                taken_s = None if taken is None else taken.timestamp()
+                file.arrival = Arrival(name, file.state[1] / 1e9, taken_s)
+                if sum(other.image is not None for other in self._files.values()) < _KEPT:
+                    file.image = image
         return file.arrival
 
     def take(self, name: str) -> ImportedImage:
-        """Return the image of a complete file and mark the file as taken.
+        """Return the image of a complete file.
 
         Raises
         ------
         DataError
             If the file has become damaged or has disappeared.
         """
-        file, path = self._files[name], self.folder / name
-        image, file.image = file.image, None
-        file.taken = True
+        image, self._files[name].image = self._files[name].image, None
         try:
-            return image or read_for_import(path, max_pixels=self._max_pixels)
+            return image or read_for_import(self.folder / name, max_pixels=self._max_pixels)
         except MissingPathError as error:
             raise DataError(str(error)) from error
 
+    def mark(self, name: str, recorded: Recorded) -> None:
+        """Note that a file is recorded. It need not be in the folder any longer."""
+        self._recorded[name] = recorded
+        if name in self._files:
+            self._unchanged[name] = self._files[name].state
 
-def _arrival(name: str, file: _File, data: ShotData) -> Arrival:
-    taken_s = None if data.taken is None else data.taken.timestamp()
-    return Arrival(name, file.state[1] / 1e9, taken_s)
+    def report_overwritten(self) -> None:
+        """Report recorded files that have other pixels now; a session keeps the earlier ones."""
+        for name in self._recorded.keys() & self._files.keys():
+            file, recorded = self._files[name], self._recorded[name]
+            older = name not in self._unchanged and file.state[1] / 1e9 <= recorded.time_s
+            if older or self._unchanged.get(name) == file.state:
+                self._unchanged[name] = file.state
+                continue
+            settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
+            image = self._read(name) if settled and not file.complaint else None
+            if image is None:
+                continue
+            self._unchanged[name] = file.state
+            if pixels_sha256(image.pixels) != recorded.pixels_sha256:
+                text = "was overwritten after it was recorded; the session holds the earlier image"
+                self._say(Notice("image-overwritten", text, name))
+
+    def _read(self, name: str) -> ImportedImage | None:
+        """Return an image, or None if it does not decode, which is reported."""
+        try:
+            return read_for_import(self.folder / name, max_pixels=self._max_pixels)
+        except (DataError, MissingPathError) as error:
+            self._files[name].complaint = str(error)
+            text = f"waiting for the rest of the file: {error}"
+            self._say(Notice("image-not-complete", text))
+        return None
 
 
 def _is_picture(path: Path) -> bool:

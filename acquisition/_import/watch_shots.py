@@ -27,9 +27,10 @@ class Watch:
     plan
         Plan of the shots, if any; it is stored in the session.
     interval_s
-        Seconds between shots; None measures it from the first images.
+        Seconds between shots: a longer time between two images of the same watch counts as missing
+        images. None if times have no meaning.
     gaps
-        False if pauses have no meaning: images are matched by order only.
+        False if numbers have no meaning either: images are counted in order of arrival.
     timeout_s
         Longest time to wait for the next image, seconds.
     settle_s

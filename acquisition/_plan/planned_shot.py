@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from acquisition._errors import DataError
 from acquisition._values.lights import led_id
 
 Role = Literal["light", "dark", "ambient", "flat"]
@@ -61,8 +60,9 @@ class PlannedShot:
             return f"F_E{self.bracket}"
         if self.led is not None:
             return f"{led_id(self.led)}_E{self.bracket}"
+        letter = "D" if self.role == "dark" else "A"
         if self.exposure_us is None:
-            raise DataError(f"a {self.role} frame needs an exposure time: its file is named by it")
+            return f"{letter}_E{self.bracket}"
         exposure = float(self.exposure_us)
         text = str(int(exposure)) if exposure.is_integer() else repr(exposure)
-        return f"{'D' if self.role == 'dark' else 'A'}_{text}us"
+        return f"{letter}_{text}us"

@@ -65,7 +65,7 @@ def preflight(
     folder: str | Path,
     *,
     white_level_dn: float | None = None,
-    self_test: bool = True,
+    self_test: bool | Check = True,
     on_progress: Progress = no_progress,
 ) -> Preflight:
     """Check disk, board, camera, image and every LED for a plan.
@@ -85,7 +85,7 @@ def preflight(
     white_level_dn
         Grey value from which a sample is clipped; default the maximum of the camera's bit depth.
     self_test
-        Whether to test every LED of the rig.
+        Whether to test every LED of the rig; or the result of `check_leds`, if this was done.
     on_progress
         Receives the stage ``checking``, one step per check.
 
@@ -104,7 +104,9 @@ def preflight(
         ("room light", lambda: check_room(trial_frames.trials)),
         ("steadiness", trial_frames.steadiness),
     ]
-    if self_test:
+    if isinstance(self_test, Check):
+        steps.append(("LEDs", lambda: self_test))
+    elif self_test:
         steps.append(("LEDs", lambda: check_leds(rig, plan)))
     return _carried_out(
         steps, check_disk(Path(folder), _bytes(rig, len(plan.shots()))), on_progress

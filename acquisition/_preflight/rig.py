@@ -107,8 +107,20 @@ def check_brightness(rig: Rig, plan: CapturePlan) -> Check:
     return Check("brightness", "ok", text, {"level": FULL_LEVEL})
 
 
-def check_leds(rig: Rig, plan: CapturePlan) -> Check:
-    """Test every LED by the light that the camera sees."""
+def check_leds(rig: Rig, plan: CapturePlan, *, metered: bool = True) -> Check:
+    """Test every LED by the light that the camera sees.
+
+    Before metering, dead and dim LEDs give a warning: metering skips dead LEDs.
+
+    Parameters
+    ----------
+    rig
+        Open rig. It stays open, with all LEDs off.
+    plan
+        Plan of the recording; a fault of LEDs that it does not use gives a warning.
+    metered
+        Whether the exposure times of the plan are final.
+    """
     tested = selftest(rig)
     values: dict[str, float | int | str | None] = {
         "tried": len(tested.leds),
@@ -119,7 +131,10 @@ def check_leds(rig: Rig, plan: CapturePlan) -> Check:
     if not wrong:
         lines.insert(0, f"{pluralize(len(tested.leds), 'LED')} tested, no fault")
         return Check("LEDs", "ok", "; ".join(lines), values, tuple(lines))
-    # Faults of LEDs that the plan does not use are warnings only.
-    concerned = any(not finding.leds or set(finding.leds) & set(plan.leds) for finding in wrong)
+    concerned = any(
+        (not finding.leds or set(finding.leds) & set(plan.leds))
+        and (metered or finding.kind not in ("dead", "dim"))
+        for finding in wrong
+    )
     state: State = "failed" if concerned else "warning"
     return Check("LEDs", state, "; ".join(lines), values, tuple(lines))

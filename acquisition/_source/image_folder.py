@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
 from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES
 from acquisition._value_files.lights import read_lights
@@ -32,13 +33,14 @@ def read_images(
     """Read a plain folder: its largest series of numbered images, in natural order."""
     files = _files(folder)
     masks = [path for path in files if _is_mask(path)]
-    series = numbered_series([path for path in files if path not in masks])
+    images, references = split_references([path for path in files if path not in masks])
+    series = numbered_series(images)
     if not series:
         raise DataError(
             f"{folder}: no numbered images (name.0.png, name.1.png, ...): choose another folder"
         )
     masks = [mask_path] if mask_path else masks
-    source = images_source(folder, series, masks, max_pixels, transfer)
+    source = images_source(folder, series, masks, max_pixels, transfer, references)
     return with_ignored(source, folder)
 
 
@@ -72,14 +74,17 @@ def read_lp_folder(
             f"{'is' if len(set(present)) == 1 else 'are'} there, "
             f"{absent} is not: add the image or remove its line"
         )
-    series = present or numbered_series(images)
+    unlisted, references = split_references(
+        [path for path in images if path not in present], len(present)
+    )
+    series = present or numbered_series(unlisted)
     if not series:
         raise DataError(
             f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}: add "
             "the images"
         )
     masks = [mask_path] if mask_path else masks
-    source = images_source(folder, series, masks, max_pixels, transfer)
+    source = images_source(folder, series, masks, max_pixels, transfer, references)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
     return with_ignored(source, folder)
 
@@ -90,6 +95,7 @@ def images_source(
     masks: Sequence[Path] = (),
     max_pixels: int = MAX_PIXELS,
     transfer: TransferCurve | None = None,
+    references: Mapping[Path, Reference] = {},
 ) -> Source:
     """Build a source from image files that belong together.
 
@@ -106,6 +112,9 @@ def images_source(
     transfer
         Transfer curve of the images; default: the one that their metadata state, else that of
         their kind.
+    references
+        Dark and ambient frames, with their roles. Nothing states their exposure time, which is
+        assumed to be that of the images; a notice reports this.
 
     Raises
     ------
@@ -123,17 +132,21 @@ def images_source(
                 file,
                 file.stem,
                 shape,
+                references.get(file, "light"),
                 load=partial(_raw_pixels, file, max_pixels),
                 max_pixels=max_pixels,
             )
-            for file in series
+            for file in (*series, *references)
         )
     else:
-        form = _same_form(series, max_pixels, same_curve=transfer is None)
+        form = _same_form([*series, *references], max_pixels, same_curve=transfer is None)
         shape, kind = form.shape, form.dtype
         white = np.inf if kind.kind == "f" else float(np.iinfo(kind.name).max)
         curve, origin = form.transfer.curve, form.transfer.origin
-        frames = tuple(Frame(file, file.stem, shape, max_pixels=max_pixels) for file in series)
+        frames = tuple(
+            Frame(file, file.stem, shape, references.get(file, "light"), max_pixels=max_pixels)
+            for file in (*series, *references)
+        )
     if len(masks) > 1:
         raise DataError(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: choose one of them"
@@ -149,7 +162,8 @@ def images_source(
         white_level=white,
         transfer=transfer or curve,
         transfer_origin="given" if transfer else origin,
-        files=(*series, *masks),
+        files=(*series, *references, *masks),
+        warnings=reference_notices(path, references),
     )
 
 

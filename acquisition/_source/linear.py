@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import threading
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image
+from acquisition._source.references import Reference
 from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 
 FloatImage = npt.NDArray[np.float32]
-Reference = Literal["ambient", "dark"]
 
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
@@ -27,7 +26,8 @@ class Linearizer:
 
     Every sample becomes ``(dn - black) / (white - black)``, and this becomes light by the transfer
     curve of the source, less the mean of the reference frames of the same exposure time, made
-    linear in the same way: ambient frames if there are any, else dark frames. Sources without a
+    linear in the same way: ambient frames if there are any, else dark frames. If no frame of a
+    source with a single bracket has an exposure time, all count as equally long. Sources without a
     white level (float images) keep their scale. The references are read on first use; the object
     may be used by several threads.
 
@@ -48,8 +48,12 @@ class Linearizer:
             grey = np.arange(_GREY_VALUES, dtype=np.float64)
             light = self._curve.light((grey - source.black_level) / span)
             self._light = light.astype(np.float32)
+        # Without any exposure time, references count if there is only one bracket.
+        self._timeless = len({frame.bracket for frame in source.frames}) == 1 and all(
+            frame.exposure_us is None for frame in source.frames
+        )
         self._lock = threading.Lock()
-        self._offsets: list[tuple[float, FloatImage | None]] = []
+        self._offsets: list[tuple[float | None, FloatImage | None]] = []
 
     def reference(self, exposure_us: float | None) -> Reference | None:
         """Return the role of the reference frames for an exposure time, None without any."""
@@ -100,24 +104,26 @@ class Linearizer:
         return [
             frame
             for frame in self._source.frames
-            if frame.role == role
-            and frame.exposure_us is not None
-            and exposure_us is not None
-            and same_exposure(frame.exposure_us, exposure_us)
+            if frame.role == role and self._same_exposure(frame.exposure_us, exposure_us)
         ]
 
+    def _same_exposure(self, one_us: float | None, other_us: float | None) -> bool:
+        if one_us is None or other_us is None:
+            return self._timeless
+        return same_exposure(one_us, other_us)
+
     def _offset(self, exposure_us: float | None) -> FloatImage | None:
-        if exposure_us is None:
+        if exposure_us is None and not self._timeless:
             return None
         with self._lock:
             for known_us, offset in self._offsets:
-                if same_exposure(known_us, exposure_us):
+                if self._same_exposure(known_us, exposure_us):
                     return offset
             offset = self._mean_reference(exposure_us)
             self._offsets.append((exposure_us, offset))
             return offset
 
-    def _mean_reference(self, exposure_us: float) -> FloatImage | None:
+    def _mean_reference(self, exposure_us: float | None) -> FloatImage | None:
         role = self.reference(exposure_us)
         if role is None:
             return None

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError
+from acquisition._pixels.high_bits import bits_in_use, high_bits_notice, white_level_of
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exported import with_export_notes
@@ -19,6 +20,8 @@ from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
+
+_FULL = 65535.0
 
 
 def read_source(
@@ -38,8 +41,9 @@ def read_source(
         A session, a DiLiGenT object folder, a folder of images with an .lp file (or the .lp file
         itself), a plain folder of images, or one image file. In a plain folder the frames are the
         images that differ only in one number, in natural order; ``mask.*`` or ``*.mask.*`` is the
-        mask. In an export written by this package, ``recording.json`` gives levels, filter pattern
-        and exposures, and names the files with the full data of lights and camera.
+        mask, and ``dark*`` and ``ambient*`` are dark and ambient frames. In an export written by
+        this package, ``recording.json`` gives levels, filter pattern and exposures, and names the
+        files with the full data of lights and camera.
     lights
         Lights to use instead of those of the source: matched by id, or by order with a warning.
     mask_path
@@ -72,7 +76,8 @@ def read_source(
     if not path.exists():
         raise MissingPathError(f"{path}: no such file or folder")
     check_staging_finished(path if path.is_dir() else path.parent)
-    source = _with_notice(with_export_notes(_dispatch(path, mask_path, max_pixels, transfer)))
+    source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
+    source = _with_notice(_with_white_level(source))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
@@ -112,6 +117,18 @@ def _with_notice(source: Source) -> Source:
         return source
     notices = transfer_notices(source.transfer, origin, source.white_level, str(source.path))
     return replace(source, warnings=(*source.warnings, *notices))
+
+
+def _with_white_level(source: Source) -> Source:
+    """Set the white level of images whose samples are in the high bits, and add a notice."""
+    if source.white_level != _FULL or source.kind == "session" or source.cfa is not None:
+        return source
+    first = next((frame for frame in source.frames if frame.role == "light"), source.frames[0])
+    bits = None if first.load else bits_in_use(first.path, max_pixels=first.max_pixels)
+    if bits is None:
+        return source
+    notice = high_bits_notice(bits, str(source.path))
+    return replace(source, white_level=white_level_of(bits), warnings=(*source.warnings, notice))
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:

@@ -13,6 +13,7 @@ from acquisition._json import parse_json
 from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.mat_variables import read_variables
 from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
 from acquisition._values.camera_model import CameraModel
 from rig import check_type
@@ -26,6 +27,7 @@ _COLMAP = {
     "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7),
 }
 _COLMAP_PIXEL_CENTRE = 0.5
+_MATLAB_FIRST_PIXEL = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 _OPENCV_SUFFIXES = {".yml", ".yaml", ".xml"}
 
 
@@ -44,7 +46,9 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         ``.json`` of our own format; ``.yml``, ``.yaml`` or ``.xml`` of OpenCV with camera_matrix,
         distortion_coefficients, image_width, image_height and our addition working_distance_mm; a
         text file with a 3 x 3 matrix; or COLMAP's cameras.txt with one camera. COLMAP measures the
-        principal point from the corner of the first pixel; it is shifted by half a pixel.
+        principal point from the corner of the first pixel; it is shifted by half a pixel. Or a
+        ``.mat`` of MATLAB with K, whose first pixel is (1, 1) and which may be transposed; it is
+        shifted by one pixel.
     size
         (height, width) of the images, for files without an image size.
 
@@ -62,9 +66,11 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
         size than ``size``.
     """
     path = Path(path)
-    text = read_text(path)
+    text = "" if path.suffix.lower() == ".mat" else read_text(path)
     try:
-        if path.suffix.lower() == ".json":
+        if path.suffix.lower() == ".mat":
+            camera = _parse_mat(path, size)
+        elif path.suffix.lower() == ".json":
             camera = _parse_json(text, path)
         elif path.suffix.lower() in _OPENCV_SUFFIXES:
             camera = _parse_opencv(text, path, size)
@@ -171,6 +177,18 @@ def _parse_text(text: str, path: Path, size: tuple[int, int] | None) -> CameraMo
     cx, cy = cx - _COLMAP_PIXEL_CENTRE, cy - _COLMAP_PIXEL_CENTRE
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return CameraModel(K, int(values[0]), int(values[1]), None, np.array(distortion))
+
+
+def _parse_mat(path: Path, size: tuple[int, int] | None) -> CameraModel:
+    """Read K as MATLAB's toolbox and near_ps store it."""
+    K = read_variables(path, ("K",)).get("K")
+    if K is None:
+        raise DataError(f"{path}: has no variable K: save the camera matrix under this name")
+    if K.shape == (3, 3) and K[0, 2] == 0:
+        K = K.T
+    height, width = _known(size, path)
+    camera = CameraModel(K, width, height)
+    return CameraModel(camera.K - _MATLAB_FIRST_PIXEL, width, height)
 
 
 def _floats(words: list[str], path: Path, number: int) -> list[float]:

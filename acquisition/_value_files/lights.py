@@ -15,6 +15,7 @@ from acquisition._value_files.lights_text import (
     parse_directions,
     parse_lp,
 )
+from acquisition._value_files.near_lights import is_near_lights
 from acquisition._values.lights import Lights
 from rig import check_type
 
@@ -40,13 +41,19 @@ def read_lights(path: str | Path) -> Lights:
     MissingPathError
         If the file does not exist.
     DataError
-        If the file is invalid; the message names the file, and the line or light.
+        If the file is invalid; the message names the file, and the line or light. Files of near
+        lights from elsewhere are read by `read_near_lights`.
     """
     path = Path(path)
     if path.is_dir():
         if not (path / DIRECTIONS_FILE).exists():
             raise DataError(f"{path}: has no {DIRECTIONS_FILE}: give a file of lights")
         path = path / DIRECTIONS_FILE
+    if is_near_lights(path):
+        raise DataError(
+            f"{path}: near lights in axes that the file does not state: import the recording with "
+            "its lights and its camera, which converts them"
+        )
     text = read_text(path)
     match path.suffix.lower():
         case ".json":

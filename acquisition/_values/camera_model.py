@@ -96,6 +96,15 @@ class CameraModel:
             raise DataError("this camera has no working distance: add working_distance_mm to it")
         return np.array([0.0, 0.0, self.working_distance_mm])
 
+    def from_opencv(self, points_mm: npt.ArrayLike) -> Array:
+        """Return points of OpenCV's camera frame in the house frame, ``(..., 3)`` mm.
+
+        The origin of OpenCV's frame is the centre of projection; X points right, Y down and Z away
+        from the camera. Directions are converted by the difference of two points.
+        """
+        points: Array = self.centre_mm + np.asarray(points_mm, np.float64) * _FLIP
+        return points
+
     def rays(self, pixels: npt.ArrayLike) -> Array:
         """Return the viewing directions of pixels in the house frame, scaled to z = -1.
 

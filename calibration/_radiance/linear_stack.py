@@ -164,7 +164,7 @@ class _Developer:
         self._linear = Linearizer(source)
         self.warnings: list[Notice] = []
         unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
-        if unlit and not known:
+        if unlit and not known and self._linear.reference(None) is None:
             text = "dark and ambient frames were not used: the images have no exposure times"
             self.warnings.append(Notice("dark-frames-unused", text))
         last_us = 0.0

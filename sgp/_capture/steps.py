@@ -95,6 +95,20 @@ def metered(
     return metering.plan
 
 
+def checked_wiring(rig: rigs.Rig, plan: acquisition.CapturePlan) -> acquisition.Check:
+    """Test every LED before metering, which skips dead LEDs but cannot see swapped ones.
+
+    Raises
+    ------
+    RigError
+        If LEDs of the plan are swapped, doubled or cannot be tested.
+    """
+    check = acquisition.check_leds(rig, plan, metered=False)
+    if check.state == "failed":
+        accept(acquisition.Preflight((check,)), Preparation())
+    return check
+
+
 class CheckFailedError(rigs.RigError):
     """A check before a recording failed; ``--json`` prints its `findings`."""
 

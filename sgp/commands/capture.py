@@ -12,7 +12,7 @@ import acquisition
 import rig as rigs
 from sgp._capture.resume_command import ResumeCommand
 from sgp._capture.session_summary import describe
-from sgp._capture.steps import MeterOptions, Preparation, accept, metered
+from sgp._capture.steps import MeterOptions, Preparation, accept, checked_wiring, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
@@ -97,11 +97,19 @@ def run(
             prepared.events.append(("left_out", dead))
             text = f"LED {', '.join(map(str, left_out))} skipped: listed in dead_leds"
             prepared.warnings.append(rigs.Notice("leds-skipped", text, severity="info"))
+        tested: bool | acquisition.Check = True
         if goal is not None:
+            if not skip_check:  # metering swapped LEDs would waste minutes
+                note("checking the wiring of the LEDs (--skip-check skips this)")
+                tested = checked_wiring(opened, chosen)
             chosen = metered(opened, chosen, goal, prepared)
         if not skip_check:
             note("checking disk, rig and picture (--skip-check skips this)")
-            accept(acquisition.preflight(opened, chosen, out), prepared)
+            with Stages() as progress:
+                flight = acquisition.preflight(
+                    opened, chosen, out, self_test=tested, on_progress=progress
+                )
+            accept(flight, prepared)
         for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
@@ -182,7 +190,11 @@ def resume(
         prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
-            accept(acquisition.preflight_resume(opened, alive, session, len(missing)), prepared)
+            with Stages() as progress:
+                flight = acquisition.preflight_resume(
+                    opened, alive, session, len(missing), on_progress=progress
+                )
+            accept(flight, prepared)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged

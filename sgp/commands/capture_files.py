@@ -151,6 +151,9 @@ def import_(
     *,
     out: Path,
     lights: OptionalInput = None,
+    camera: OptionalInput = None,
+    working_distance_mm: Positive | None = None,
+    light_axes: Literal["opencv", "opengl", "house"] | None = None,
     mask: OptionalInput = None,
     object_name: str = "",
     operator: str | None = None,
@@ -171,13 +174,14 @@ def import_(
 
     Camera RAW files stay linear: black and white level and the colour filter pattern are recorded.
     Other images keep their samples, and their transfer curve is recorded.
-    With --watch, images are imported as a tethered camera delivers them; after a pause of two
-    intervals one image counts as missing. Ctrl-C stops; run the same command again to continue.
+    With --watch, each image is imported as soon as a tethered camera has delivered it. The number
+    in its name gives its LED, so pauses and restarts change nothing, and a missing number leaves an
+    LED empty. Ctrl-C stops; run the same command again to continue.
 
     For example:
 
         capture import photographs/ --lights lights.lp --out recordings/vase
-        capture import IMG_0001.CR2 --out recordings/one-frame
+        capture import near/ --lights light.mat --camera camera.json --out recordings/near
         capture import tethered/ --watch --leds 0-35 --out recordings/vase
 
     Parameters
@@ -188,7 +192,15 @@ def import_(
     out
         New folder for the session; with --watch also an incomplete session to continue.
     lights
-        Lights file: lights.json, .lp or DiLiGenT text.
+        Lights file: lights.json, .lp, DiLiGenT text, or a calibration of near lights (.mat or text
+        with positions S, axes Dir, mu, Phi).
+    camera
+        Camera model: camera.json, OpenCV YAML, COLMAP, or .mat or text with K.
+    working_distance_mm
+        Distance from the camera to the object, for a camera file without one.
+    light_axes
+        Axes of a calibration of near lights: opencv (Y down, Z away from the camera), opengl (Y up,
+        Z toward the camera), both with the origin in the camera, or house; default: opencv.
     mask
         Mask image of the object; default: the mask of the source.
     object_name
@@ -211,9 +223,9 @@ def import_(
     plan
         With --watch: plan file; expect its shots, in order.
     interval_s
-        With --watch: seconds between shots; default: estimated from the first images.
+        With --watch: seconds between shots, so that longer pauses count as missing images.
     gaps
-        With --watch: --no-gaps matches images to shots by order only and ignores pauses.
+        With --watch: --no-gaps counts images in order of arrival and ignores their numbers.
     timeout_s
         With --watch: seconds to wait for the next image.
     gamma
@@ -225,36 +237,68 @@ def import_(
     operator_name = chosen_operator(operator) if watch else operator or ""
     labels = acquisition.Labels(operator_name, object_name, place, notes, rights)
     if watch:
-        if mask is not None:
-            raise UsageError("--mask cannot be used with --watch: leave it out")
+        for name, given in (
+            ("--mask", mask),
+            ("--camera", camera),
+            ("--working-distance-mm", working_distance_mm),
+            ("--light-axes", light_axes),
+        ):
+            if given is not None:
+                raise UsageError(f"{name} cannot be used with --watch: leave it out")
         listed = led_count if leds is None else led_list("--leds", leds)
         if leds is not None and led_count is not None:
             raise UsageError("--leds and --led-count both give the LEDs: give only one")
         asked = _watch(source, listed, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, transfer=transfer_of(gamma), max_pixels=max_pixels)
         return _import_watched(asked, out, lights, labels)
-    for option, value in (
+    for name, given in (
         ("--leds", leds),
         ("--led-count", led_count),
         ("--plan", plan),
         ("--interval-s", interval_s),
     ):
-        if value is not None:
-            raise UsageError(f"{option} requires --watch: add --watch, or leave {option} out")
+        if given is not None:
+            raise UsageError(f"{name} requires --watch: add --watch, or leave {name} out")
+    if working_distance_mm is not None and camera is None:
+        raise UsageError("--working-distance-mm requires --camera: add it")
     check_folder(out)
-    chosen = None if lights is None else acquisition.read_lights(lights)
-    opened = acquisition.read_import(
-        source,
-        lights=chosen,
-        mask_path=mask,
-        transfer=transfer_of(gamma),
-        max_pixels=max_pixels,
-    )
+
+    def opened_with(
+        lights: acquisition.Lights | None = None, camera: acquisition.CameraModel | None = None
+    ) -> acquisition.Source:
+        return acquisition.read_import(
+            source,
+            lights=lights,
+            camera=camera,
+            mask_path=mask,
+            transfer=transfer_of(gamma),
+            max_pixels=max_pixels,
+        )
+
+    model = None
+    if camera is not None:
+        model = acquisition.read_camera(camera, opened_with().size)
+        if working_distance_mm is not None:
+            model = replace(model, working_distance_mm=working_distance_mm)
+    near = None
+    if lights is not None and acquisition.is_near_lights(lights):
+        distance = None if model is None else model.working_distance_mm
+        if distance is None and light_axes != "house":
+            missing = "--camera" if model is None else "--working-distance-mm"
+            raise UsageError(f"{lights}: near lights in the camera's axes: add {missing}")
+        near = acquisition.read_near_lights(lights, model, axes=light_axes)
+    elif light_axes is not None:
+        raise UsageError("--light-axes requires a calibration of near lights as --lights")
+    chosen = None if lights is None or near else acquisition.read_lights(lights)
+    opened = opened_with(near.lights if near else chosen, model)
     with Stages() as progress:
         acquisition.import_frames(opened, out, labels, on_progress=progress)
     result = info(out)
-    unused = [not_used(source, opened.ignored)] if opened.ignored else []
-    result.warnings[:0] = [*opened.warnings, *unused]
+    used = {option.resolve() for option in (lights, camera, mask) if option is not None}
+    others = [name for name in opened.ignored if (source / name).resolve() not in used]
+    unused = [not_used(source, others)] if others else []
+    stated = [] if near is None else [near.notice]
+    result.warnings[:0] = [*stated, *opened.warnings, *unused]
     return result
 
 

@@ -26,7 +26,7 @@ from acquisition import (
 )
 from acquisition._import.image import read_shot_data
 from acquisition._pixels.image_head import check_image_head, kind_of
-from acquisition._source.mat5 import read_mat5
+from acquisition._value_files.mat5 import read_mat5
 from rig import UnreadableError
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8)

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import acquisition
 from acquisition import Session, read_image
 from acquisition._session.writer import SessionWriter
 from tests.acquisition.mutants import rows_of, seal
@@ -120,6 +121,32 @@ def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_
     session = Session.open(tmp_path / "s")
     bright = [f.line.percentiles_dn["99"] for f in session.frames if f.role == "light"]
     assert max(bright) > 2000
+
+
+def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG + "[options.wiring]\nswapped = [[1, 4]]\n", encoding="utf-8")
+    monkeypatch.setattr(acquisition, "meter", lambda *_, **__: pytest.fail("metered"))
+    words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
+    answer = capture(sgp, tmp_path / "s", *words, check=True)
+    assert answer.code == 3, answer.err
+    assert "checking the wiring of the LEDs" in answer.err
+    assert "1" in answer.err
+    assert "4" in answer.err
+    assert not (tmp_path / "s").exists()
+
+
+def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(sgp, tmp_path, plan):
+    """The LEDs are tested once, and the result is recorded with the other checks."""
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
+    words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
+    answer = capture(sgp, tmp_path / "s", *words, check=True)
+    session = Session.open(tmp_path / "s")
+    assert [line.event for line in session.events] == ["metered", "left_out", "checked"]
+    checks = session.events[2].details["checks"]
+    assert [check["state"] for check in checks if check["name"] == "LEDs"] == ["warning"]
+    assert session.complete, answer.err
 
 
 def test_an_led_without_light_in_the_metering_is_skipped(sgp, tmp_path, plan):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from acquisition import Session, read_image, read_lights, write_png
 
@@ -186,6 +187,38 @@ def test_texts_are_stored_in_the_session_and_in_exports(sgp, recording, tmp_path
     assert Session.open(tmp_path / "b").manifest.rights == "CC0"
 
 
+def test_near_lights_from_elsewhere_come_in_without_json(sgp, tmp_path):
+    """Lights and camera as near_ps has them, in OpenCV's axes, with an ambient frame."""
+    folder = tmp_path / "near"
+    folder.mkdir()
+    for number in range(3):
+        write_png(folder / f"raw_{number}.png", np.full((6, 8), 9000 + number, np.uint16))
+    write_png(folder / "raw_ambient.png", np.full((6, 8), 1000, np.uint16))
+    positions = np.array([[100.0, 0, 0], [0, 100, 10], [-70, -70, 5]])
+    savemat(folder / "light.mat", {"S": positions, "mu": np.ones((3, 1))})
+    (folder / "K.txt").write_text("800 0 4\n0 800 3\n0 0 1\n")
+    words = ["capture", "import", folder, "--lights", folder / "light.mat", "--out"]
+    assert "add --camera" in sgp(*words, tmp_path / "out").err
+    words[3:3] = ["--camera", folder / "K.txt"]
+    assert "add --working-distance-mm" in sgp(*words, tmp_path / "out").err
+    answer = sgp(*words, tmp_path / "out", "--working-distance-mm", 500, "--json")
+    assert answer.code == 0, answer.err
+    notices = {notice["code"]: notice["text"] for notice in json.loads(answer.out)["notices"]}
+    assert set(notices) == {"light-axes", "reference-frames-found", "lights-matched-by-order"}
+    assert "Y down, Z away from the camera" in notices["light-axes"]
+    session = Session.open(tmp_path / "out")
+    assert session.camera_model.working_distance_mm == 500
+    expected = positions * [1, -1, -1] + [0, 0, 500]
+    np.testing.assert_allclose(session.lights.positions_mm, expected)
+    assert [frame.role for frame in session.frames].count("ambient") == 1
+    assert (
+        "requires a calibration"
+        in sgp(
+            "capture", "import", folder, "--light-axes", "opengl", "--out", tmp_path / "other"
+        ).err
+    )
+
+
 def tethered(folder: Path, times: list[float]) -> Path:
     folder.mkdir(exist_ok=True)
     for number, at in enumerate(times):
@@ -199,7 +232,7 @@ def tethered(folder: Path, times: list[float]) -> Path:
 def test_watching_a_folder(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 8, 10, 12]), tmp_path / "out"
     words = ("capture", "import", folder, "--watch", "--led-count", 7, "--out", out)
-    answer = sgp(*words, "--timeout-s", 1.5, "--operator", "Ada", "--json")
+    answer = sgp(*words, "--timeout-s", 1.5, "--interval-s", 2, "--operator", "Ada", "--json")
     assert answer.code == 4, answer.err
     assert json.loads(answer.out)["metrics"]["missing"] == ["L03_E0.tif"]
     assert "1 image is missing between IMG_0002.png and IMG_0003.png" in answer.err

@@ -1,0 +1,247 @@
+"""Calibrations of near lights from elsewhere: positions, axes, strengths, in the camera's axes.
+
+The variables and their meaning are those of near_ps (Queau et al., LED-based photometric stereo,
+2018): S positions in mm, Dir axes, mu exponents of the radiation pattern, Phi strengths.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.mat_variables import read_variables
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Array, Lights
+from rig import Notice
+
+LightAxes = Literal["opencv", "opengl", "house"]
+
+# Names of variables, of files without suffix, and the columns of a table, in any case.
+_NAMES: Final = {
+    "positions": ("S", "positions", "light_positions", "led_positions"),
+    "axes": ("Dir", "axes", "light_axes", "orientations"),
+    "mu": ("mu",),
+    "strengths": ("Phi", "strengths", "light_strengths"),
+}
+_COLUMNS: Final = {
+    "positions": ("x", "y", "z"),
+    "axes": ("dx", "dy", "dz"),
+    "mu": ("mu",),
+    "strengths": ("phi",),
+    "rgb": ("r", "g", "b"),
+}
+_TEXT_SUFFIXES: Final = {".txt", ".csv", ".dat"}
+_AXES: Final = {
+    "opencv": "the camera's axes (X right, Y down, Z away from the camera, origin in the camera)",
+    "opengl": "the camera's axes (X right, Y up, Z toward the camera, origin in the camera)",
+    "house": "our axes (X right, Y up, Z toward the camera, origin in the working plane)",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class NearLights:
+    """Near lights in the house frame, and the notice that states how they were converted."""
+
+    lights: Lights
+    notice: Notice
+
+
+def is_near_lights(path: Path) -> bool:
+    """Return whether a file is a calibration of near lights, by its name and its first line."""
+    suffix = path.suffix.casefold()
+    if suffix == ".mat":
+        return True
+    if suffix not in _TEXT_SUFFIXES or not path.is_file():
+        return False
+    return _is_named(path, "positions") or _header(path) is not None
+
+
+def read_near_lights(
+    path: str | Path, camera: CameraModel | None, *, axes: LightAxes | None = None
+) -> NearLights:
+    """Read a calibration of near lights and convert it to the house frame.
+
+    Parameters
+    ----------
+    path
+        A ``.mat`` (version 5 to 7) with ``S``, N x 3 positions in mm, and optionally ``Dir``, N x 3
+        axes along which the lights shine, ``mu``, N exponents of their radiation patterns, and
+        ``Phi``, N x 1 or N x 3 strengths. Or a text file ``S.txt`` or ``light_positions.txt`` with
+        the other variables in text files of the same folder (``Dir.txt``, ``mu.txt``,
+        ``Phi.txt``). Or a text table with a line of column names: ``x y z``, and optionally
+        ``dx dy dz``, ``mu``, and ``phi`` or ``r g b``.
+    camera
+        Camera with a working distance; not needed for axes of the house frame.
+    axes
+        Axes of positions and directions: ``opencv`` or ``opengl``, with the origin in the centre of
+        projection, or ``house``. Default: ``opencv``, as in near_ps; the notice says so.
+
+    Returns
+    -------
+    NearLights
+        Lights with the irradiance at the origin as intensity, relative to its mean: strength times
+        ``cos(angle) ** mu / distance ** 2``. Missing variables: axes toward the origin, mu 0, equal
+        strengths.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If a value is missing or invalid, lights do not shine toward the origin in these axes, or a
+        camera with a working distance is needed.
+    """
+    path = Path(path)
+    values = _variables(path)
+    if "positions" not in values:
+        raise DataError(f"{path}: no positions of lights: S is missing")
+    count = len(values["positions"])
+    for name, widths in (("positions", (3,)), ("axes", (3,)), ("mu", (1,)), ("strengths", (1, 3))):
+        array = values.get(name)
+        if array is not None and (len(array) != count or array.shape[1] not in widths):
+            raise DataError(f"{path}: {name} of shape {array.shape} for {count} lights")
+    chosen: LightAxes = axes or "opencv"
+    positions, directions = _in_house(path, values, camera, chosen)
+    mu = values["mu"][:, 0] if "mu" in values else np.zeros(count)
+    lights = Lights(positions_mm=positions, axes=directions, mu=mu)
+    strengths = values.get("strengths")
+    lights = _with_intensities(path, lights, strengths, chosen, given=axes is not None)
+    how = "given" if axes is not None else "assumed"
+    there = [name for name in ("axes", "mu", "strengths") if name in values]
+    text = (
+        f"{count} positions in mm{''.join(f', {name}' for name in there)} in {_AXES[chosen]}, as "
+        f"{how}; converted to ours"
+    )
+    return NearLights(lights, Notice("light-axes", text, str(path), "info" if axes else "warning"))
+
+
+def _in_house(
+    path: Path, values: dict[str, Array], camera: CameraModel | None, axes: LightAxes
+) -> tuple[Array, Array | None]:
+    positions, directions = values["positions"], values.get("axes")
+    if axes == "house":
+        return positions, directions
+    if camera is None or camera.working_distance_mm is None:
+        raise DataError(
+            f"{path}: positions in the camera's axes need a camera with its working distance, from "
+            "the centre of projection to the object"
+        )
+    flip = np.array([1.0, 1.0, 1.0] if axes == "opencv" else [1.0, -1.0, -1.0])
+    centre = camera.from_opencv(np.zeros(3))
+    house = camera.from_opencv(positions * flip)
+    return house, None if directions is None else camera.from_opencv(directions * flip) - centre
+
+
+def _with_intensities(
+    path: Path, lights: Lights, strengths: Array | None, axes: LightAxes, *, given: bool
+) -> Lights:
+    """Convert strengths of sources to irradiance at the origin."""
+    positions, along, mu = map(np.asarray, (lights.positions_mm, lights.axes, lights.mu))
+    distance = np.linalg.norm(positions, axis=1)
+    cosine = -np.sum(positions * along, axis=1) / distance
+    # A light in front of the object that shines toward the camera shows that Z is reversed.
+    dark = (cosine <= 0) | ((positions[:, 2] > 0) & (along[:, 2] > 0))
+    if dark.any():
+        away = int(dark.sum())
+        hint = "" if given else "; state the axes of the file if they are others"
+        raise DataError(
+            f"{path}: {away} of {len(lights)} lights shine away from the object in {_AXES[axes]}"
+            f"{hint}"
+        )
+    if strengths is not None and not np.all(strengths > 0):
+        raise DataError(f"{path}: a strength of a light is not a positive number")
+    irradiance = (cosine**mu / distance**2)[:, None] * (1.0 if strengths is None else strengths)
+    irradiance = np.broadcast_to(irradiance, (len(lights), 3))
+    return Lights(
+        positions_mm=positions,
+        axes=along,
+        mu=mu,
+        intensities=irradiance / irradiance.mean(),
+        ids=lights.ids,
+    )
+
+
+def _variables(path: Path) -> dict[str, Array]:
+    """Return the variables of a file by our names, each N x columns."""
+    if path.suffix.casefold() == ".mat":
+        found = read_variables(path, (name for names in _NAMES.values() for name in names))
+        values = {
+            ours: next((found[name] for name in names if name in found), None)
+            for ours, names in _NAMES.items()
+        }
+    elif (header := _header(path)) is not None:
+        return _columns(path, header)
+    else:
+        values = {ours: _sibling(path, ours) for ours in _NAMES}
+    # MATLAB's vectors have one row or one column.
+    return {
+        ours: array.T if ours == "mu" and array.shape[0] == 1 else array
+        for ours, array in values.items()
+        if array is not None
+    }
+
+
+def _is_named(path: Path, ours: str) -> bool:
+    return path.stem.casefold() in {name.casefold() for name in _NAMES[ours]}
+
+
+def _sibling(path: Path, ours: str) -> Array | None:
+    """Return the numbers of a variable from the file itself or from a file next to it."""
+    if _is_named(path, ours):
+        return _numbers(path, numbered_lines(read_text(path)))
+    for other in sorted(path.parent.iterdir()):
+        if other.suffix.casefold() in _TEXT_SUFFIXES and _is_named(other, ours):
+            return _numbers(other, numbered_lines(read_text(other)))
+    return None
+
+
+def _words(line: str) -> list[str]:
+    return [word for word in re.split(r"[\s,;]+", line.lstrip("#% ")) if word]
+
+
+def _header(path: Path) -> list[str] | None:
+    """Return the column names of a table, or None if its first line has none."""
+    lines = numbered_lines(read_text(path))
+    names = [word.casefold() for word in _words(lines[0][1])] if lines else []
+    # Three columns alone may be directions.
+    known = {name for columns in _COLUMNS.values() for name in columns}
+    return names if {"x", "y", "z"} < known & set(names) else None
+
+
+def _columns(path: Path, header: list[str]) -> dict[str, Array]:
+    table = _numbers(path, numbered_lines(read_text(path))[1:], header)
+    values = {
+        ours: table[:, [header.index(name) for name in names]]
+        for ours, names in _COLUMNS.items()
+        if set(names) <= set(header)
+    }
+    if "rgb" in values:
+        values["strengths"] = values.pop("rgb")
+    return values
+
+
+def _numbers(path: Path, lines: list[tuple[int, str]], header: list[str] | None = None) -> Array:
+    """Return the numbers of a table; columns whose names we do not know may hold text."""
+    known = {name for names in _COLUMNS.values() for name in names}
+    rows: list[list[float]] = []
+    for number, line in lines:
+        words = _words(line)
+        names = header or ["x"] * len(words)
+        try:
+            if len(words) != len(names) or (rows and len(rows[0]) != len(words)):
+                raise ValueError
+            row = [float(w) if n in known else 0.0 for n, w in zip(names, words, strict=True)]
+        except ValueError:
+            raise DataError(f"{path} line {number}: '{line[:40]}' does not fit its table") from None
+        if not np.isfinite(row).all():
+            raise DataError(f"{path} line {number}: a number is not finite")
+        rows.append(row)
+    if not rows:
+        raise DataError(f"{path}: no numbers")
+    return np.array(rows)
