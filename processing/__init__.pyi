@@ -49,6 +49,7 @@ from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._surface.height_profile import HeightProfile as HeightProfile
 from ._surface.height_profile import height_profile as height_profile
 from ._surface.integration import HeightMap as HeightMap
+from ._surface.integration import check_scale as check_scale
 from ._surface.integration import integrate as integrate
 from ._surface.mesh_files import Mesh as Mesh
 from ._surface.mesh_files import height_mesh as height_mesh

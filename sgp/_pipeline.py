@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from sgp._overview import (
     shaded_panel,
 )
 from sgp._result import Result
+from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, compute_normals
 from sgp._write import (
     normals_metrics,
@@ -31,6 +33,11 @@ from sgp._write import (
     write_separation,
     write_surface,
 )
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+_MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +57,27 @@ def process(
     out: Path,
     watch: Stopwatch,
     options: SourceOptions,
+    *,
+    maps: MapOptions = _MAPS,
+    separation: SeparationOptions = _SEPARATION,
+    surfaces: SurfaceOptions = _SURFACES,
 ) -> Outcome:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
     Each folder gets its own record. Outputs and figures of the stages are merged under the
     stage's name.
+
+    Raises
+    ------
+    DataError
+        If both a pixel size and a camera with a working distance are given, besides the errors of
+        the stages.
     """
+    if surfaces.pixel_mm is not None and source.camera is not None:
+        # Before the normals, which take long.
+        processing.check_scale(source.camera, surfaces.pixel_mm)
     chosen = {"transfer": source.transfer.record()}
-    parameters = {"source": source.path, **asdict(options), **chosen}
+    parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
     merged = Result(inputs=files, parameters=chosen)
 
     def write(name: str, files_of: Callable[[Path], Result]) -> None:
@@ -71,20 +91,25 @@ def process(
 
     with watch.stage("normals"):
         stage = compute_normals(source, options)
-        write("normals", lambda folder: write_normals_stage(folder, stage))
+        write("normals", lambda folder: write_normals_stage(folder, stage, maps))
     normal_map = stage.stereo.normal_map
     with watch.stage("detail"):
-        parts = processing.separate(normal_map)
-        write("detail", lambda folder: write_separation(folder, parts))
+        parts = processing.separate(normal_map, shape_filter=separation.shape_filter())
+        write("detail", lambda folder: write_separation(folder, parts, maps))
     with watch.stage("surface"):
-        surface = processing.integrate(normal_map, camera=source.camera)
-        write("surface", lambda folder: write_surface(folder, surface, normal_map))
+        surface = processing.integrate(normal_map, camera=source.camera, pixel_mm=surfaces.pixel_mm)
+        formats = surfaces.formats()
+        write("surface", lambda folder: write_surface(folder, surface, normal_map, formats=formats))
     metrics: StagesMetrics = {
         "normals": normals_metrics(stage),
         "detail": separation_metrics(parts),
         "surface": surface_metrics(surface),
     }
     return Outcome(stage, parts, surface, metrics, merged)
+
+
+def _recorded(*groups: DataclassInstance) -> dict[str, object]:
+    return {name: value for group in groups for name, value in asdict(group).items()}
 
 
 def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = None) -> list[Panel]:

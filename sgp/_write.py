@@ -8,15 +8,21 @@ import numpy as np
 
 import acquisition
 import processing
+import rig
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._result import Result
+from sgp._stage_options import MapOptions
+
+_MAPS = MapOptions()
 
 
-def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Result:
+def write_normals_stage(
+    folder: Path, stage: processing.Reconstruction, maps: MapOptions = _MAPS
+) -> Result:
     """Write normals.exr and .png, albedo, residual, used and mask; return files and figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
-    result.outputs = processing.write_normals(folder, solved.normal_map)
+    result.outputs = processing.write_normals(folder, solved.normal_map, green=maps.green_out)
     for name in ("albedo", "residual", "used"):
         path = folder / f"{name}.exr"
         acquisition.write_exr(path, getattr(solved, name).astype(np.float32))
@@ -56,10 +62,12 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     return metrics
 
 
-def write_separation(folder: Path, parts: processing.Separation) -> Result:
+def write_separation(
+    folder: Path, parts: processing.Separation, maps: MapOptions = _MAPS
+) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = processing.write_normals(folder, parts.shape, name="shape")
-    outputs |= processing.write_normals(folder, parts.detail, name="detail")
+    outputs = processing.write_normals(folder, parts.shape, "shape", green=maps.green_out)
+    outputs |= processing.write_normals(folder, parts.detail, "detail", green=maps.green_out)
     metrics = separation_metrics(parts)
     separability = metrics["separability_deg"]
     return Result(
@@ -82,7 +90,7 @@ def write_surface(
     formats: tuple[str, ...] = ("ply",),
 ) -> Result:
     """Write height.exr, depth.exr if there is a depth, mask.png and meshes."""
-    result = Result(warnings=list(height_map.warnings))
+    result = Result(warnings=[*height_map.warnings, *_scale_notice(height_map)])
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
     acquisition.write_exr(result.outputs["height"], height_map.height)
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
@@ -99,6 +107,17 @@ def write_surface(
         f"{metrics['vertices']} vertices"
     ]
     return result
+
+
+def _scale_notice(height_map: processing.HeightMap) -> list[rig.Notice]:
+    """Return a notice if a reader of the mesh could take pixels for millimetres."""
+    if height_map.unit == "mm":
+        return []
+    text = (
+        "the scale is not known: heights and meshes are in pixels, and a program that reads a mesh "
+        "in mm takes each pixel for 1 mm; give --pixel-mm, or a camera with a working distance"
+    )
+    return [rig.Notice("surface-without-scale", text, "", "info")]
 
 
 def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:

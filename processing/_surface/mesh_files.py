@@ -9,6 +9,7 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -38,11 +39,14 @@ class Mesh:
         ``(F, 3)`` int32 vertex indices, counter-clockwise as seen from the camera.
     normals
         ``(V, 3)`` float32 unit vectors, or None.
+    unit
+        Unit of the vertices: ``mm``, or ``px`` if the scale is not known.
     """
 
     vertices: Float
     faces: npt.NDArray[np.int32]
     normals: Float | None = None
+    unit: Literal["mm", "px"] = "mm"
 
     __repr__ = short_repr
 
@@ -82,7 +86,8 @@ def height_mesh(height_map: HeightMap, *, normals: NormalMap | None = None) -> M
         raise DataError(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
         )
-    return Mesh(vertices, faces, None if normals is None else normals.normals[mask])
+    facing = None if normals is None else normals.normals[mask]
+    return Mesh(vertices, faces, facing, height_map.unit)
 
 
 def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int32]:
@@ -139,7 +144,8 @@ def write_mesh(
     path
         ``.ply`` (binary), ``.obj`` (text), ``.stl`` (binary, without vertex normals) or
         ``.glb`` (glTF 2.0, coordinates divided by 1000: metres if the unit is mm). An existing file
-        is replaced.
+        is replaced. Each file names its unit: in a comment, in the header of an .stl, in
+        ``asset.extras`` of a .glb.
     height_map
         The surface; all formats except .glb use its unit.
     normals
@@ -168,7 +174,8 @@ def _ply(mesh: Mesh) -> list[bytes]:
     if mesh.normals is not None:
         names += ["nx", "ny", "nz"]
         columns.append(mesh.normals)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices)}"]
+    header = ["ply", "format binary_little_endian 1.0", f"comment unit {mesh.unit}"]
+    header += [f"element vertex {len(mesh.vertices)}"]
     header += [f"property float {name}" for name in names]
     header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     header += ["end_header", ""]
@@ -188,12 +195,15 @@ def _stl(mesh: Mesh) -> list[bytes]:
     facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
     facets["corners"] = corners
     # The header must not begin with "solid": readers would take it for a text file.
-    header = b"binary triangle mesh".ljust(80) + np.uint32(len(facets)).astype("<u4").tobytes()
+    header = (
+        f"binary triangle mesh, unit {mesh.unit}".encode().ljust(80)
+        + np.uint32(len(facets)).astype("<u4").tobytes()
+    )
     return [header, facets.tobytes()]
 
 
 def _obj(mesh: Mesh) -> list[bytes]:
-    chunks = _text("v %.7g %.7g %.7g", mesh.vertices)
+    chunks = [f"# unit {mesh.unit}\n".encode(), *_text("v %.7g %.7g %.7g", mesh.vertices)]
     corner = "%d"
     index = mesh.faces.astype(np.int64) + 1
     if mesh.normals is not None:
@@ -225,7 +235,7 @@ def _glb(mesh: Mesh) -> list[bytes]:
     views.append((mesh.faces.astype("<u4").tobytes(), 34963, scalars))
     offsets = np.cumsum([0] + [len(data) for data, _, _ in views]).tolist()
     document = {
-        "asset": {"version": "2.0"},
+        "asset": {"version": "2.0", "extras": {"unit": "m" if mesh.unit == "mm" else "px / 1000"}},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],

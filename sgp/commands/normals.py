@@ -7,15 +7,22 @@ from pathlib import Path
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_options import MapOptions
 from sgp._stages import compute_normals, open_source
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
+_MAPS = MapOptions()
 
 
 @writes_folder("normals.json")
 def normals(
-    source: Input, *, out: Path, options: SourceOptions = _DEFAULTS, force: bool = False
+    source: Input,
+    *,
+    out: Path,
+    options: SourceOptions = _DEFAULTS,
+    maps: MapOptions = _MAPS,
+    force: bool = False,
 ) -> Result:
     """Estimate a normal map from images under known lights.
 
@@ -32,6 +39,8 @@ def normals(
         normals.json.
     options
         Lights, camera, mask and method.
+    maps
+        Form of the PNG.
     force
         Write into an output folder that already contains files.
     """
@@ -44,7 +53,7 @@ def normals(
         max_pixels=options.max_pixels,
     )
     stage = compute_normals(opened, options)
-    result = write_normals_stage(claim_folder(out, "normals.json"), stage)
+    result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = files
     result.parameters = {"transfer": opened.transfer.record()}
     return result

@@ -8,10 +8,13 @@ from typing import Literal
 import acquisition
 import processing
 import rig
-from sgp._options import Input, OptionalInput, Pixels, Positive
+from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_options import SurfaceOptions
 from sgp._write import write_surface
+
+_SURFACE = SurfaceOptions()
 
 
 @writes_folder("surface.json")
@@ -21,11 +24,8 @@ def surface(
     out: Path,
     mask: OptionalInput = None,
     camera: OptionalInput = None,
-    pixel_mm: Positive | None = None,
+    options: SurfaceOptions = _SURFACE,
     green: Literal["up", "down"] = "up",
-    glb: bool = False,
-    stl: bool = False,
-    obj: bool = False,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -45,17 +45,10 @@ def surface(
         Mask image of the pixels to integrate; default: all pixels with a normal.
     camera
         File of a perspective camera; default: orthographic projection.
-    pixel_mm
-        Size of a pixel on the object in mm; without it and without a working distance, the unit of
-        the height is one pixel.
+    options
+        Scale and formats of the mesh.
     green
         Direction of the green channel in an image file.
-    glb
-        Also write surface.glb, in metres as glTF requires.
-    stl
-        Also write surface.stl.
-    obj
-        Also write surface.obj.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -67,12 +60,10 @@ def surface(
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    height_map = processing.integrate(normal_map, camera=model, pixel_mm=pixel_mm)
-    wanted = {"glb": glb, "stl": stl, "obj": obj}
-    formats = ("ply", *(name for name, asked in wanted.items() if asked))
+    height_map = processing.integrate(normal_map, camera=model, pixel_mm=options.pixel_mm)
     claimed = claim_folder(out, "surface.json")
-    result = write_surface(claimed, height_map, normal_map, formats=formats)
+    result = write_surface(claimed, height_map, normal_map, formats=options.formats())
     result.warnings = [*read.warnings, *result.warnings]
-    options = [path for path in (mask, camera) if path is not None]
-    result.inputs = [*read.files, *options]
+    given = [path for path in (mask, camera) if path is not None]
+    result.inputs = [*read.files, *given]
     return result
