@@ -97,7 +97,9 @@ def process(
         parts = processing.separate(normal_map, shape_filter=separation.shape_filter())
         write("detail", lambda folder: write_separation(folder, parts, maps))
     with watch.stage("surface"):
-        surface = processing.integrate(normal_map, camera=source.camera, pixel_mm=surfaces.pixel_mm)
+        surface = processing.integrate(
+            normal_map, camera=source.camera, pixel_mm=_pixel_mm(source, surfaces)
+        )
         formats = surfaces.formats()
         write("surface", lambda folder: write_surface(folder, surface, normal_map, formats=formats))
     metrics: StagesMetrics = {
@@ -106,6 +108,13 @@ def process(
         "surface": surface_metrics(surface),
     }
     return Outcome(stage, parts, surface, metrics, merged)
+
+
+def _pixel_mm(source: acquisition.Source, options: SurfaceOptions) -> float | None:
+    """Return the size of a pixel of the images that are processed."""
+    if options.pixel_mm is None or source.reduction is None:
+        return options.pixel_mm
+    return options.pixel_mm * source.reduction.factor
 
 
 def _recorded(*groups: DataclassInstance) -> dict[str, object]:

@@ -118,11 +118,14 @@ class ImageForm:
         Shape and sample type of the array that `read_image` returns.
     transfer
         The transfer curve of the samples.
+    alpha
+        Whether the file has an alpha channel.
     """
 
     shape: tuple[int, ...]
     dtype: np.dtype[np.generic]
     transfer: StatedCurve
+    alpha: bool = False
 
 
 def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
@@ -135,7 +138,8 @@ def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
         size = (spec.height, spec.width)
         with convert_read_errors(path):
             transfer = stated_curve(path, file.format_name(), spec)
-    return ImageForm(size if len(channels) == 1 else (*size, 3), np.dtype(dtype), transfer)
+    shape = size if len(channels) == 1 else (*size, 3)
+    return ImageForm(shape, np.dtype(dtype), transfer, spec.alpha_channel >= 0)
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:

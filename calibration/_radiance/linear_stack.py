@@ -92,7 +92,8 @@ def linear_stack(
     brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
     within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
-    then ``.2989 R + .587 G + .114 B``. Flat frames are not used.
+    then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a
+    `Source.reduction` are cropped and averaged last; a block with a saturated sample is left out.
 
     Parameters
     ----------
@@ -211,6 +212,8 @@ class _Developer:
     ) -> FloatImage:
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
+        if self._source.reduction is not None:
+            image = self._source.reduction.mean(image)
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")

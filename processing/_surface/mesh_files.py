@@ -46,7 +46,7 @@ class Mesh:
     vertices: Float
     faces: npt.NDArray[np.int32]
     normals: Float | None = None
-    unit: Literal["mm", "px"] = "mm"
+    unit: Literal["mm", "px"] = "px"
 
     __repr__ = short_repr
 

@@ -8,7 +8,7 @@ from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_options import MapOptions
-from sgp._stages import compute_normals, open_source
+from sgp._stages import compute_normals, open_recording
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
@@ -44,14 +44,7 @@ def normals(
     force
         Write into an output folder that already contains files.
     """
-    opened, files = open_source(
-        source,
-        lights=options.lights,
-        camera=options.camera,
-        mask=options.mask,
-        gamma=options.gamma,
-        max_pixels=options.max_pixels,
-    )
+    opened, files = open_recording(source, options)
     stage = compute_normals(opened, options)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = files

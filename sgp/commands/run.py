@@ -11,7 +11,7 @@ from sgp._overview import source_title, write_overview
 from sgp._pipeline import overview_panels, process
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, open_source
+from sgp._stages import Stopwatch, open_recording
 
 _DEFAULTS = SourceOptions()
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
@@ -52,14 +52,7 @@ def run(
         Write into an output folder that already contains files.
     """
     watch = Stopwatch()
-    opened, files = open_source(
-        source,
-        lights=options.lights,
-        camera=options.camera,
-        mask=options.mask,
-        gamma=options.gamma,
-        max_pixels=options.max_pixels,
-    )
+    opened, files = open_recording(source, options)
     outcome = process(
         opened,
         files,
