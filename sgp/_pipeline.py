@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 import acquisition
 import processing
@@ -84,7 +85,8 @@ def process(
         record = f"{name}.json"
         result = files_of(claim_folder(out / name, record))
         result.inputs = files
-        write_record(out / name / record, "sgp run", parameters, result)
+        write_record(out / name / record, "sgp run", parameters | result.parameters, result)
+        merged.parameters |= result.parameters
         merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
         merged.warnings += result.warnings
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
@@ -101,13 +103,25 @@ def process(
             normal_map, camera=source.camera, pixel_mm=_pixel_mm(source, surfaces)
         )
         formats = surfaces.formats()
-        write("surface", lambda folder: write_surface(folder, surface, normal_map, formats=formats))
+        colours = processing.albedo_picture(stage.albedo, normal_map.mask).pixels
+        write(
+            "surface",
+            lambda folder: write_surface(
+                folder, surface, normal_map, formats=formats, colours=colours
+            ),
+        )
     metrics: StagesMetrics = {
         "normals": normals_metrics(stage),
         "detail": separation_metrics(parts),
         "surface": surface_metrics(surface),
     }
     return Outcome(stage, parts, surface, metrics, merged)
+
+
+def _albedo(stage: processing.Reconstruction) -> npt.NDArray[np.float32]:
+    """Return the albedo for a picture, NaN outside the object."""
+    outside = ~stage.mask if stage.albedo.ndim == 2 else ~stage.mask[..., None]
+    return np.where(outside, np.float32(np.nan), stage.albedo)
 
 
 def _pixel_mm(source: acquisition.Source, options: SurfaceOptions) -> float | None:
@@ -131,7 +145,7 @@ def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = N
         image_panel(f"light {names[-1]}", stage.previews[1], stage.mask),
         lights_panel(f"{lights_title}, as the camera sees them", stage.lights, true_lights),
         normals_panel("normals (right red, up green)", normal_map),
-        image_panel("albedo", np.where(stage.mask, stage.stereo.albedo, np.nan), stage.mask),
+        image_panel("albedo", _albedo(stage), stage.mask),
         normals_panel("shape component", outcome.parts.shape),
         normals_panel("detail component", outcome.parts.detail),
         map_panel("height", surface.height, surface.unit),

@@ -62,11 +62,11 @@ class SurfaceOptions:
         Size of a pixel on the object in mm; without it and without a working distance, the unit of
         heights and meshes is one pixel.
     glb
-        Also write surface.glb, in metres as glTF requires.
+        Also write surface.glb, in metres as glTF requires, with the albedo as its texture.
     stl
         Also write surface.stl.
     obj
-        Also write surface.obj.
+        Also write surface.obj, with surface.mtl and the albedo as its texture.
     """
 
     pixel_mm: Positive | None = None

@@ -35,8 +35,8 @@ def normals(
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
-        Folder for normals.exr, normals.png, albedo.exr, residual.exr, used.exr, mask.png and
-        normals.json.
+        Folder for normals.exr, normals.png, albedo.exr, albedo.png, residual.exr, used.exr,
+        mask.png and normals.json.
     options
         Lights, camera, mask and method.
     maps
@@ -48,5 +48,5 @@ def normals(
     stage = compute_normals(opened, options)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = files
-    result.parameters = {"transfer": opened.transfer.record()}
+    result.parameters |= {"transfer": opened.transfer.record()}
     return result

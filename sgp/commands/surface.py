@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 import acquisition
 import processing
 import rig
@@ -23,6 +26,7 @@ def surface(
     *,
     out: Path,
     mask: OptionalInput = None,
+    albedo: OptionalInput = None,
     camera: OptionalInput = None,
     options: SurfaceOptions = _SURFACE,
     green: Literal["up", "down"] = "up",
@@ -40,9 +44,12 @@ def surface(
     normals
         Image of normals, or folder with normals.* and mask.png.
     out
-        Folder for height.exr, depth.exr (with a camera), mask.png, surface.ply and surface.json.
+        Folder for height.exr, height.png, depth.exr (with a camera), mask.png, surface.ply and
+        surface.json.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
+    albedo
+        Image of colours for the mesh: albedo.exr, or a picture; default: none.
     camera
         File of a perspective camera; default: orthographic projection.
     options
@@ -61,9 +68,30 @@ def surface(
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
     height_map = processing.integrate(normal_map, camera=model, pixel_mm=options.pixel_mm)
+    colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
-    result = write_surface(claimed, height_map, normal_map, formats=options.formats())
+    result = write_surface(
+        claimed, height_map, normal_map, formats=options.formats(), colours=colours
+    )
     result.warnings = [*read.warnings, *result.warnings]
-    given = [path for path in (mask, camera) if path is not None]
+    given = [path for path in (mask, albedo, camera) if path is not None]
     result.inputs = [*read.files, *given]
     return result
+
+
+def _colours(
+    path: Path, normal_map: processing.NormalMap, max_pixels: int
+) -> npt.NDArray[np.uint8]:
+    """Read colours as sRGB samples: floats are linear albedo, other samples are sRGB."""
+    image = acquisition.read_image(path, max_pixels=max_pixels)
+    if image.shape[:2] != normal_map.size:
+        height, width = normal_map.size
+        raise acquisition.DataError(
+            f"{path}: {image.shape[1]} x {image.shape[0]} pixels, but the normals have {width} x "
+            f"{height}: give an image of the same size"
+        )
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8)
+    if image.dtype == np.uint16:
+        return np.rint(image / 257).astype(np.uint8)
+    return processing.albedo_picture(image.astype(np.float32), normal_map.mask).pixels

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad as integrate_twice
 
 from acquisition import CameraModel, DataError, StorageError
+from processing import height_mesh, write_mesh
 from processing._normal_map import NormalMap
 from processing._surface.integration import HeightMap, integrate
-from processing._surface.mesh_files import height_mesh, write_mesh
 
 FORMATS = ("ply", "obj", "stl", "glb")
 

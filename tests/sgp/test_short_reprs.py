@@ -85,7 +85,7 @@ EXAMPLES: list[tuple[object, str]] = [
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
-    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, HEIGHT, ERROR, (ONES, ONES), ()),
+    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, HEIGHT, ERROR, (ONES, ONES), ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),
     (simulator.Lens(camera=CAMERA), f"Lens(camera={CAMERA!r}, vignetting=0, psf_sigma_px=0.7)"),
