@@ -181,7 +181,8 @@ def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
     encoded[~normal_map.mask, 2] = 0.5
     encoded += 0.5
     encoded *= 65535
-    return np.rint(encoded, out=encoded).astype(np.uint16)
+    samples: npt.NDArray[np.uint16] = np.rint(encoded, out=encoded).astype(np.uint16)
+    return samples
 
 
 def _find_image(path: Path) -> Path:

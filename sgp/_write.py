@@ -24,10 +24,10 @@ def write_normals_stage(
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
     result.outputs = processing.write_normals(folder, solved.normal_map, green=maps.green_out)
-    maps_of = {"albedo": stage.albedo, "residual": solved.residual, "used": solved.used}
-    for name, values in maps_of.items():
+    used = solved.used.astype(np.float32)
+    for name, values in (("albedo", stage.albedo), ("residual", solved.residual), ("used", used)):
         result.outputs[name] = folder / f"{name}.exr"
-        acquisition.write_exr(result.outputs[name], values.astype(np.float32))
+        acquisition.write_exr(result.outputs[name], values)
     picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
     result.outputs["albedo_png"] = folder / "albedo.png"
     acquisition.write_png(

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import read_image_with_alpha
+from acquisition._pixels.images import Image, read_image_with_alpha
 from acquisition._source.source import Source
 from rig import MAX_PIXELS, Notice
 
@@ -54,6 +54,6 @@ def with_alpha_mask(source: Source, images: Sequence[Path], max_pixels: int = MA
     return replace(source, mask=inside, mask_origin="alpha", warnings=(*source.warnings, notice))
 
 
-def _opaque(alpha: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
+def _opaque(alpha: Image) -> npt.NDArray[np.bool_]:
     full = 1.0 if alpha.dtype.kind == "f" else float(np.iinfo(alpha.dtype.name).max)
     return np.asarray(alpha > full / 2, np.bool_)

@@ -139,4 +139,5 @@ def _mean_normals(blocks: Reduction, truth: Float) -> Float:
     total = blocks.mean(truth)
     length = np.linalg.norm(total, axis=2, keepdims=True)
     usable = known[..., None] & (length > 0)
-    return np.divide(total, length, out=np.zeros_like(total), where=usable)
+    unit: Float = np.divide(total, length, out=np.zeros_like(total), where=usable)
+    return unit
