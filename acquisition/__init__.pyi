@@ -63,9 +63,13 @@ from ._session.verify import verify_session as verify_session
 from ._session.writer import SessionWriter as SessionWriter
 from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
+from ._source.exclude import exclude as exclude
 from ._source.linear import Linearizer as Linearizer
 from ._source.linear import same_exposure as same_exposure
 from ._source.reader import read_source as read_source
+from ._source.reduce import crop as crop
+from ._source.reduce import downscale as downscale
+from ._source.reduction import Reduction as Reduction
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
 from ._staging import staged as staged

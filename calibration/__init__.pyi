@@ -4,7 +4,9 @@ from ._intensities import IntensityCalibration as IntensityCalibration
 from ._intensities import calibrate_intensities as calibrate_intensities
 from ._radiance.linear_stack import Stack as Stack
 from ._radiance.linear_stack import check_linear as check_linear
+from ._radiance.linear_stack import linear_images as linear_images
 from ._radiance.linear_stack import linear_stack as linear_stack
+from ._radiance.linear_stack import luma as luma
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres

@@ -25,6 +25,7 @@ from rig import MAX_PIXELS, Notice, pluralize, short_repr
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[Any]
+Green = Literal["up", "down"]
 
 # In order of preference: `write_normals` writes the same normals as EXR and as PNG.
 _SUFFIXES = (".exr", ".npy", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
@@ -54,7 +55,7 @@ def read_normals(
     path: str | Path,
     *,
     mask_path: str | Path | None = None,
-    green: Literal["up", "down"] = "up",
+    green: Green = "up",
     max_pixels: int = MAX_PIXELS,
 ) -> NormalMapFile:
     """Read a normal map from an image or a folder.
@@ -106,12 +107,12 @@ def read_normals(
         share = _share(alpha)
         if encoded:
             _undo_premultiplication(vectors, share)
-        if mask_file is None:
+        if mask is None:
             mask, note = _mask_of_alpha(file, share)
-        else:
+            notes.append(note)
+        elif not np.array_equal(mask, share > 0.5):
             text = f"the alpha channel is ignored, the mask is {mask_file}"
-            note = Notice("alpha-ignored", text, str(file), "info")
-        notes.append(note)
+            notes.append(Notice("alpha-ignored", text, str(file), "info"))
     if green == "down":
         vectors[..., 1] *= -1
     length = np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))
@@ -134,7 +135,11 @@ def read_normals(
 
 
 def write_normals(
-    folder: str | Path, normal_map: NormalMap, name: str = "normals"
+    folder: str | Path,
+    normal_map: NormalMap,
+    name: str = "normals",
+    *,
+    green: Green = "up",
 ) -> dict[str, Path]:
     """Write ``normals.exr`` (float), ``normals.png`` (16-bit) and ``mask.png`` into a folder.
 
@@ -143,10 +148,14 @@ def write_normals(
     folder
         Folder of the files, created if it is missing; files of these names are replaced.
     normal_map
-        The map to write. The PNG contains ``round((n / 2 + 0.5) * 65535)``, mid-grey outside the
-        mask; green is up.
+        The map to write. The PNG contains ``round((n / 2 + 0.5) * 65535)`` and the mask as its
+        alpha channel; outside the mask its colour is that of a normal toward the camera, in 8
+        bits (128, 128, 255).
     name
         Stem of the files and of the output names.
+    green
+        ``down`` writes the PNG with a green channel that increases downwards (DirectX). The EXR
+        always contains the vectors themselves.
 
     Returns
     -------
@@ -161,11 +170,19 @@ def write_normals(
         f"{name}_png": folder / f"{name}.png",
         "mask": folder / "mask.png",
     }
-    encoded = np.rint((normal_map.normals.astype(np.float64) * 0.5 + 0.5) * 65535)
     write_exr(outputs[name], normal_map.normals)
-    write_png(outputs[f"{name}_png"], encoded.astype(np.uint16))
+    write_png(outputs[f"{name}_png"], _encoded(normal_map, green), alpha=normal_map.mask)
     write_mask(outputs["mask"], normal_map.mask)
     return outputs
+
+
+def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
+    encoded = normal_map.normals * np.array([0.5, -0.5 if green == "down" else 0.5, 0.5])
+    encoded[~normal_map.mask, 2] = 0.5
+    encoded += 0.5
+    encoded *= 65535
+    samples: npt.NDArray[np.uint16] = np.rint(encoded, out=encoded).astype(np.uint16)
+    return samples
 
 
 def _find_image(path: Path) -> Path:

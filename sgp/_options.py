@@ -63,6 +63,26 @@ def _gamma(kind: object, tokens: Sequence[Token]) -> str:
     return text
 
 
+def _names(kind: object, tokens: Sequence[Token]) -> tuple[str, ...]:
+    """Read names separated by commas."""
+    names = tuple(part.strip() for part in tokens[0].value.split(","))
+    if not all(names):
+        text = f"{_short(tokens[0].value)} has an empty name: give names separated by commas"
+        raise CoercionError(msg=text, token=tokens[0])
+    return names
+
+
+def _region(kind: object, tokens: Sequence[Token]) -> tuple[int, int, int, int]:
+    """Read ``x,y,w,h`` in whole pixels."""
+    text = tokens[0].value
+    match = re.fullmatch(r"\s*(\d{1,7})\s*,\s*(\d{1,7})\s*,\s*(\d{1,7})\s*,\s*(\d{1,7})\s*", text)
+    if match is None:
+        reason = f"{_short(text)} is not a region x,y,w,h in whole pixels, such as 100,80,640,480"
+        raise CoercionError(msg=reason, token=tokens[0])
+    x, y, width, height = (int(part) for part in match.groups())
+    return x, y, width, height
+
+
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
@@ -97,6 +117,10 @@ Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lt
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
 Gamma = Annotated[str, Parameter(converter=_gamma)]
+Names = Annotated[tuple[str, ...], Parameter(converter=_names, n_tokens=1, metavar="LIST")]
+Region = Annotated[
+    tuple[int, int, int, int], Parameter(converter=_region, n_tokens=1, metavar="X,Y,W,H")
+]
 Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
 Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
@@ -123,6 +147,13 @@ class SourceOptions:
         Transfer curve of the images: auto (their metadata; without metadata, 8-bit JPEGs are sRGB
         and other files linear), srgb, linear, an exponent such as 2.2, or a file with a table of
         samples and light.
+    exclude
+        Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
+    crop
+        Region x,y,w,h to use: column and row of its first pixel, width and height, in pixels.
+    downscale
+        Average blocks of this many pixels per axis, after cropping. A size of a pixel in mm is
+        still that of the recording.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -133,6 +164,9 @@ class SourceOptions:
     method: processing.Method = "cauchy"
     distant: bool = False
     gamma: Gamma = "auto"
+    exclude: Names = ()
+    crop: Region | None = None
+    downscale: Count = 1
     max_pixels: Pixels = rig.MAX_PIXELS
 
 

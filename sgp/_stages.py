@@ -12,7 +12,10 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
+from sgp._exit import UsageError
 from sgp._options import SourceOptions, transfer_files, transfer_of
+
+_FEWEST_IMAGES = 3
 
 
 def open_source(
@@ -50,6 +53,39 @@ def open_source(
     if unused:
         source = replace(source, warnings=(*source.warnings, not_used(path, unused)))
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
+
+
+def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Source, list[Path]]:
+    """Read a source as its options say; return the part to process and all its files.
+
+    Raises
+    ------
+    UsageError
+        If fewer than 3 images are left.
+    MissingPathError, DataError
+        If a file is missing, cannot be read, or does not match the images, or the options name an
+        image or a region that does not exist.
+    """
+    source, files = open_source(
+        path,
+        lights=options.lights,
+        camera=options.camera,
+        mask=options.mask,
+        gamma=options.gamma,
+        max_pixels=options.max_pixels,
+    )
+    if options.exclude:
+        total = len(source.light_ids)
+        source = acquisition.exclude(source, options.exclude)
+        left = len(source.light_ids)
+        if left < _FEWEST_IMAGES:
+            raise UsageError(
+                f"--exclude leaves {left} of {rig.pluralize(total, 'image')}: normals need at "
+                f"least {_FEWEST_IMAGES}"
+            )
+    if options.crop is not None:
+        source = acquisition.crop(source, *options.crop)
+    return acquisition.downscale(source, options.downscale), files
 
 
 def compute_normals(

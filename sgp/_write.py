@@ -5,22 +5,38 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 import acquisition
 import processing
+import rig
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._result import Result
+from sgp._stage_options import MapOptions
+
+_MAPS = MapOptions()
 
 
-def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Result:
-    """Write normals.exr and .png, albedo, residual, used and mask; return files and figures."""
+def write_normals_stage(
+    folder: Path, stage: processing.Reconstruction, maps: MapOptions = _MAPS
+) -> Result:
+    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
-    result.outputs = processing.write_normals(folder, solved.normal_map)
-    for name in ("albedo", "residual", "used"):
-        path = folder / f"{name}.exr"
-        acquisition.write_exr(path, getattr(solved, name).astype(np.float32))
-        result.outputs[name] = path
+    result.outputs = processing.write_normals(folder, solved.normal_map, green=maps.green_out)
+    used = solved.used.astype(np.float32)
+    for name, values in (("albedo", stage.albedo), ("residual", solved.residual), ("used", used)):
+        result.outputs[name] = folder / f"{name}.exr"
+        acquisition.write_exr(result.outputs[name], values)
+    picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
+    result.outputs["albedo_png"] = folder / "albedo.png"
+    acquisition.write_png(
+        result.outputs["albedo_png"],
+        picture.pixels,
+        srgb=True,
+        description=f"albedo / {picture.white:.6g} as sRGB",
+    )
+    result.parameters = {"albedo_png": {"white": picture.white}}
     metrics = normals_metrics(stage)
     result.metrics = metrics
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
@@ -56,10 +72,12 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     return metrics
 
 
-def write_separation(folder: Path, parts: processing.Separation) -> Result:
+def write_separation(
+    folder: Path, parts: processing.Separation, maps: MapOptions = _MAPS
+) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = processing.write_normals(folder, parts.shape, name="shape")
-    outputs |= processing.write_normals(folder, parts.detail, name="detail")
+    outputs = processing.write_normals(folder, parts.shape, "shape", green=maps.green_out)
+    outputs |= processing.write_normals(folder, parts.detail, "detail", green=maps.green_out)
     metrics = separation_metrics(parts)
     separability = metrics["separability_deg"]
     return Result(
@@ -80,18 +98,26 @@ def write_surface(
     normal_map: processing.NormalMap,
     *,
     formats: tuple[str, ...] = ("ply",),
+    colours: npt.NDArray[np.uint8] | None = None,
 ) -> Result:
-    """Write height.exr, depth.exr if there is a depth, mask.png and meshes."""
-    result = Result(warnings=list(height_map.warnings))
+    """Write height as .exr and .png, depth.exr if there is a depth, mask.png and meshes.
+
+    ``colours`` are sRGB samples for the meshes.
+    """
+    result = Result(warnings=[*height_map.warnings, *_scale_notice(height_map)])
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
     acquisition.write_exr(result.outputs["height"], height_map.height)
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
+    _write_height_picture(folder / "height.png", height_map, result)
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         acquisition.write_exr(result.outputs["depth"], height_map.depth)
     for suffix in formats:
-        result.outputs[suffix] = folder / f"surface.{suffix}"
-        processing.write_mesh(result.outputs[suffix], height_map, normals=normal_map)
+        path, *others = processing.write_mesh(
+            folder / f"surface.{suffix}", height_map, normals=normal_map, colours=colours
+        )
+        result.outputs[suffix] = path
+        result.outputs |= {f"{suffix}_{other.suffix[1:]}": other for other in others}
     metrics = surface_metrics(height_map)
     result.metrics = metrics
     result.summary = [
@@ -99,6 +125,30 @@ def write_surface(
         f"{metrics['vertices']} vertices"
     ]
     return result
+
+
+def _write_height_picture(path: Path, height_map: processing.HeightMap, result: Result) -> None:
+    picture = processing.height_picture(height_map)
+    scale = f"{picture.base:.9g} + {picture.step:.9g} * sample"
+    description = f"height in {height_map.unit} = {scale}; sample 0: no height"
+    acquisition.write_png(path, picture.pixels, description=description)
+    result.outputs["height_png"] = path
+    result.parameters["height_png"] = {
+        "base": picture.base,
+        "step": picture.step,
+        "unit": height_map.unit,
+    }
+
+
+def _scale_notice(height_map: processing.HeightMap) -> list[rig.Notice]:
+    """Return a notice if a reader of the mesh could take pixels for millimetres."""
+    if height_map.unit == "mm":
+        return []
+    text = (
+        "the scale is not known: heights and meshes are in pixels, and a program that reads a mesh "
+        "in mm takes each pixel for 1 mm; give --pixel-mm, or a camera with a working distance"
+    )
+    return [rig.Notice("surface-without-scale", text, "", "info")]
 
 
 def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:

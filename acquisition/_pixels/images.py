@@ -118,11 +118,14 @@ class ImageForm:
         Shape and sample type of the array that `read_image` returns.
     transfer
         The transfer curve of the samples.
+    alpha
+        Whether the file has an alpha channel.
     """
 
     shape: tuple[int, ...]
     dtype: np.dtype[np.generic]
     transfer: StatedCurve
+    alpha: bool = False
 
 
 def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
@@ -135,7 +138,8 @@ def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
         size = (spec.height, spec.width)
         with convert_read_errors(path):
             transfer = stated_curve(path, file.format_name(), spec)
-    return ImageForm(size if len(channels) == 1 else (*size, 3), np.dtype(dtype), transfer)
+    shape = size if len(channels) == 1 else (*size, 3)
+    return ImageForm(shape, np.dtype(dtype), transfer, spec.alpha_channel >= 0)
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
@@ -155,12 +159,35 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
     DataError
         If the array has another shape or type.
     """
-    _write(Path(path), pixels, "tiff", {"uint8", "uint16"}, "none")
+    _write(Path(path), pixels, "tiff", {"uint8", "uint16"}, {"compression": "none"})
 
 
-def write_png(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
-    """Write a PNG. Parameters and errors are those of `write_tiff`."""
-    _write(Path(path), pixels, "png", {"uint8", "uint16"}, "zip")
+def write_png(
+    path: str | Path,
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
+    *,
+    alpha: npt.NDArray[np.bool_] | None = None,
+    srgb: bool = False,
+    description: str = "",
+) -> None:
+    """Write a PNG; equal arguments give equal bytes.
+
+    Parameters
+    ----------
+    path, pixels
+        As in `write_tiff`, as are the errors.
+    alpha
+        ``(H, W)`` bool, True where the image is opaque; the colours are not multiplied by it.
+        Default: no alpha channel.
+    srgb
+        State in the file that the samples follow the sRGB curve; otherwise it states no curve.
+    description
+        Text of the file, stored under the keyword ``Description``.
+    """
+    attributes = {"compression": "zip", "oiio:ColorSpace": "sRGB" if srgb else "data"}
+    if description:
+        attributes["ImageDescription"] = description
+    _write(Path(path), pixels, "png", {"uint8", "uint16"}, attributes, alpha)
 
 
 def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
@@ -168,7 +195,7 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
 
     Errors are those of `write_tiff`.
     """
-    _write(Path(path), array, "openexr", {"float32"}, "zip")
+    _write(Path(path), array, "openexr", {"float32"}, {"compression": "zip"})
 
 
 @contextmanager
@@ -242,7 +269,12 @@ def _colour_channels(spec: oiio.ImageSpec, path: Path) -> list[int]:
 
 
 def _write(
-    path: Path, pixels: npt.NDArray[np.generic], kind: str, allowed: set[str], compression: str
+    path: Path,
+    pixels: npt.NDArray[np.generic],
+    kind: str,
+    allowed: set[str],
+    attributes: dict[str, str],
+    alpha: npt.NDArray[np.bool_] | None = None,
 ) -> None:
     array = np.asarray(pixels)
     if array.dtype.name not in allowed:
@@ -250,17 +282,34 @@ def _write(
         raise DataError(f"{path}: {array.dtype} samples cannot be written here: give {types}")
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3) or not array.size:
         raise DataError(f"{path}: an array of shape {array.shape} is not an image")
+    opacity = None if alpha is None else _opacity(path, alpha, array)
     # OpenImageIO writes wrong pixels, without an error, from 2-D, strided or byte-swapped arrays.
     array = array.reshape(*array.shape[:2], -1)
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
-    height, width, channels = array.shape
+    stored = array if opacity is None else np.dstack([array, opacity])
+    height, width, channels = stored.shape
     spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
-    spec.attribute("compression", compression)
+    if opacity is not None and channels == 2:
+        spec.channelnames = ("Y", "A")
+        spec.alpha_channel = 1
+    spec.attribute("oiio:UnassociatedAlpha", 1)
     spec.attribute("png:compressionLevel", 1)  # half the time of the default, same size
     spec.attribute("DateTime", "")  # otherwise the current time is written
-    if kind == "png":
-        spec.attribute("oiio:ColorSpace", "data")  # otherwise the file states the sRGB curve
-    store_image(path, encode_image(path, kind, spec, array), array)
+    for name, value in attributes.items():
+        spec.attribute(name, value)
+    store_image(path, encode_image(path, kind, spec, stored), array, opacity)
+
+
+def _opacity(
+    path: Path, alpha: npt.NDArray[np.bool_], array: npt.NDArray[np.generic]
+) -> npt.NDArray[np.generic]:
+    if alpha.dtype != np.bool_ or alpha.shape != array.shape[:2]:
+        raise DataError(
+            f"{path}: an alpha channel of {alpha.dtype} and shape {alpha.shape} does not fit an "
+            f"image of shape {array.shape[:2]}"
+        )
+    opacity: npt.NDArray[np.generic] = alpha * np.iinfo(array.dtype.name).max
+    return opacity.astype(array.dtype.newbyteorder("="))
 
 
 def encode_image(
@@ -306,8 +355,13 @@ def encode_image(
         return place.read_bytes()
 
 
-def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> None:
-    """Write an encoded image and check that it holds these pixels.
+def store_image(
+    path: Path,
+    data: bytes,
+    pixels: npt.NDArray[np.generic],
+    alpha: npt.NDArray[np.generic] | None = None,
+) -> None:
+    """Write an encoded image and check that it holds these pixels and this alpha channel.
 
     The file appears complete and checked, or not at all.
 
@@ -322,15 +376,20 @@ def store_image(path: Path, data: bytes, pixels: npt.NDArray[np.generic]) -> Non
     with published(path) as part:
         with disk(path, "write"):
             write_whole(part.descriptor, data)
-        if not holds(part.path, pixels):
+        if not holds(part.path, pixels, alpha):
             raise StorageError(f"{path}: does not read back as written: check the disk")
 
 
-def holds(path: Path, pixels: npt.NDArray[np.generic]) -> bool:
-    """Return whether a file that was just written reads back as these pixels."""
+def holds(
+    path: Path, pixels: npt.NDArray[np.generic], alpha: npt.NDArray[np.generic] | None = None
+) -> bool:
+    """Return whether a file that was just written reads back as these pixels and this alpha."""
     try:
-        stored = read_image(path, max_pixels=pixels.shape[0] * pixels.shape[1])
+        max_pixels = pixels.shape[0] * pixels.shape[1]
+        stored, opacity = read_image_with_alpha(path, max_pixels=max_pixels)
     except DataError:
+        return False
+    if alpha is not None and (opacity is None or opacity.tobytes() != alpha.tobytes()):
         return False
     # Compare bytes, because NaN is not equal to itself.
     return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()

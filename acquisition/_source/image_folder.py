@@ -15,6 +15,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
 from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._source.alpha_mask import with_alpha_mask
 from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES
@@ -120,10 +121,12 @@ def images_source(
     ------
     DataError
         If an image cannot be read or differs from the first in size, type or transfer curve, if
-        the mask has another size, or if there are several masks.
+        the mask has another size, if there are several masks, or if without a mask the alpha
+        channels of the images leave no pixel.
     """
     cfa, black = None, 0.0
     curve, origin = LINEAR, "camera RAW"
+    transparent: tuple[Path, ...] = ()
     if is_raw(series[0]):
         raw = read_raw(series[0], max_pixels=max_pixels)
         shape, cfa, black, white = raw.pixels.shape, raw.cfa, raw.black_level_dn, raw.white_level_dn
@@ -139,7 +142,8 @@ def images_source(
             for file in (*series, *references)
         )
     else:
-        form = _same_form([*series, *references], max_pixels, same_curve=transfer is None)
+        forms = _same_form([*series, *references], max_pixels, same_curve=transfer is None)
+        form = forms[series[0]]
         shape, kind = form.shape, form.dtype
         white = np.inf if kind.kind == "f" else float(np.iinfo(kind.name).max)
         curve, origin = form.transfer.curve, form.transfer.origin
@@ -147,11 +151,12 @@ def images_source(
             Frame(file, file.stem, shape, references.get(file, "light"), max_pixels=max_pixels)
             for file in (*series, *references)
         )
+        transparent = tuple(path for path in series if forms[path].alpha)
     if len(masks) > 1:
         raise DataError(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: choose one of them"
         )
-    return Source(
+    source = Source(
         path=path,
         kind="images",
         frames=frames,
@@ -165,6 +170,7 @@ def images_source(
         files=(*series, *references, *masks),
         warnings=reference_notices(path, references),
     )
+    return with_alpha_mask(source, transparent, max_pixels)
 
 
 def with_ignored(source: Source, folder: Path) -> Source:
@@ -205,10 +211,13 @@ def _raw_pixels(path: Path, max_pixels: int) -> Image:
     return read_raw(path, max_pixels=max_pixels).pixels
 
 
-def _same_form(series: Sequence[Path], max_pixels: int, *, same_curve: bool) -> ImageForm:
+def _same_form(
+    series: Sequence[Path], max_pixels: int, *, same_curve: bool
+) -> dict[Path, ImageForm]:
     first = image_form(series[0], max_pixels=max_pixels)
+    forms = {series[0]: first}
     for path in series[1:]:
-        form = image_form(path, max_pixels=max_pixels)
+        form = forms[path] = image_form(path, max_pixels=max_pixels)
         if (form.shape, form.dtype) != (first.shape, first.dtype):
             raise DataError(
                 f"{path}: {_describe(form)}, but {series[0].name} is {_describe(first)}: all "
@@ -220,7 +229,7 @@ def _same_form(series: Sequence[Path], max_pixels: int, *, same_curve: bool) -> 
                 f"{path}: {mine.curve.name} ({mine.origin}), but {series[0].name} is "
                 f"{firsts.curve.name} ({firsts.origin}): give the transfer curve (--gamma)"
             )
-    return first
+    return forms
 
 
 def _describe(form: ImageForm) -> str:

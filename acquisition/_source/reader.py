@@ -41,9 +41,10 @@ def read_source(
         A session, a DiLiGenT object folder, a folder of images with an .lp file (or the .lp file
         itself), a plain folder of images, or one image file. In a plain folder the frames are the
         images that differ only in one number, in natural order; ``mask.*`` or ``*.mask.*`` is the
-        mask, and ``dark*`` and ``ambient*`` are dark and ambient frames. In an export written by
-        this package, ``recording.json`` gives levels, filter pattern and exposures, and names the
-        files with the full data of lights and camera.
+        mask, or else the alpha channel of the images, unless it is opaque everywhere; ``dark*`` and
+        ``ambient*`` are dark and ambient frames. In an export written by this package,
+        ``recording.json`` gives levels, filter pattern and exposures, and names the files with the
+        full data of lights and camera.
     lights
         Lights to use instead of those of the source: matched by id, or by order with a warning.
     mask_path
@@ -132,8 +133,8 @@ def _with_white_level(source: Source) -> Source:
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
-    if source.mask is None:
-        return None
+    if source.mask is None or source.mask_origin == "alpha":
+        return source.mask_origin
     if given:
         return "given"
     # An export may be a plain folder too, but its mask comes from a session.

@@ -13,13 +13,14 @@ import numpy.typing as npt
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, read_image
 from acquisition._plan.planned_shot import Role
+from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 SourceKind = Literal["session", "diligent", "lp", "images"]
-MaskOrigin = Literal["given", "folder", "recording"]
+MaskOrigin = Literal["given", "folder", "recording", "alpha"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +97,12 @@ class Source:
     mask
         ``(H, W)`` bool, True on the object; None if there is no mask.
     mask_path
-        Image file from which `mask` was read; None without a mask.
+        Image file from which `mask` was read; None without a mask or for ``alpha``.
     mask_origin
         Origin of the mask. ``given``: the caller named the file. ``recording``: the mask belongs
         to a session, an export, a DiLiGenT folder or an .lp file, and shows the object.
         ``folder``: the mask is in a plain folder of images, and may show a chrome sphere instead
-        of an object. None without a mask.
+        of an object. ``alpha``: the alpha channels of the images. None without a mask.
     camera
         Camera model with the size of the images; None if not known.
     normals_truth
@@ -111,6 +112,10 @@ class Source:
     black_level, white_level
         Grey values without light and at saturation, in the unit of the files. The white level of
         float images is infinite: no sample counts as saturated, and values are not limited.
+    reduction
+        Region and resolution at which the frames are used; None for complete frames. `size`,
+        `mask`, `camera` and `normals_truth` are those of the reduced images. See `crop` and
+        `downscale`.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
     transfer
@@ -139,6 +144,7 @@ class Source:
     cfa: str | None = None
     black_level: float = 0.0
     white_level: float = 1.0
+    reduction: Reduction | None = None
     simulated: bool = False
     transfer: TransferCurve = LINEAR
     transfer_origin: str = ""
@@ -156,7 +162,9 @@ class Source:
 
     @property
     def size(self) -> tuple[int, int]:
-        """(height, width) of every frame."""
+        """(height, width) of the images: of every frame, or of the reduced ones."""
+        if self.reduction is not None:
+            return self.reduction.size
         return self.frames[0].shape[0], self.frames[0].shape[1]
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -104,6 +104,30 @@ class CameraModel:
         """
         points: Array = self.centre_mm + np.asarray(points_mm, np.float64) * _FLIP
         return points
+
+    def cropped(self, x: int, y: int, width: int, height: int) -> CameraModel:
+        """Return the camera of a region of its images: the principal point moves.
+
+        Parameters
+        ----------
+        x, y
+            Column and row of the region's first pixel.
+        width, height
+            Size of the region in pixels.
+        """
+        K = self.K - np.array([[0.0, 0.0, x], [0.0, 0.0, y], [0.0, 0.0, 0.0]])
+        return replace(self, K=K, width=width, height=height)
+
+    def downscaled(self, factor: int) -> CameraModel:
+        """Return the camera of images in which ``factor x factor`` pixels were averaged.
+
+        The centre of the first block is at (factor - 1) / 2 in both axes. Columns and rows that do
+        not fill a block are left out.
+        """
+        K = self.K.copy()
+        K[:2, 2] -= (factor - 1) / 2
+        K[:2] /= factor
+        return replace(self, K=K, width=self.width // factor, height=self.height // factor)
 
     def rays(self, pixels: npt.ArrayLike) -> Array:
         """Return the viewing directions of pixels in the house frame, scaled to z = -1.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -92,7 +92,8 @@ def linear_stack(
     brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
     within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
-    then ``.2989 R + .587 G + .114 B``. Flat frames are not used.
+    then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a
+    `Source.reduction` are cropped and averaged last; a block with a saturated sample is left out.
 
     Parameters
     ----------
@@ -127,13 +128,7 @@ def linear_stack(
         )
     ids, lights = source.light_ids, source.lights
     develop = _Developer(source, lit, channel)
-    tasks = [
-        (
-            [frame for frame in lit if frame.light_id == name],
-            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
-        )
-        for i, name in enumerate(ids)
-    ]
+    tasks = _tasks(source, lit)
     first = develop(*tasks[0])
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
@@ -145,6 +140,57 @@ def linear_stack(
             on_progress("reading", i + 1, len(ids))
     _check_usable(values, ids, source)
     return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
+
+
+def linear_images(
+    source: Source,
+    ids: Sequence[str] | None = None,
+    *,
+    channel: Literal["gray", "rgb"] = "gray",
+) -> Iterator[FloatImage]:
+    """Yield the images of `linear_stack` one by one, with the next one in preparation.
+
+    Parameters
+    ----------
+    source, channel
+        As in `linear_stack`, as are the errors, except that black or saturated images are no error.
+    ids
+        Images to read, in this order; default: all of `Source.light_ids`.
+
+    Yields
+    ------
+    FloatImage
+        ``(H, W)`` or ``(H, W, 3)`` float32.
+    """
+    check_type("source", source, Source, "acquisition.read_source(path) returns one")
+    lit = [frame for frame in source.frames if frame.role == "light"]
+    develop = _Developer(source, lit, channel)
+    tasks = dict(zip(source.light_ids, _tasks(source, lit), strict=True))
+    wanted = [tasks[name] for name in (source.light_ids if ids is None else ids)]
+    with ThreadPoolExecutor(1) as pool:
+        coming = [pool.submit(develop, *task) for task in wanted[:1]]
+        for after in [*wanted[1:], None]:
+            image = coming.pop().result()
+            if after is not None:
+                coming.append(pool.submit(develop, *after))
+            yield image
+
+
+def luma(colour: FloatImage) -> FloatImage:
+    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``."""
+    return np.asarray(colour @ _LUMA, np.float32)
+
+
+def _tasks(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], npt.NDArray[np.float64]]]:
+    """Return the frames of each light and its intensity in each colour."""
+    lights = source.lights
+    return [
+        (
+            [frame for frame in lit if frame.light_id == name],
+            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
+        )
+        for i, name in enumerate(source.light_ids)
+    ]
 
 
 class _Developer:
@@ -211,12 +257,14 @@ class _Developer:
     ) -> FloatImage:
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
+        if self._source.reduction is not None:
+            image = self._source.reduction.mean(image)
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
             return np.asarray(image / np.float32(intensity.mean()), np.float32)
         colour = np.asarray(image / intensity.astype(np.float32), np.float32)
-        return colour if self._channel == "rgb" else np.asarray(colour @ _LUMA, np.float32)
+        return colour if self._channel == "rgb" else luma(colour)
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:

@@ -11,6 +11,7 @@ from acquisition import DataError, Lights, Source
 from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
+from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.lit_images import lit_images
 from processing._stereo.method import Method
@@ -36,7 +37,10 @@ class Reconstruction:
     mask
         ``(H, W)`` bool, the object: the mask of the source, or one computed from the images.
     stereo
-        Normals, albedo and residual.
+        Normals, gray albedo and residual.
+    albedo
+        ``(H, W, 3)`` float32 linear RGB if the images have colour, else the gray albedo
+        ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
     surface
         The height; None if it was not requested.
     error
@@ -51,6 +55,7 @@ class Reconstruction:
     lights: Lights
     mask: npt.NDArray[np.bool_]
     stereo: PhotometricStereoResult
+    albedo: npt.NDArray[np.float32]
     surface: HeightMap | None
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
@@ -92,7 +97,8 @@ def reconstruct(
     surface
         Also integrate the normals.
     on_progress
-        Callback that receives the progress of the stages ``reading`` and ``normals``.
+        Callback that receives the progress of the stages ``reading``, ``normals`` and, for
+        images in colour, ``colour``.
 
     Returns
     -------
@@ -144,6 +150,7 @@ def reconstruct(
         on_progress=on_progress,
     )
     previews = stack.values[0].copy(), stack.values[-1].copy()
+    used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
     if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
@@ -152,6 +159,7 @@ def reconstruct(
             "directions point from the object toward the lights, with z toward the camera"
         )
     warnings += stereo.warnings
+    albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
     height = None
     if surface:
         height = integrate(normal_map, camera=source.camera)
@@ -162,6 +170,7 @@ def reconstruct(
         lights=lights,
         mask=mask,
         stereo=stereo,
+        albedo=albedo,
         surface=height,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,

@@ -183,20 +183,31 @@ def _bounding_box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
+def check_scale(camera: CameraModel, pixel_mm: float | None) -> None:
+    """Refuse a pixel size next to a camera that has a working distance.
+
+    Raises
+    ------
+    DataError
+        If both are given: each states the scale.
+    """
+    if pixel_mm is not None and camera.working_distance_mm is not None:
+        raise DataError(
+            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
+            "exclude each other: give only one of them"
+        )
+
+
 def _scale(
     camera: CameraModel | None, pixel_mm: float | None
 ) -> tuple[Literal["mm", "px"], float, float]:
     """Return unit, pixel size and, with a camera, the working distance in that unit."""
     if camera is None:
         return ("px", 1.0, 0.0) if pixel_mm is None else ("mm", pixel_mm, 0.0)
+    check_scale(camera, pixel_mm)
     focal_px, distance = camera.focal_px, camera.working_distance_mm
     if distance is None:
         return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
-    if pixel_mm is not None:
-        raise DataError(
-            f"a pixel size of {pixel_mm} mm and a camera at {distance} mm exclude each other: give "
-            "only one of them"
-        )
     return "mm", distance / focal_px, distance
 
 

@@ -8,12 +8,14 @@ from typing import Literal
 import processing
 import rig
 from sgp._metrics import CombineMetrics
-from sgp._options import Count, Input, Order, Pixels
+from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_options import MapOptions, SeparationOptions
 from sgp._write import write_separation
 
 Green = Literal["up", "down"]
+_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
 
 
 @writes_folder("detail.json")
@@ -21,10 +23,9 @@ def separate(
     normals: Input,
     *,
     out: Path,
-    filter: processing.FilterKind = "gaussian",  # noqa: A002
-    order: Order = 8,
-    w: Count = 5,
+    options: SeparationOptions = _SEPARATION,
     green: Green = "up",
+    maps: MapOptions = _MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -42,25 +43,20 @@ def separate(
         Image of normals, or folder with normals.* and mask.png.
     out
         Folder for shape.exr, detail.exr, both also as 16-bit PNG, mask.png and detail.json.
-    filter
-        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
-        do not smooth across steps and occlusions.
-    order
-        Order of the Gaussian; the paper uses 1.
-    w
-        Half width of the filter window in pixels; sigma is w / 2.
+    options
+        Low-pass filter.
     green
         Direction of the green channel in an image file.
+    maps
+        Form of the PNGs.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Write into an output folder that already contains files.
     """
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    parts = processing.separate(
-        read.normal_map, shape_filter=processing.ShapeFilter(filter, order, w)
-    )
-    result = write_separation(claim_folder(out, "detail.json"), parts)
+    parts = processing.separate(read.normal_map, shape_filter=options.shape_filter())
+    result = write_separation(claim_folder(out, "detail.json"), parts, maps)
     result.warnings += read.warnings
     result.inputs = list(read.files)
     return result
@@ -72,6 +68,7 @@ def combine(
     detail: Input,
     *,
     out: Path,
+    maps: MapOptions = _MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -89,6 +86,8 @@ def combine(
         Detail component, edited or not.
     out
         Folder for normals.exr, normals.png, mask.png and normals.json.
+    maps
+        Form of the PNG.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -110,7 +109,9 @@ def combine(
         text = f"{rig.pluralize(lost, *words)} masked out"
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
-        outputs=processing.write_normals(claim_folder(out, "normals.json"), combined),
+        outputs=processing.write_normals(
+            claim_folder(out, "normals.json"), combined, green=maps.green_out
+        ),
         metrics=metrics,
         warnings=warnings,
         summary=[f"{rig.pluralize(count, 'normal')} in {out}"],

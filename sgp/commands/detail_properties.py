@@ -11,10 +11,13 @@ import acquisition
 import processing
 import rig
 from sgp._metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
-from sgp._options import Count, Input, Order, Pixels
+from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
 from sgp._result import Result
+from sgp._stage_options import SeparationOptions
+
+_SEPARATION = SeparationOptions()
 
 
 @writes_folder("properties.json")
@@ -22,9 +25,7 @@ def properties(
     normals: Input,
     *targets: Input,
     out: Path,
-    filter: processing.FilterKind = "gaussian",  # noqa: A002
-    order: Order = 8,
-    w: Count = 5,
+    options: SeparationOptions = _SEPARATION,
     green: Literal["up", "down"] = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -48,13 +49,8 @@ def properties(
     out
         Folder for separability.exr (degrees), height.exr and detail_height.exr (px),
         properties.png, exchange.png and properties.json.
-    filter
-        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
-        do not smooth across steps and occlusions.
-    order
-        Order of the Gaussian; the paper uses 1.
-    w
-        Half width of the filter window in pixels; sigma is w / 2.
+    options
+        Low-pass filter.
     green
         Direction of the green channel in image files.
     max_pixels
@@ -67,7 +63,7 @@ def properties(
         for path in (normals, *targets)
     ]
     normal_map, *others = (one.normal_map for one in read)
-    parts = processing.separate(normal_map, shape_filter=processing.ShapeFilter(filter, order, w))
+    parts = processing.separate(normal_map, shape_filter=options.shape_filter())
     result = Result(
         warnings=[line for one in read for line in one.warnings],
         inputs=[file for one in read for file in one.files],

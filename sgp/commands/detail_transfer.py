@@ -30,9 +30,11 @@ from sgp._options import (
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import map_panel, normals_panel, write_overview
 from sgp._result import Result
+from sgp._stage_options import MapOptions
 from sgp._write_profile import write_height_profile
 
 Green = Literal["up", "down"]
+_MAPS = MapOptions()
 Mask = npt.NDArray[np.bool_]
 # Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]
@@ -82,6 +84,7 @@ def transfer(
     profile: bool = False,
     source_green: Green = "up",
     target_green: Green = "up",
+    written: MapOptions = _MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -129,6 +132,8 @@ def transfer(
         Direction of the green channel in the source.
     target_green
         Direction of the green channel in the target.
+    written
+        Form of the PNG.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -171,7 +176,7 @@ def transfer(
         inputs=[*first.files, *second.files, *masks],
     )
     claim_folder(out, "normals.json")
-    result.outputs = processing.write_normals(out, done.normal_map)
+    result.outputs = processing.write_normals(out, done.normal_map, green=written.green_out)
     metrics = _write_errors(out, done, result)
     if profile:
         metrics = {**metrics, **write_height_profile(out, maps[1], done.normal_map, result)}

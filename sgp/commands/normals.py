@@ -7,15 +7,22 @@ from pathlib import Path
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
-from sgp._stages import compute_normals, open_source
+from sgp._stage_options import MapOptions
+from sgp._stages import compute_normals, open_recording
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
+_MAPS = MapOptions()
 
 
 @writes_folder("normals.json")
 def normals(
-    source: Input, *, out: Path, options: SourceOptions = _DEFAULTS, force: bool = False
+    source: Input,
+    *,
+    out: Path,
+    options: SourceOptions = _DEFAULTS,
+    maps: MapOptions = _MAPS,
+    force: bool = False,
 ) -> Result:
     """Estimate a normal map from images under known lights.
 
@@ -28,23 +35,18 @@ def normals(
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
-        Folder for normals.exr, normals.png, albedo.exr, residual.exr, used.exr, mask.png and
-        normals.json.
+        Folder for normals.exr, normals.png, albedo.exr, albedo.png, residual.exr, used.exr,
+        mask.png and normals.json.
     options
         Lights, camera, mask and method.
+    maps
+        Form of the PNG.
     force
         Write into an output folder that already contains files.
     """
-    opened, files = open_source(
-        source,
-        lights=options.lights,
-        camera=options.camera,
-        mask=options.mask,
-        gamma=options.gamma,
-        max_pixels=options.max_pixels,
-    )
+    opened, files = open_recording(source, options)
     stage = compute_normals(opened, options)
-    result = write_normals_stage(claim_folder(out, "normals.json"), stage)
+    result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = files
-    result.parameters = {"transfer": opened.transfer.record()}
+    result.parameters |= {"transfer": opened.transfer.record()}
     return result

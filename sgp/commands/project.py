@@ -17,7 +17,9 @@ from sgp._metrics import ProjectMetrics
 from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_options import MapOptions
 
+_MAPS = MapOptions()
 Unit = Literal["um", "mm", "cm", "m", "in"]
 Neighbours = Annotated[Whole, Parameter(validator=Number(gte=3, lte=1000))]
 # "-90,0,0" is a value, not an option.
@@ -43,6 +45,7 @@ def project(
     keep_origin: bool = False,
     shading: Literal["smooth", "flat"] = "smooth",
     neighbours: Neighbours = 16,
+    maps: MapOptions = _MAPS,
     force: bool = False,
 ) -> Result:
     """Project a mesh or a point cloud to a normal map, with mask and height.
@@ -88,6 +91,8 @@ def project(
     neighbours
         Number of neighbours of each point to which its normal is fitted; more give smoother
         normals.
+    maps
+        Form of the PNG.
     force
         Write into an output folder that already contains files.
     """
@@ -127,7 +132,7 @@ def project(
     )
     claim_folder(out, "project.json")
     result = Result(
-        outputs=processing.write_normals(out, seen.normal_map),
+        outputs=processing.write_normals(out, seen.normal_map, green=maps.green_out),
         warnings=list(seen.warnings),
         inputs=[geometry, *([] if camera is None else [camera])],
     )

@@ -10,9 +10,11 @@ from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
 from sgp._pipeline import overview_panels, process
 from sgp._result import Result
-from sgp._stages import Stopwatch, open_source
+from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
+from sgp._stages import Stopwatch, open_recording
 
 _DEFAULTS = SourceOptions()
+_MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
 
 
 @writes_folder("summary.json")
@@ -21,6 +23,9 @@ def run(
     *,
     out: Path = Path("result"),
     options: SourceOptions = _DEFAULTS,
+    maps: MapOptions = _MAPS,
+    separation: SeparationOptions = _SEPARATION,
+    surfaces: SurfaceOptions = _SURFACES,
     force: bool = False,
 ) -> Result:
     """Compute normals, shape and detail components, and a surface from a recording.
@@ -37,19 +42,27 @@ def run(
         Folder for overview.png, summary.json, normals/, detail/ and surface/.
     options
         Lights, camera, mask and method.
+    maps
+        Form of the PNGs of normals.
+    separation
+        Low-pass filter between shape and detail.
+    surfaces
+        Scale and formats of the mesh.
     force
         Write into an output folder that already contains files.
     """
     watch = Stopwatch()
-    opened, files = open_source(
-        source,
-        lights=options.lights,
-        camera=options.camera,
-        mask=options.mask,
-        gamma=options.gamma,
-        max_pixels=options.max_pixels,
+    opened, files = open_recording(source, options)
+    outcome = process(
+        opened,
+        files,
+        out,
+        watch,
+        options,
+        maps=maps,
+        separation=separation,
+        surfaces=surfaces,
     )
-    outcome = process(opened, files, out, watch, options)
     result = outcome.result
     result.outputs["overview"] = claim_folder(out, "summary.json") / "overview.png"
     with watch.stage("overview"):

@@ -5,13 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
 import acquisition
 import processing
 import rig
-from sgp._options import Input, OptionalInput, Pixels, Positive
+from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_options import SurfaceOptions
 from sgp._write import write_surface
+
+_SURFACE = SurfaceOptions()
 
 
 @writes_folder("surface.json")
@@ -20,12 +26,10 @@ def surface(
     *,
     out: Path,
     mask: OptionalInput = None,
+    albedo: OptionalInput = None,
     camera: OptionalInput = None,
-    pixel_mm: Positive | None = None,
+    options: SurfaceOptions = _SURFACE,
     green: Literal["up", "down"] = "up",
-    glb: bool = False,
-    stl: bool = False,
-    obj: bool = False,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -40,22 +44,18 @@ def surface(
     normals
         Image of normals, or folder with normals.* and mask.png.
     out
-        Folder for height.exr, depth.exr (with a camera), mask.png, surface.ply and surface.json.
+        Folder for height.exr, height.png, depth.exr (with a camera), mask.png, surface.ply and
+        surface.json.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
+    albedo
+        Image of colours for the mesh: albedo.exr, or a picture; default: none.
     camera
         File of a perspective camera; default: orthographic projection.
-    pixel_mm
-        Size of a pixel on the object in mm; without it and without a working distance, the unit of
-        the height is one pixel.
+    options
+        Scale and formats of the mesh.
     green
         Direction of the green channel in an image file.
-    glb
-        Also write surface.glb, in metres as glTF requires.
-    stl
-        Also write surface.stl.
-    obj
-        Also write surface.obj.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -67,12 +67,31 @@ def surface(
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    height_map = processing.integrate(normal_map, camera=model, pixel_mm=pixel_mm)
-    wanted = {"glb": glb, "stl": stl, "obj": obj}
-    formats = ("ply", *(name for name, asked in wanted.items() if asked))
+    height_map = processing.integrate(normal_map, camera=model, pixel_mm=options.pixel_mm)
+    colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
-    result = write_surface(claimed, height_map, normal_map, formats=formats)
+    result = write_surface(
+        claimed, height_map, normal_map, formats=options.formats(), colours=colours
+    )
     result.warnings = [*read.warnings, *result.warnings]
-    options = [path for path in (mask, camera) if path is not None]
-    result.inputs = [*read.files, *options]
+    given = [path for path in (mask, albedo, camera) if path is not None]
+    result.inputs = [*read.files, *given]
     return result
+
+
+def _colours(
+    path: Path, normal_map: processing.NormalMap, max_pixels: int
+) -> npt.NDArray[np.uint8]:
+    """Read colours as sRGB samples: floats are linear albedo, other samples are sRGB."""
+    image = acquisition.read_image(path, max_pixels=max_pixels)
+    if image.shape[:2] != normal_map.size:
+        height, width = normal_map.size
+        raise acquisition.DataError(
+            f"{path}: {image.shape[1]} x {image.shape[0]} pixels, but the normals have {width} x "
+            f"{height}: give an image of the same size"
+        )
+    if image.dtype == np.uint8:
+        return image.astype(np.uint8)
+    if image.dtype == np.uint16:
+        return np.rint(image / 257).astype(np.uint8)
+    return processing.albedo_picture(image.astype(np.float32), normal_map.mask).pixels

@@ -96,8 +96,8 @@ def test_a_png_that_does_not_read_back_replaces_nothing(
     write_captioned_png(tmp_path / "a.png", PIXELS, CAPTION)
     before = (tmp_path / "a.png").read_bytes()
     monkeypatch.setattr(
-        "acquisition._pixels.images.read_image",
-        lambda path, **options: read_image(path, **options) + 1,
+        "acquisition._pixels.images.read_image_with_alpha",
+        lambda path, **options: (1 + PIXELS, None),
     )
     with pytest.raises(StorageError, match="does not read back"):
         write_captioned_png(tmp_path / "a.png", PIXELS[::-1], CAPTION)

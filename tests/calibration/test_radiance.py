@@ -3,7 +3,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import LINEAR, SRGB, DataError, Frame, Lights, Source, TransferCurve
+from acquisition import (
+    LINEAR,
+    SRGB,
+    DataError,
+    Frame,
+    Lights,
+    Source,
+    TransferCurve,
+    crop,
+    downscale,
+)
 from calibration import EstimateError, linear_stack
 
 BLACK, WHITE = 64.0, 4095.0
@@ -321,3 +331,24 @@ def test_bad_input(frames, options, error, says):
 def test_rgb_of_a_mono_image_is_refused():
     with pytest.raises(DataError, match="one channel"):
         linear_stack(source([frame("a", np.full((2, 2), 99, np.uint16))]), channel="rgb")
+
+
+@pytest.mark.parametrize("channel", ["gray", "rgb"])
+def test_a_region_of_a_mosaic_equals_the_region_of_the_stack(channel):
+    rng = np.random.default_rng(5)
+    pixels = rng.integers(64, 4096, (2, 12, 14)).astype(np.uint16)
+    whole = source([frame("L00", pixels[0]), frame("L01", pixels[1])], cfa="GRBG")
+    part = crop(whole, 3, 1, 8, 7)
+    expected = linear_stack(whole, channel=channel).values[:, 1:8, 3:11]
+    np.testing.assert_allclose(linear_stack(part, channel=channel).values, expected, rtol=1e-6)
+
+
+def test_blocks_are_averages_of_light_and_saturated_ones_are_not_measured():
+    pixels = np.array([[64, 164, 264, 364, 900], [264, 464, 564, WHITE, 900], [900] * 5], np.uint16)
+    curve = TransferCurve.power(2.0)
+    reduced = downscale(source([frame("L00", pixels, light_id="L00")], transfer=curve), 2)
+    values = linear_stack(reduced).values
+    light = ((pixels[:2, :2].astype(float) - BLACK) / (WHITE - BLACK)) ** 2
+    assert values.shape == (1, 1, 2)
+    assert values[0, 0, 0] == pytest.approx(light.mean(), rel=1e-5)
+    assert np.isnan(values[0, 0, 1])

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad as integrate_twice
 
 from acquisition import CameraModel, DataError, StorageError
+from processing import height_mesh, write_mesh
 from processing._normal_map import NormalMap
 from processing._surface.integration import HeightMap, integrate
-from processing._surface.mesh_files import height_mesh, write_mesh
 
 FORMATS = ("ply", "obj", "stl", "glb")
 
@@ -158,7 +158,8 @@ def test_the_same_surface_gives_the_same_bytes(tmp_path: Path, suffix: str) -> N
 def test_ply_bytes(tmp_path: Path) -> None:
     surface = flat(np.ones((2, 2), bool))
     header = (
-        b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+        b"ply\nformat binary_little_endian 1.0\ncomment unit px\nelement vertex 4\n"
+        b"property float x\n"
         b"property float y\nproperty float z\nelement face 2\n"
         b"property list uchar int vertex_indices\nend_header\n"
     )
@@ -172,7 +173,7 @@ def test_obj_text(tmp_path: Path) -> None:
     mask = np.ones((2, 2), bool)
     write_mesh(tmp_path / "square.obj", flat(mask))
     assert (tmp_path / "square.obj").read_text() == (
-        "v -0.5 0.5 0\nv 0.5 0.5 0\nv -0.5 -0.5 0\nv 0.5 -0.5 0\nf 1 3 2\nf 2 3 4\n"
+        "# unit px\nv -0.5 0.5 0\nv 0.5 0.5 0\nv -0.5 -0.5 0\nv 0.5 -0.5 0\nf 1 3 2\nf 2 3 4\n"
     )
 
 

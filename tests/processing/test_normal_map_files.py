@@ -49,16 +49,41 @@ def test_the_png_holds_red_right_green_up_blue_toward_the_camera(tmp_path):
         [[(1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0.6, 0, 0.8), (0, -0.6, 0.8), (0,) * 3]]
     )
     write_normals(tmp_path, NormalMap.from_vectors(vectors))
-    stored = cv2.imread(str(tmp_path / "normals.png"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    stored = cv2.imread(str(tmp_path / "normals.png"), cv2.IMREAD_UNCHANGED)
     assert stored.dtype == np.uint16
+    np.testing.assert_array_equal(stored[..., 3], [[65535, 65535, 65535], [65535, 65535, 0]])
+    stored = stored[..., 2::-1]
     half = 32768
     expected = [
         [[65535, half, half], [half, 65535, half], [half, half, 65535]],
-        [[52428, half, 58982], [half, 13107, 58982], [half, half, half]],
+        [[52428, half, 58982], [half, 13107, 58982], [half, half, 65535]],
     ]
     np.testing.assert_array_equal(stored, expected)
     mask = cv2.imread(str(tmp_path / "mask.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(mask, [[255, 255, 255], [255, 255, 0]])
+
+
+def test_a_lone_png_keeps_its_mask(tmp_path):
+    cap = _cap()
+    written = write_normals(tmp_path, cap, "shape")["shape_png"]
+    lone = written.rename(tmp_path.parent / f"{tmp_path.name}-lone.png")
+    found, warnings, files = read_normals(lone)
+    assert _worst_deg(found, cap) < 2e-3  # which compares the masks
+    (note,) = warnings
+    assert (note.code, note.severity) == ("alpha-is-mask", "info")
+    assert files == (lone,)
+
+
+def test_green_down_inverts_green_in_the_png_only(tmp_path):
+    cap = _cap()
+    up = write_normals(tmp_path / "up", cap)
+    down = write_normals(tmp_path / "down", cap, green="down")
+    assert _worst_deg(read_normals(down["normals_png"], green="down").normal_map, cap) < 2e-3
+    assert down["normals"].read_bytes() == up["normals"].read_bytes()
+    pixels = [cv2.imread(str(of["normals_png"]), -1).astype(int) for of in (up, down)]
+    np.testing.assert_array_equal(pixels[0][..., [0, 2, 3]], pixels[1][..., [0, 2, 3]])
+    assert np.abs(pixels[0][..., 1] + pixels[1][..., 1] - 65535)[cap.mask].max() <= 1
+    assert (pixels[1][~cap.mask] == [65535, 32768, 32768, 0]).all()
 
 
 def _write_png16(path, cap):

@@ -12,6 +12,8 @@ from acquisition import (
     DataError,
     Labels,
     Lights,
+    crop,
+    downscale,
     read_source,
     record,
     write_png,
@@ -65,6 +67,32 @@ def test_a_session_gives_normals_and_height(session):
     assert result.lights.near
     assert result.previews[0].shape == source.size
     assert list(dict.fromkeys(stages)) == ["reading", "normals"]
+
+
+def test_a_region_gives_the_normals_of_the_complete_recording(session):
+    """The lights are near: a principal point that did not move with the region would show."""
+    source = read_source(session)
+    whole = reconstruct(source, surface=False)
+    rows, columns = source.size
+    x, y, width, height = 7, 11, columns - 20, rows - 30
+    part = reconstruct(crop(source, x, y, width, height))
+    window = np.s_[y : y + height, x : x + width]
+    np.testing.assert_array_equal(part.mask, whole.mask[window])
+    found, expected = part.stereo.normal_map.normals, whole.stereo.normal_map.normals[window]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert part.surface.points()[..., :2][part.mask] == pytest.approx(
+        source.camera.points_on_plane()[window][..., :2][part.mask], abs=1.5
+    )
+
+
+def test_a_lower_resolution_stays_close_to_the_truth(session):
+    source = read_source(session)
+    part = reconstruct(downscale(source, 2))
+    assert part.stereo.albedo.shape == part.source.size == tuple(n // 2 for n in source.size)
+    assert part.error.mae_deg < 3.0
+    assert part.surface.pixel_size == pytest.approx(
+        2 * reconstruct(source).surface.pixel_size, rel=1e-9
+    )
 
 
 def test_distant_lights_without_a_surface(session):

@@ -191,7 +191,6 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
     """A patch was painted over in an image program, and the picture has no mask file."""
     sgp("detail", "separate", maps / "target", "--out", maps / "parts")
     pixels = cv2.imread(str(maps / "parts" / "detail.png"), cv2.IMREAD_UNCHANGED)
-    pixels = np.dstack([pixels, np.full(SIZE, 65535, np.uint16)])
     pixels[20:30, 30:40, 3 if erased == "alpha" else slice(3)] = 0
     cv2.imwrite(str(maps / "edited.png"), pixels)
     answer = sgp(
@@ -207,8 +206,8 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
 
 def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
     pixels = cv2.imread(str(maps / "source" / "normals.png"), cv2.IMREAD_UNCHANGED)
-    alpha = np.full((40, 50, 1), 65535, np.uint16)
-    assert cv2.imwrite(str(maps / "alpha.png"), np.concatenate([pixels, alpha], axis=2))
+    pixels[..., 3] = 65535
+    assert cv2.imwrite(str(maps / "alpha.png"), pixels)
     found = read_normals(maps / "alpha.png").normal_map
     given = read_normals(maps / "source").normal_map
     assert angle_deg(found.normals, given.normals).max() < 0.01

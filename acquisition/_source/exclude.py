@@ -1,0 +1,99 @@
+"""Sources without some of their images, named by id, number or range of numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from acquisition._errors import DataError
+from acquisition._source.source import Source
+from acquisition._values.lights import light_id
+from rig import check_type, pluralize
+
+_LISTED = 12
+_RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
+
+
+def exclude(source: Source, images: Sequence[str]) -> Source:
+    """Return the source without some images and their lights.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    images
+        Ids of `Source.light_ids` (``L07``, ``buddha.7``; names of files are accepted too), numbers
+        (``7``) or ranges of numbers (``0-5``). The number of an image is the first number in its
+        id that differs between all images. A range may contain numbers that no image has.
+
+    Returns
+    -------
+    Source
+        Recording of the other images, in their order; reference frames stay.
+
+    Raises
+    ------
+    DataError
+        If an entry names no image, or no image is left. The message lists the names.
+
+    Examples
+    --------
+    >>> from acquisition import exclude, read_source
+    >>> source = exclude(read_source("owl"), ["L07", "12-15"])  # doctest: +SKIP
+    """
+    check_type("source", source, Source, "read_source(path) returns one")
+    ids = source.light_ids
+    numbers = _numbers(ids)
+    left_out: set[str] = set()
+    for entry in images:
+        named = _named(entry.strip(), ids, numbers)
+        if not named:
+            raise DataError(
+                f"{source.path}: no image is named {entry.strip()[:40]!r}: there "
+                f"{'is' if len(ids) == 1 else 'are'} {_listing(ids)}"
+            )
+        left_out |= named
+    kept = [i for i, name in enumerate(ids) if name not in left_out]
+    if not kept:
+        raise DataError(
+            f"{source.path}: no image is left: all {pluralize(len(ids), 'image')} are excluded"
+        )
+    return replace(
+        source,
+        frames=tuple(
+            frame
+            for frame in source.frames
+            if frame.role != "light" or frame.light_id not in left_out
+        ),
+        lights=None if source.lights is None else source.lights.take(kept),
+    )
+
+
+def _named(entry: str, ids: tuple[str, ...], numbers: dict[int, str]) -> set[str]:
+    """Return the ids that an entry names: by name first, since names may look like ranges."""
+    for same in (str, str.casefold, light_id):
+        found = {name for name in ids if same(name) == same(entry)}
+        if found:
+            return found
+    match = _RANGE.fullmatch(entry)
+    if match is None:
+        return set()
+    first, last = sorted((int(match[1]), int(match[2] or match[1])))
+    return {name for number, name in numbers.items() if first <= number <= last}
+
+
+def _numbers(ids: tuple[str, ...]) -> dict[int, str]:
+    """Return the ids by the first of their numbers that differs between all; empty without one."""
+    runs = [[int(run) for run in re.findall(r"[0-9]{1,18}", name)] for name in ids]
+    for place in range(min(map(len, runs), default=0)):
+        by_number = {run[place]: name for run, name in zip(runs, ids, strict=True)}
+        if len(by_number) == len(ids):
+            return by_number
+    return {}
+
+
+def _listing(ids: tuple[str, ...]) -> str:
+    if len(ids) <= _LISTED:
+        return ", ".join(ids)
+    return f"{', '.join(ids[: _LISTED - 2])}, ... {ids[-1]} ({pluralize(len(ids), 'image')})"

@@ -1,0 +1,143 @@
+"""A region of a source, or the source at a lower resolution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError
+from acquisition._source.reduction import Reduction
+from acquisition._source.source import Source
+from rig import check_type
+
+Float = npt.NDArray[np.float32]
+
+
+def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
+    """Return the source of a rectangular region.
+
+    Mask, camera and true normals are those of the region; points in mm stay where they are. Frames
+    are still read as they are stored, and `calibration.linear_stack` crops them.
+
+    Parameters
+    ----------
+    source
+        The recording; of a reduced source, the region is in its reduced pixels.
+    x, y
+        Column and row of the region's first pixel, from 0.
+    width, height
+        Size of the region in pixels.
+
+    Returns
+    -------
+    Source
+        Recording of the size ``(height, width)``.
+
+    Raises
+    ------
+    DataError
+        If the region is empty, extends beyond the image, or contains no pixel of the mask.
+
+    Examples
+    --------
+    >>> from acquisition import crop, downscale, read_source
+    >>> source = downscale(crop(read_source("owl"), 200, 100, 640, 480), 2)  # doctest: +SKIP
+    """
+    check_type("source", source, Source, "read_source(path) returns one")
+    rows, columns = source.size
+    region = f"the region of {width} x {height} pixels from {x},{y}"
+    inside = x >= 0 and y >= 0 and x + width <= columns and y + height <= rows
+    if min(width, height) < 1 or not inside:
+        raise DataError(
+            f"{source.path}: {region} is not inside the images of {columns} x {rows} pixels"
+        )
+    old = _reduction(source)
+    step = old.factor
+    region_of_frames = Reduction(
+        old.x + x * step, old.y + y * step, width * step, height * step, step
+    )
+    cut = Reduction(x, y, width, height)
+    mask = None if source.mask is None else cut.all(source.mask)
+    if mask is not None and not mask.any():
+        raise DataError(f"{source.path}: {region} contains no pixel of the mask")
+    truth = source.normals_truth
+    return replace(
+        source,
+        reduction=region_of_frames,
+        mask=mask,
+        camera=None if source.camera is None else source.camera.cropped(x, y, width, height),
+        normals_truth=None if truth is None else cut.cut(truth).copy(),
+    )
+
+
+def downscale(source: Source, factor: int) -> Source:
+    """Return the source at a lower resolution: ``factor x factor`` pixels become one.
+
+    `calibration.linear_stack` averages linear radiance; a block with a saturated sample is not
+    measured, since the average of the others would be too low. A pixel belongs to the mask if its
+    complete block does, and has a true normal if its complete block has.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    factor
+        Whole number, at least 1. Columns on the right and rows at the bottom that do not fill a
+        block are left out.
+
+    Returns
+    -------
+    Source
+        Recording of the size ``(height // factor, width // factor)``.
+
+    Raises
+    ------
+    DataError
+        If the factor is less than 1 or larger than the image, or no block is completely within
+        the mask.
+    """
+    check_type("source", source, Source, "read_source(path) returns one")
+    rows, columns = source.size
+    if factor < 1 or factor > min(rows, columns):
+        raise DataError(
+            f"{source.path}: images of {columns} x {rows} pixels cannot be reduced by a factor of "
+            f"{factor}: give 1 to {min(rows, columns)}"
+        )
+    if factor == 1:
+        return source
+    old = _reduction(source)
+    blocks = Reduction(0, 0, columns, rows, factor)
+    mask = None if source.mask is None else blocks.all(source.mask)
+    if mask is not None and not mask.any():
+        raise DataError(
+            f"{source.path}: no block of {factor} x {factor} pixels is completely within the mask: "
+            "give a smaller factor"
+        )
+    truth = source.normals_truth
+    return replace(
+        source,
+        reduction=replace(old, factor=old.factor * factor),
+        mask=mask,
+        camera=None if source.camera is None else source.camera.downscaled(factor),
+        normals_truth=None if truth is None else _mean_normals(blocks, truth),
+    )
+
+
+def _reduction(source: Source) -> Reduction:
+    """Return the reduction of a source without the columns and rows that it does not use."""
+    height, width = source.size
+    if source.reduction is None:
+        return Reduction(0, 0, width, height)
+    step = source.reduction.factor
+    return replace(source.reduction, width=width * step, height=height * step)
+
+
+def _mean_normals(blocks: Reduction, truth: Float) -> Float:
+    known = blocks.all((truth != 0).any(axis=2))
+    total = blocks.mean(truth)
+    length = np.linalg.norm(total, axis=2, keepdims=True)
+    usable = known[..., None] & (length > 0)
+    unit: Float = np.divide(total, length, out=np.zeros_like(total), where=usable)
+    return unit

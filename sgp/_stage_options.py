@@ -1,0 +1,80 @@
+"""Options of the stages after the normals, which `sgp run` shares with their own commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from cyclopts import Parameter
+
+import processing
+from sgp._options import Count, Order, Positive
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class MapOptions:
+    """Options for writing normal maps.
+
+    Parameters
+    ----------
+    green_out
+        Direction of the green channel in the PNGs that are written; down is the convention of
+        DirectX. EXR files always hold the vectors themselves.
+    """
+
+    green_out: Literal["up", "down"] = "up"
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SeparationOptions:
+    """Options for splitting a normal map into shape and detail.
+
+    Parameters
+    ----------
+    filter
+        Low-pass filter for the shape component: gaussian, box, guided or bilateral. The last two
+        do not smooth across steps and occlusions.
+    order
+        Order of the Gaussian; the paper uses 1.
+    w
+        Half width of the filter window in pixels; sigma is w / 2.
+    """
+
+    filter: processing.FilterKind = "gaussian"
+    order: Order = 8
+    w: Count = 5
+
+    def shape_filter(self) -> processing.ShapeFilter:
+        """Return the filter with these parameters."""
+        return processing.ShapeFilter(self.filter, self.order, self.w)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SurfaceOptions:
+    """Options for computing and writing a surface.
+
+    Parameters
+    ----------
+    pixel_mm
+        Size of a pixel on the object in mm; without it and without a working distance, the unit of
+        heights and meshes is one pixel.
+    glb
+        Also write surface.glb, in metres as glTF requires, with the albedo as its texture.
+    stl
+        Also write surface.stl.
+    obj
+        Also write surface.obj, with surface.mtl and the albedo as its texture.
+    """
+
+    pixel_mm: Positive | None = None
+    glb: bool = False
+    stl: bool = False
+    obj: bool = False
+
+    def formats(self) -> tuple[str, ...]:
+        """Return the suffixes of the meshes to write."""
+        wanted = {"glb": self.glb, "stl": self.stl, "obj": self.obj}
+        return ("ply", *(name for name, asked in wanted.items() if asked))

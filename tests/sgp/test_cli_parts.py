@@ -1,0 +1,73 @@
+"""``--exclude``, ``--crop`` and ``--downscale`` of the commands that process a recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, read_mask
+from processing import angle_deg, read_normals
+from tests.sgp.conftest import ball
+
+
+def record(path: Path) -> dict:
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def given(recording, tmp_path) -> list:
+    return [recording, "--lights", tmp_path / "lights.json"]
+
+
+def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
+    options = ["--exclude", "ball.7,0-1", "--crop", "10,3,30,34", "--downscale", "2"]
+    scale = ["--pixel-mm", "0.5"]
+    answer = sgp("run", *given, *options, *scale, "--out", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    summary = record(tmp_path / "out" / "summary.json")
+    assert summary["metrics"]["normals"]["images"] == 5
+    assert summary["parameters"]["exclude"] == ["ball.7", "0-1"]
+    assert summary["parameters"]["crop"] == [10, 3, 30, 34]
+    assert summary["parameters"]["downscale"] == 2
+    folder = tmp_path / "out"
+    assert read_mask(folder / "normals" / "mask.png").shape == (17, 15)
+    found = read_normals(folder / "normals").normal_map
+    normals, mask = ball()
+    blocks = normals[3:37, 10:40].reshape(17, 2, 15, 2, 3).mean(axis=(1, 3))
+    whole = mask[3:37, 10:40].reshape(17, 2, 15, 2).all(axis=(1, 3)) & found.mask
+    steep = blocks[..., 2] < 0.8  # where some lights do not reach a pixel
+    error = angle_deg(found.normals, blocks)[whole & ~steep]
+    assert error.size > 40
+    assert error.max() < 1.0
+    # The mesh is in mm of the object, whatever the resolution: two pixels of the recording apart.
+    height = read_image(folder / "surface" / "height.exr")
+    full = sgp("run", *given, *scale, "--out", tmp_path / "full")
+    assert full.code == 0, full.err
+    first = np.ptp(height[np.isfinite(height)])
+    second = read_image(tmp_path / "full" / "surface" / "height.exr")
+    assert first == pytest.approx(np.ptp(second[np.isfinite(second)]), rel=0.35)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        pytest.param(["--exclude", "L07"], 4, "there are ball.0, ball.1", id="name"),
+        pytest.param(["--exclude", "2-7"], 2, "--exclude leaves 2 of 8 images", id="too many"),
+        pytest.param(["--exclude", "1,,2"], 2, "--exclude: 1,,2 has an empty name", id="comma"),
+        pytest.param(["--crop", "1,2,3"], 2, "is not a region x,y,w,h", id="three"),
+        pytest.param(["--crop", "-1,2,3,4"], 2, "", id="negative"),
+        pytest.param(["--crop", "1,2,3,4.5"], 2, "is not a region x,y,w,h", id="fraction"),
+        pytest.param(["--crop", "40,0,20,20"], 4, "not inside the images of 48 x 40", id="outside"),
+        pytest.param(["--downscale", "0"], 2, "--downscale", id="zero"),
+        pytest.param(["--downscale", "50"], 4, "by a factor of 50: give 1 to 40", id="factor"),
+    ],
+)
+def test_wrong_parts_are_refused_before_anything_is_written(
+    sgp, given, tmp_path, options, code, text
+) -> None:
+    answer = sgp("normals", *given, *options, "--out", tmp_path / "out")
+    assert text in answer.error_line(code)
+    assert not (tmp_path / "out").exists()
