@@ -1,60 +1,134 @@
-"""The overview picture: inputs, lights, normals, shape, detail, height and surface."""
+"""Sheets of pictures: panels in equal slots, row by row."""
 
 from __future__ import annotations
 
 import io
+import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Final
 
 import acquisition
-import processing
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
-    from calibration import SphereCalibration
-
-Image = npt.NDArray[np.float32]
+# Inches. A slot is the place of a picture; around it are its title, colour scale and scale bar.
+_SLOT_AREA: Final = 3.4**2
+_WIDEST: Final = 2.5  # aspect ratio of a slot; pictures beyond it are centred in it
+_LEFT: Final = 0.12
+_SCALE: Final = 0.98  # right of a slot: colour scale, its ticks and its unit
+_SCALE_GAP: Final = 0.08
+_SCALE_WIDTH: Final = 0.13
+_TITLE: Final = 0.46  # above a slot: two lines
+_BELOW: Final = 0.30
+_HEADING: Final = 0.45
+_DPI: Final = 100
+_COLUMNS: Final = range(1, 9)
+_SHEET_ASPECT: Final = 1.4  # a screen's
+_EMPTY_COST: Final = 0.2
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One picture of the sheet: its title and the function that draws it."""
+    """One picture of a sheet.
+
+    Parameters
+    ----------
+    title
+        Text above the picture.
+    draw
+        Draws into axes that fill the slot.
+    aspect
+        Width of the picture divided by its height; None if it takes any shape.
+    """
 
     title: str
     draw: Callable[[Axes], None]
+    aspect: float | None = None
 
 
 def write_overview(
     path: Path, title: str, panels: Sequence[Panel], columns: int | None = None
 ) -> None:
-    """Arrange panels on a sheet, row by row, and write it as a PNG.
+    """Arrange panels on a sheet, row by row in equal slots, and write it as a PNG.
 
-    ``columns`` defaults to 4, or to 3 or 5 if that leaves fewer places empty.
+    ``columns`` defaults to the number that gives a sheet the shape of a screen with few empty
+    slots.
     """
+    write_figure(path, sheet(title, panels, columns))
+
+
+def sheet(title: str, panels: Sequence[Panel], columns: int | None = None) -> Figure:
+    """Return the figure that `write_overview` writes; ``figure.axes`` begins with the panels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    columns = columns or min((4, 3, 5), key=lambda width: -len(panels) % width)
+    width, height = _slot(panels)
+    across, down = _LEFT + width + _SCALE, _TITLE + height + _BELOW
+    columns = columns or _columns(len(panels), across / down)
     rows = -(-len(panels) // columns)
-    figure = Figure(
-        figsize=(4.0 * columns, 3.7 * rows + 0.5 * bool(title)), layout="constrained", dpi=100
-    )
+    heading = _HEADING if title else 0.0
+    size = columns * across, rows * down + heading
+    figure = Figure(figsize=size, dpi=_DPI)
     FigureCanvasAgg(figure)
     if title:
-        figure.suptitle(_drawable(title), fontsize=14, parse_math=False)
+        top = 1 - heading / 2 / size[1]
+        text = figure.text(0.5, top, "", ha="center", va="center", fontsize=14)
+        _write(text, title, size[0] - 2 * _LEFT, lines=1)
+    slots = []
     for index, panel in enumerate(panels):
-        axes = figure.add_subplot(rows, columns, index + 1)
-        axes.set_title(_drawable(panel.title), fontsize=11, parse_math=False)
+        row, column = divmod(index, columns)
+        left, bottom = column * across + _LEFT, (rows - 1 - row) * down + _BELOW
+        box = (left / size[0], bottom / size[1], width / size[0], height / size[1])
+        axes = figure.add_axes(box, label=f"panel {index}")
+        middle = (left + width / 2) / size[0]
+        text = figure.text(
+            middle, (bottom + height + 0.07) / size[1], "", ha="center", va="bottom", fontsize=10.5
+        )
+        _write(text, panel.title, width + 2 * _LEFT, lines=2)
+        slots.append(axes)
+    for axes, panel in zip(slots, panels, strict=True):
         panel.draw(axes)
-    write_figure(path, figure)
+    return figure
+
+
+def add_scale(
+    axes: Axes, shown: ScalarMappable, unit: str, extend: str, ticks: Sequence[float] | None = None
+) -> None:
+    """Add a colour scale to the right of a panel's slot."""
+    slot = axes.get_position(original=True)
+    width = axes.figure.get_size_inches()[0]
+    box = (
+        slot.x1 + _SCALE_GAP / width,
+        slot.y0 + 0.06 * slot.height,
+        _SCALE_WIDTH / width,
+        0.88 * slot.height,
+    )
+    scale = axes.figure.add_axes(box, label="scale")
+    bar = axes.figure.colorbar(shown, cax=scale, extend=extend, ticks=ticks)
+    bar.set_label(unit, fontsize=9, labelpad=2)
+    bar.ax.tick_params(labelsize=8)
+
+
+def set_plot_area(axes: Axes) -> None:
+    """Shrink the axes of a plot, so that its tick and axis labels are within the slot."""
+    slot = axes.get_position(original=True)
+    width, height = axes.figure.get_size_inches()
+    axes.set_position(
+        (
+            slot.x0 + 0.5 / width,
+            slot.y0 + 0.3 / height,
+            slot.width - 0.3 / width,
+            slot.height - 0.3 / height,
+        )
+    )
 
 
 def source_title(source: acquisition.Source, title: str) -> str:
@@ -69,161 +143,63 @@ def write_figure(path: Path, figure: Figure) -> None:
     acquisition.write_durably(path, file.getbuffer())
 
 
-def _drawable(text: str) -> str:
+def drawable(text: str) -> str:
     """Escape surrogates, which are in names that are not UTF-8."""
     return text.encode("utf-8", "backslashreplace").decode()
 
 
-def image_panel(title: str, image: Image, mask: npt.NDArray[np.bool_]) -> Panel:
-    """Show a linear image around a mask, with its 99.5 % quantile at white and gamma 2.2."""
-    image = image[_box(mask)]
-
-    def draw(axes: Axes) -> None:
-        finite = image[np.isfinite(image)]
-        white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
-        shown = np.nan_to_num(image / (white or 1.0), nan=1.0)
-        axes.imshow(np.clip(shown, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
-        axes.axis("off")
-
-    return Panel(title, draw)
+def text_size(text: Text) -> tuple[float, float]:
+    """Return the width and height of a text on its figure in inches."""
+    figure = text.get_figure()
+    extent = text.get_window_extent(figure.canvas.get_renderer())
+    return extent.width / figure.dpi, extent.height / figure.dpi
 
 
-def normals_panel(title: str, normal_map: processing.NormalMap) -> Panel:
-    """Show normals as colours: red is right, green is up, blue is toward the camera."""
-
-    def draw(axes: Axes) -> None:
-        colours = np.where(normal_map.mask[..., None], normal_map.normals / 2 + 0.5, 1.0)
-        axes.imshow(np.clip(colours, 0, 1)[_box(normal_map.mask)])
-        axes.axis("off")
-
-    return Panel(title, draw)
+def _slot(panels: Sequence[Panel]) -> tuple[float, float]:
+    """Return width and height of the slots in inches."""
+    shapes = [panel.aspect for panel in panels if panel.aspect]
+    aspect = statistics.median_low(shapes) if shapes else 1.0
+    aspect = min(max(aspect, 1 / _WIDEST), _WIDEST)
+    return math.sqrt(_SLOT_AREA * aspect), math.sqrt(_SLOT_AREA / aspect)
 
 
-def map_panel(title: str, values: Image, unit: str, *, error: bool = False) -> Panel:
-    """Show a scalar map with its scale; NaN is white; scales of errors start at 0."""
+def _columns(count: int, aspect: float) -> int:
+    """Return the number of columns for slots of this aspect ratio, their margins included."""
 
-    def draw(axes: Axes) -> None:
-        finite = values[np.isfinite(values)]
-        low, high = (0.0, float(np.quantile(finite, 0.99))) if error else _range(finite)
-        box = _box(np.isfinite(values))
-        shown = axes.imshow(values[box], cmap="magma" if error else "viridis", vmin=low, vmax=high)
-        axes.axis("off")
-        beyond = "max" if error else "both"  # the scale excludes the most extreme pixels
-        axes.figure.colorbar(shown, ax=axes, label=unit, shrink=0.8, extend=beyond)
+    def cost(columns: int) -> float:
+        rows = -(-count // columns)
+        shape = columns * aspect / rows
+        return abs(math.log(shape / _SHEET_ASPECT)) + _EMPTY_COST * (-count % columns)
 
-    return Panel(title, draw)
+    return min(_COLUMNS, key=cost)
 
 
-def shaded_panel(title: str, height: Image) -> Panel:
-    """Show a height map lit from the upper left, so that raised relief looks raised.
-
-    ``height`` is in units of one pixel, NaN outside the object.
-    """
-
-    def draw(axes: Axes) -> None:
-        down, right = np.gradient(height)
-        normals = np.stack([-right, down, np.ones_like(height)], axis=-1)
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-        light = np.array([-0.5, 0.5, 0.7071])
-        shade = np.clip(normals @ light, 0, 1)
-        shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
-        axes.imshow(shown[_box(np.isfinite(height))], cmap="gray", vmin=0, vmax=1)
-        axes.axis("off")
-
-    return Panel(title, draw)
-
-
-def spheres_panel(title: str, values: Image, estimate: SphereCalibration) -> Panel:
-    """Show the detected outlines and highlights over the brightest value of each pixel."""
-    from matplotlib.patches import Ellipse
-
-    def draw(axes: Axes) -> None:
-        # Saturated values are NaN, short exposures may exceed 1: both are white here.
-        brightest = np.zeros(values.shape[1:], np.float32)
-        for image in values:
-            np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
-        axes.imshow(np.clip(brightest, 0, 1) ** (1 / 2.2), cmap="gray", vmin=0, vmax=1)
-        for sphere in estimate.spheres:
-            outline = sphere.outline
-            a, b = outline.semi_axes_px
-            axes.add_patch(
-                Ellipse(
-                    outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
-                )
-            )
-        spots = estimate.highlights_px.reshape(-1, 2)
-        axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
-        axes.axis("off")
-
-    return Panel(title, draw)
+def _write(text: Text, content: str, width: float, lines: int) -> None:
+    """Set a text, wrapped at words to a width in inches; what exceeds the lines is left out."""
+    text.set_parse_math(False)
+    rows = [""]
+    words = drawable(content).split(" ")
+    while words:
+        row = f"{rows[-1]} {words[0]}".strip()
+        text.set_text(row)
+        if text_size(text)[0] <= width or not rows[-1]:
+            rows[-1] = row
+            words.pop(0)
+        else:
+            rows.append("")
+    rows, rest = rows[:lines], rows[lines:]
+    rows[-1] = " ".join([rows[-1], *rest])
+    text.set_text("\n".join(_shortened(text, row, width) for row in rows))
 
 
-def lights_panel(
-    title: str, lights: acquisition.Lights, truth: acquisition.Lights | None = None
-) -> Panel:
-    """Show light directions as seen by the camera: overhead in the centre, horizon at the rim."""
-
-    def draw(axes: Axes) -> None:
-        angle = np.linspace(0, 2 * np.pi, 181)
-        for ring in (30, 60, 90):
-            radius = np.sin(np.radians(ring))
-            axes.plot(radius * np.cos(angle), radius * np.sin(angle), color="0.85", lw=1)
-        if truth is not None:
-            where = truth.unit_directions
-            axes.scatter(where[:, 0], where[:, 1], s=90, edgecolors="tab:red", facecolors="none")
-        where = lights.unit_directions
-        axes.scatter(where[:, 0], where[:, 1], s=18, color="tab:blue")
-        for name, (x, y, _) in zip(lights.ids, where, strict=True):
-            if len(lights) <= 40:
-                short = name.rsplit(".", 1)[-1].removeprefix("L")
-                axes.annotate(
-                    short,
-                    (x, y),
-                    xytext=(3, 3),
-                    textcoords="offset points",
-                    fontsize=7,
-                    parse_math=False,
-                )
-        axes.set_aspect("equal")
-        axes.set_xlim(-1.05, 1.05)
-        axes.set_ylim(-1.05, 1.05)
-        axes.axis("off")
-
-    return Panel(title, draw)
-
-
-def profile_panel(title: str, profile: processing.HeightProfile) -> Panel:
-    """Plot a result's heights, raw and smoothed, in ascending order of the target's heights."""
-    from matplotlib.ticker import EngFormatter, MaxNLocator
-
-    def draw(axes: Axes) -> None:
-        pick = profile.ranks()
-        smoothed, result, target = (
-            heights[pick] for heights in (profile.smoothed, profile.result, profile.target)
-        )
-        # The mean is within the scatter of the result: small dots on large ones show both.
-        axes.plot(pick, result, ".", color="tab:green", ms=5, mew=0, label="result")
-        axes.plot(pick, smoothed, ".", color="tab:red", ms=2, mew=0, label="result, 5 x 5 mean")
-        axes.plot(pick, target, "-", color="tab:blue", label="target, sorted")
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-        axes.set_xlabel("pixel, in ascending order of the target's height")
-        axes.set_ylabel(f"height ({profile.unit})")
-        axes.legend(loc="upper left", fontsize=8, markerscale=2)
-
-    return Panel(title, draw)
-
-
-def _range(finite: Image) -> tuple[float, float]:
-    low, high = np.quantile(finite, [0.005, 0.995])
-    return float(low), float(max(high, low + 1e-9))
-
-
-def _box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Return the slices of a picture that contain the mask, with a margin around it."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    margin = 2 + max(len(rows), len(columns)) // 50
-    return (
-        slice(max(rows[0] - margin, 0), rows[-1] + 1 + margin),
-        slice(max(columns[0] - margin, 0), columns[-1] + 1 + margin),
-    )
+def _shortened(text: Text, row: str, width: float) -> str:
+    """Leave out the middle of a line that is too wide: names differ at their ends."""
+    kept, short = len(row), row
+    while kept > 2:
+        text.set_text(short)
+        wide = text_size(text)[0]
+        if wide <= width:
+            break
+        kept = max(2, min(kept - 1, int(kept * width / wide)))
+        short = f"{row[: kept // 2]}…{row[-(kept - kept // 2) :]}"
+    return short

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,10 +15,12 @@ import processing
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
-from sgp._overview import (
-    Panel,
+from sgp._overview import Panel
+from sgp._panels.crop import Crop
+from sgp._panels.lights import lights_panel
+from sgp._panels.maps import (
+    detail_panel,
     image_panel,
-    lights_panel,
     map_panel,
     normals_panel,
     shaded_panel,
@@ -135,23 +137,53 @@ def _recorded(*groups: DataclassInstance) -> dict[str, object]:
     return {name: value for group in groups for name, value in asdict(group).items()}
 
 
+def crop_of(outcome: Outcome) -> Crop:
+    """Return the rectangle that all pictures of an outcome show, with its scale if it is known."""
+    surface = outcome.surface
+    return Crop.around(outcome.normals.mask, surface.pixel_size if surface.unit == "mm" else None)
+
+
 def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = None) -> list[Panel]:
     """Return the overview pictures that can be drawn for any recording."""
     stage, surface = outcome.normals, outcome.surface
-    normal_map, names = stage.stereo.normal_map, stage.lights.ids
+    solved, names, crop = stage.stereo, stage.lights.ids, crop_of(outcome)
+    normal_map = solved.normal_map
     lights_title = "lights" if true_lights is None else "lights (red: truth)"
-    panels = [
-        image_panel(f"light {names[0]}", stage.previews[0], stage.mask),
-        image_panel(f"light {names[-1]}", stage.previews[1], stage.mask),
-        lights_panel(f"{lights_title}, as the camera sees them", stage.lights, true_lights),
-        normals_panel("normals (right red, up green)", normal_map),
-        image_panel("albedo", _albedo(stage), stage.mask),
-        normals_panel("shape component", outcome.parts.shape),
-        normals_panel("detail component", outcome.parts.detail),
-        map_panel("height", surface.height, surface.unit),
-        shaded_panel("surface, lit from the upper left", surface.height / surface.pixel_size),
+    return [
+        image_panel(f"light {names[0]}", stage.previews[0], crop),
+        image_panel(f"light {names[-1]}", stage.previews[1], crop),
+        lights_panel(f"{lights_title}, rings in degrees", stage.lights, true_lights),
+        normals_panel("normals (right red, up green)", normal_map, crop),
+        image_panel("albedo", _albedo(stage), crop),
+        *_doubts(solved, len(names), crop),
+        normals_panel("shape component", outcome.parts.shape, crop),
+        detail_panel("detail component", outcome.parts.detail, crop),
+        map_panel("height", surface.height, surface.unit, crop),
+        shaded_panel("surface, lit from the upper left", surface.height / surface.pixel_size, crop),
+        *_error(stage.error, crop),
     ]
-    if stage.error is not None:
-        title = f"normal error, mean {stage.error.mae_deg:.2f} deg"
-        panels.append(map_panel(title, stage.error.map_deg, "deg", error=True))
-    return panels
+
+
+def _doubts(solved: processing.PhotometricStereoResult, count: int, crop: Crop) -> list[Panel]:
+    """Return maps of the residual relative to the signal, and of the number of samples."""
+    mask = solved.normal_map.mask
+    with np.errstate(divide="ignore", invalid="ignore"):
+        percent = np.where(mask, 100 * solved.residual / solved.albedo, np.nan)
+    used = _inside(solved.used, mask)
+    middle, least, most = float(np.nanmedian(percent)), np.nanmin(used), np.nanmax(used)
+    counts = f"{most:.0f}" if least == most else f"{least:.0f} to {most:.0f}"
+    return [
+        map_panel(f"residual, median {middle:.2g} %", percent, "% of the albedo", crop, error=True),
+        map_panel(f"samples used, {counts} of {count}", used, "samples", crop, limits=(0, count)),
+    ]
+
+
+def _error(error: processing.AngularError | None, crop: Crop) -> list[Panel]:
+    if error is None:
+        return []
+    title = f"normal error, mean {error.mae_deg:.2f} deg"
+    return [map_panel(title, error.map_deg, "deg", crop, error=True)]
+
+
+def _inside(values: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+    return np.where(mask, values, np.nan).astype(np.float32)

@@ -10,7 +10,8 @@ import numpy as np
 import acquisition
 import processing
 from sgp._metrics import HeightProfileMetrics
-from sgp._overview import profile_panel, write_overview
+from sgp._overview import write_overview
+from sgp._panels.profile import profile_panels
 from sgp._result import Result
 
 
@@ -25,8 +26,7 @@ def write_height_profile(
         processing.integrate(target), processing.integrate(transferred)
     )
     picture, data = out / "height_profile.png", out / "height_profile.csv"
-    panel = profile_panel(f"rms {profile.rms:.3g} {profile.unit}", profile)
-    write_overview(picture, "Height profile", [panel], columns=1)
+    write_overview(picture, "Height profile", profile_panels("result", profile), columns=3)
     write_profile_data(data, profile)
     result.outputs |= {"height_profile": picture, "height_profile_data": data}
     result.summary.append(
@@ -41,7 +41,7 @@ def write_height_profile(
 
 
 def write_profile_data(path: Path, profile: processing.HeightProfile) -> None:
-    """Write the points that `profile_panel` draws as a table of pixel ranks and heights."""
+    """Write evenly spaced points of a profile as a table of pixel ranks and heights."""
     pick = profile.ranks()
     heights = ("target", "result", "smoothed")
     rows = np.column_stack([pick, *(getattr(profile, name)[pick] for name in heights)])

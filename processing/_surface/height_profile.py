@@ -32,12 +32,16 @@ class HeightProfile:
         ``(N,)`` float32, heights of the result averaged over 5 x 5 pixels.
     unit
         ``mm`` or ``px``.
+    difference
+        ``(H, W)`` float32, result minus target in `unit`, NaN where either is not known. It shows
+        to which region of the surface a branch of the profile belongs.
     """
 
     target: Float
     result: Float
     smoothed: Float
     unit: str
+    difference: Float
 
     __repr__ = short_repr
 
@@ -95,11 +99,14 @@ def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
     weight = _average(both.astype(np.float64))
     smoothed = _average(height)[both] / weight[both]
     order = np.argsort(target.height[both], kind="stable")
+    difference = np.full(both.shape, np.nan, np.float32)
+    difference[both] = height[both] - target.height[both]
     return HeightProfile(
         target=target.height[both][order],
         result=height[both][order].astype(np.float32),
         smoothed=smoothed[order].astype(np.float32),
         unit=target.unit,
+        difference=difference,
     )
 
 

@@ -13,21 +13,28 @@ import numpy.typing as npt
 import acquisition
 
 _WIDTH_PX: Final = 200
-_TEXT_PX: Final = 22
+_LINE_PX: Final = 18
+_TEXT_PX: Final = 2 * _LINE_PX + 4  # name and exposure
+_LEGEND_PX: Final = 26
 _GAP_PX: Final = 4
 _COLUMNS: Final = 6
 _GAMMA: Final = 1 / 2.2
 _CLIPPED_RGB: Final = (255, 60, 60)
+_SWATCH_PX: Final = 12
 _MARK_PX: Final = 66  # width of the mark of simulated frames
 _MARK_RGB: Final = (190, 0, 0)
+_UNLIT: Final = ("dark", "ambient")
+_ORDER: Final = ("light", "flat", "dark", "ambient")
 
 _Picture = npt.NDArray[np.uint8]
 
 
 def write_session_sheet(path: Path, session: acquisition.Session) -> None:
-    """Draw the frames of a session; pixels at the white level are red.
+    """Draw the frames of a session; pixels at the white level are red, and a legend says so.
 
-    The label of every frame of a simulated recording says so.
+    Lights come first, in the order of their LEDs and brackets, then flats and reference frames.
+    Each picture has its name, its exposure time, its share of clipped pixels and, if the recording
+    is simulated, a mark that says so.
 
     All lights of one bracket share one brightness scale, so that a weak light looks weak. Frames
     without light use the scale of all lights, so that they look dark.
@@ -46,8 +53,8 @@ def write_session_sheet(path: Path, session: acquisition.Session) -> None:
     StorageError
         If the file cannot be written.
     """
-    frames = session.frames
-    unlit = [frame.line for frame in frames if frame.role in ("dark", "ambient")]
+    frames = in_order(session.frames)
+    unlit = [frame.line for frame in frames if frame.role in _UNLIT]
     black_dn = session.manifest.camera.black_level_dn
     if unlit:
         black_dn = max(black_dn, min(line.percentiles_dn["50"] for line in unlit))
@@ -55,17 +62,40 @@ def write_session_sheet(path: Path, session: acquisition.Session) -> None:
     height, width = tiles[0].shape[:2]
     rows = -(-len(tiles) // _COLUMNS)
     columns = min(len(tiles), _COLUMNS)
-    sheet = np.full((rows * (height + _GAP_PX), columns * (width + _GAP_PX), 3), 255, np.uint8)
+    size = rows * (height + _GAP_PX) + _LEGEND_PX, columns * (width + _GAP_PX), 3
+    sheet = np.full(size, 255, np.uint8)
     for place, tile in enumerate(tiles):
         row, column = divmod(place, _COLUMNS)
         top, left = row * (height + _GAP_PX), column * (width + _GAP_PX)
         sheet[top : top + height, left : left + width] = tile
+    _add_legend(sheet[-_LEGEND_PX:], session)
     acquisition.write_png(path, sheet)
+
+
+def in_order(frames: Sequence[acquisition.SessionFrame]) -> list[acquisition.SessionFrame]:
+    """Return frames in the order of the sheet: lights by LED and bracket, then the others."""
+
+    def place(frame: acquisition.SessionFrame) -> tuple[int, int, int]:
+        led = -1 if frame.led is None else frame.led
+        return _ORDER.index(frame.role), led, frame.bracket
+
+    return sorted(frames, key=place)
+
+
+def _add_legend(strip: _Picture, session: acquisition.Session) -> None:
+    """Explain the colour of clipped pixels."""
+    top = (_LEGEND_PX - _SWATCH_PX) // 2
+    strip[top : top + _SWATCH_PX, 2 : 2 + _SWATCH_PX] = _CLIPPED_RGB
+    camera = session.manifest.camera
+    # One column is too narrow for the complete sentence.
+    narrow = strip.shape[1] < 2 * _WIDTH_PX
+    text = "clipped" if narrow else f"clipped: raw value {camera.white_dn:g} or more"
+    _write(strip, text, 8 + _SWATCH_PX, top + _SWATCH_PX - 1, 0.42, (0, 0, 0))
 
 
 def _bright_dn(frame: acquisition.SessionFrame, frames: Sequence[acquisition.SessionFrame]) -> int:
     """Return the raw value that is drawn white."""
-    lit = [other for other in frames if other.role in ("light", "flat")]
+    lit = [other for other in frames if other.role not in _UNLIT]
     if frame in lit:
         lit = [other for other in lit if other.bracket == frame.bracket]
     return max(other.line.percentiles_dn["99.9"] for other in lit or [frame])
@@ -87,12 +117,21 @@ def _tile(
     share = session.manifest.mounting.upright(clipped.astype(np.float32))
     picture[cv2.resize(share, size, interpolation=cv2.INTER_AREA) > 0] = _CLIPPED_RGB
     label = np.full((_TEXT_PX, _WIDTH_PX, 3), 255, np.uint8)
-    text = frame.path.stem
-    _write(label, text, 2, 0.45, (0, 0, 0))
+    _write(label, frame.path.stem, 2, 16, 0.45, (0, 0, 0))
+    _write(label, _facts(frame, float(clipped.mean())), 2, 16 + _LINE_PX, 0.38, (90, 90, 90))
     if session.manifest.simulated:
-        _write(label, "SIMULATED", _WIDTH_PX - _MARK_PX, 0.35, _MARK_RGB)
+        _write(label, "SIMULATED", _WIDTH_PX - _MARK_PX, 16, 0.35, _MARK_RGB)
     return np.concatenate([picture, label])
 
 
-def _write(label: _Picture, text: str, left: int, scale: float, rgb: tuple[int, int, int]) -> None:
-    cv2.putText(label, text, (left, 16), cv2.FONT_HERSHEY_SIMPLEX, scale, rgb, 1, cv2.LINE_AA)
+def _facts(frame: acquisition.SessionFrame, clipped: float) -> str:
+    exposure = "exposure unknown" if frame.exposure_us is None else f"{frame.exposure_us:g} us"
+    if frame.exposure_us is not None and frame.exposure_us >= 1000:
+        exposure = f"{frame.exposure_us / 1000:.4g} ms"
+    return f"{exposure}, clipped {100 * clipped:.2g} %" if clipped else exposure
+
+
+def _write(
+    label: _Picture, text: str, left: int, baseline: int, scale: float, rgb: tuple[int, int, int]
+) -> None:
+    cv2.putText(label, text, (left, baseline), cv2.FONT_HERSHEY_SIMPLEX, scale, rgb, 1, cv2.LINE_AA)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import processing
-from sgp._overview import Panel, profile_panel
+from sgp._overview import Panel
+from sgp._panels.profile import profile_panels
 from sgp._paper import figures as paper
 from sgp._paper.sources import Sources, bowl
 from sgp._paper.tables import Number, Table
@@ -35,7 +36,7 @@ def height_profiles(
         done = processing.transfer(textures[texture], target)
         profile = processing.height_profile(ground, processing.integrate(done.normal_map))
         profiles[f"height_profile_{name}"] = profile
-        panels.append(profile_panel(f"{texture} on {where}", profile))
+        panels += profile_panels(f"{texture} on {where}", profile)
         for row, value in {
             "rms of result less target": profile.rms,
             "rms of result's 5 x 5 mean less target": profile.smoothed_rms,

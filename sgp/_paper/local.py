@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 import processing
-from sgp._overview import Panel, normals_panel
+from sgp._overview import Panel
+from sgp._panels.maps import normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.faces import FACE_W, FACES
 from sgp._paper.judge import judge

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import processing
-from sgp._overview import Panel, map_panel, normals_panel
+from sgp._overview import Panel
+from sgp._panels.maps import detail_panel, map_panel, normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.sources import DILIGENT, Sources
 from sgp._paper.tables import Number, Table
@@ -57,7 +58,7 @@ def of_textures(
                     comparison.ssim_paper
                 )
             if order == 8:
-                panels.append(normals_panel(f"{name}: detail", parts.detail))
+                panels.append(detail_panel(f"{name}: detail", parts.detail))
                 panels.append(
                     map_panel(
                         f"shape left, mean {parts.separability_deg:.2f} deg",

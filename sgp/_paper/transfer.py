@@ -8,7 +8,8 @@ from statistics import fmean, median
 import numpy as np
 
 import processing
-from sgp._overview import Panel, normals_panel
+from sgp._overview import Panel
+from sgp._panels.maps import normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.judge import judge
 from sgp._paper.measure import IN_NORMALS, METHODS, measure

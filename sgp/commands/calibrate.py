@@ -118,11 +118,12 @@ def spheres(
     _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
 
-    from sgp._overview import lights_panel, source_title, spheres_panel, write_overview
+    from sgp._overview import source_title, write_overview
+    from sgp._panels.lights import lights_panel, spheres_panel
 
     panels = [
         spheres_panel("spheres and highlights", stack.values, estimate),
-        lights_panel("lights as the camera sees them", estimate.lights),
+        lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
     ]
     write_overview(outputs["picture"], source_title(opened, str(source)), panels, columns=2)
     return result

@@ -84,11 +84,24 @@ def compare(
         f"{metrics['ssim_paper']:.4f} in the paper's protocol",
     ]
     if out is not None:
-        from sgp._overview import map_panel, write_overview
+        from sgp._overview import write_overview
+        from sgp._panels.maps import map_panel
 
         claim_folder(out, "compare.json")
         result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}
         acquisition.write_exr(result.outputs["error"], error.map_deg)
-        panel = map_panel(f"mean {error.mae_deg:.2f} deg", error.map_deg, "deg", error=True)
-        write_overview(result.outputs["picture"], f"{a.name} against {b.name}", [panel], columns=1)
+        names = " against ".join(distinct_names(a, b))
+        title = f"{names}: mean {error.mae_deg:.2f} deg, coverage {error.coverage:.1%}"
+        panel = map_panel(title, error.map_deg, "deg", error=True)
+        write_overview(result.outputs["picture"], "Angular error", [panel], columns=1)
     return result
+
+
+def distinct_names(a: Path, b: Path) -> tuple[str, str]:
+    """Return the ends of two paths, long enough to differ; the names if the paths are the same."""
+    parts = a.absolute().parts, b.absolute().parts
+    for count in range(1, 1 + max(map(len, parts))):
+        ends = tuple(str(Path(*path[-count:])) for path in parts)
+        if ends[0] != ends[1]:
+            return ends[0], ends[1]
+    return a.name, b.name

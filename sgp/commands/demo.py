@@ -16,8 +16,10 @@ from sgp._demo_folder import DemoFolder, claimed
 from sgp._metrics import DemoMetrics, ErrorMetrics
 from sgp._options import Seed, SourceOptions
 from sgp._output import write_record
-from sgp._overview import map_panel, source_title, spheres_panel, write_overview
-from sgp._pipeline import Outcome, overview_panels, process
+from sgp._overview import source_title, write_overview
+from sgp._panels.lights import spheres_panel
+from sgp._panels.maps import map_panel, signed_panel
+from sgp._pipeline import Outcome, crop_of, overview_panels, process
 from sgp._result import Result
 from sgp._stages import Stopwatch
 
@@ -73,15 +75,21 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     errors = _Errors(lights, outcome, truth["coin"])
     folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
-        panels = overview_panels(outcome, scenes["coin"].lights)
+        panels, crop = overview_panels(outcome, scenes["coin"].lights), crop_of(outcome)
         panels += [
             map_panel(
                 f"normal error, mean {errors.normals_mae_deg:.2f} deg",
                 errors.normal_map_deg,
                 "deg",
+                crop,
                 error=True,
             ),
-            map_panel("height error", errors.height_map_mm, "mm"),
+            signed_panel(
+                f"height error, mean {errors.height_mae_mm:.3f} mm",
+                errors.height_map_mm,
+                "mm",
+                crop,
+            ),
             spheres_panel("chrome spheres and highlights", stack, estimate),
         ]
         write_overview(out / "overview.png", source_title(source, f"coin, seed {seed}"), panels)

@@ -13,7 +13,8 @@ import rig
 from sgp._metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
-from sgp._overview import Panel, map_panel, normals_panel, shaded_panel, write_overview
+from sgp._overview import Panel, write_overview
+from sgp._panels.maps import detail_panel, map_panel, normals_panel, shaded_panel
 from sgp._result import Result
 from sgp._stage_options import SeparationOptions
 
@@ -122,7 +123,7 @@ def _of_one(
     title = f"Separability, mean {parts.separability_deg:.2f} deg"
     panels = [
         normals_panel("Map", normal_map),
-        normals_panel("Detail", parts.detail),
+        detail_panel("Detail", parts.detail),
         map_panel(title, parts.separability_map_deg, "deg", error=True),
     ]
     return metrics, panels

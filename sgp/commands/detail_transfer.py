@@ -28,7 +28,9 @@ from sgp._options import (
     numbers,
 )
 from sgp._output import claim_folder, writes_folder
-from sgp._overview import map_panel, normals_panel, write_overview
+from sgp._overview import write_overview
+from sgp._panels.crop import Crop
+from sgp._panels.maps import map_panel, normals_panel
 from sgp._result import Result
 from sgp._stage_options import MapOptions
 from sgp._write_profile import write_height_profile
@@ -177,7 +179,8 @@ def transfer(
     )
     claim_folder(out, "normals.json")
     result.outputs = processing.write_normals(out, done.normal_map, green=written.green_out)
-    metrics = _write_errors(out, done, result)
+    title = f"Detail of {source.name} on {target.name}"
+    metrics = _write_errors(out, title, done, result)
     if profile:
         metrics = {**metrics, **write_height_profile(out, maps[1], done.normal_map, result)}
     result.metrics = metrics
@@ -195,20 +198,24 @@ def _whole(place: list[float]) -> tuple[int, int]:
 
 
 def _write_errors(
-    out: Path, done: processing.TransferResult | processing.LocalTransferResult, result: Result
+    out: Path,
+    title: str,
+    done: processing.TransferResult | processing.LocalTransferResult,
+    result: Result,
 ) -> TransferMetrics:
     """Write error maps and their picture, and return the figures."""
     own, paper = done.fidelity, done.fidelity_paper
     maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
     means = {"shape": own.shape_mae_deg, "detail": own.detail_mae_deg}
-    panels = [normals_panel("Result", done.normal_map)]
+    crop = Crop.around(done.normal_map.mask)
+    panels = [normals_panel("Result", done.normal_map, crop)]
     for name, values in maps.items():
         result.outputs[f"{name}_error"] = out / f"{name}_error.exr"
         acquisition.write_exr(result.outputs[f"{name}_error"], values)
-        title = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
-        panels.append(map_panel(title, values, "deg", error=True))
+        error = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
+        panels.append(map_panel(error, values, "deg", crop, error=True))
     result.outputs["errors_picture"] = out / "errors.png"
-    write_overview(result.outputs["errors_picture"], "Transfer", panels, columns=3)
+    write_overview(result.outputs["errors_picture"], title, panels, columns=3)
     shapes, details = (own.result.shape, own.shape), (own.result.detail, own.detail)
     received = own.detail.mask
     metrics: TransferMetrics = {

@@ -368,11 +368,13 @@ def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
     assert json.loads(answer.out)["outputs"]["sheet"] == str(sheet)
     picture = read_image(sheet)
     assert picture.dtype == np.uint8
-    # Seven frames in rows of six, 200 px wide with the aspect ratio 52 / 64, and their names.
-    assert picture.shape == (2 * (162 + 22 + 4), 6 * 204, 3)
-    # The first is dark, the second is not; clipped pixels would be red, but no pixel is clipped.
-    assert picture[:162, :200].mean() < 30 < picture[:162, 204:404].mean()
+    # Seven frames in rows of six, 200 px wide with the aspect ratio 52 / 64, two lines of text,
+    # and the legend.
+    assert picture.shape == (2 * (162 + 40 + 4) + 26, 6 * 204, 3)
+    # The first is lit, the last is dark; clipped pixels would be red, but no pixel is clipped.
+    assert picture[206:368, :200].mean() < 30 < picture[:162, :200].mean()
     assert (picture[:162, 204:404, 0] == picture[:162, 204:404, 1]).all()
+    assert (picture[-13, 8] == (255, 60, 60)).all(), "the legend shows the colour of clipping"
     assert sgp("capture", "info", out, "--sheet", sheet).code == 2
     assert sgp("capture", "info", out, "--sheet", sheet, "--force").code == 0
 

@@ -1,0 +1,1 @@
+"""Panels of sheets: results as pictures."""

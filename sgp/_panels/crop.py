@@ -1,0 +1,91 @@
+"""The part of an image that pictures of one object show, and its reduction to a picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+
+_MOST_PX: Final = 700  # of a side of a picture: about twice the pixels of a slot
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A rectangle of an image.
+
+    Parameters
+    ----------
+    rows, columns
+        The rectangle.
+    pixel_mm
+        Size of a pixel on the object in mm; None if it is not known.
+    """
+
+    rows: slice
+    columns: slice
+    pixel_mm: float | None = None
+
+    @classmethod
+    def around(cls, mask: npt.NDArray[np.bool_], pixel_mm: float | None = None) -> Crop:
+        """Return the rectangle that contains a mask and a margin; the full image if it is empty."""
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if not len(rows):
+            rows, columns = (np.arange(count) for count in mask.shape)
+        margin = 2 + max(np.ptp(rows), np.ptp(columns)) // 50
+        return cls(
+            _with_margin(rows, int(margin), mask.shape[0]),
+            _with_margin(columns, int(margin), mask.shape[1]),
+            pixel_mm,
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return self.rows.stop - self.rows.start, self.columns.stop - self.columns.start
+
+    @property
+    def aspect(self) -> float:
+        """Width divided by height."""
+        return self.size[1] / self.size[0]
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the picture in pixels of the image, for ``imshow``."""
+        return (
+            self.columns.start - 0.5,
+            self.columns.stop - 0.5,
+            self.rows.stop - 0.5,
+            self.rows.start - 0.5,
+        )
+
+    @property
+    def step(self) -> float:
+        """Number of pixels of the image per pixel of the picture."""
+        return max(1.0, max(self.size) / _MOST_PX)
+
+    def picture(self, values: npt.NDArray[Any]) -> Float:
+        """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.
+
+        Pixels are averaged; NaN is left out. A pixel of the picture is NaN if most of its pixels
+        are.
+        """
+        part = values[self.rows, self.columns]
+        if self.step == 1.0:
+            return part.astype(np.float32)
+        rows, columns = (max(1, round(side / self.step)) for side in self.size)
+        part = part.astype(np.float32)
+        known = np.isfinite(part)
+        share, total = (
+            cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+            for image in (known.astype(np.float32), np.where(known, part, np.float32(0)))
+        )
+        return np.where(share > 0.5, total / np.maximum(share, 1e-6), np.nan).astype(np.float32)
+
+
+def _with_margin(places: npt.NDArray[np.intp], margin: int, count: int) -> slice:
+    return slice(max(int(places[0]) - margin, 0), min(int(places[-1]) + 1 + margin, count))

@@ -1,0 +1,181 @@
+"""Panels of maps and images of one object."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+import processing
+from sgp._overview import Panel, add_scale
+from sgp._panels.crop import Crop
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Image = npt.NDArray[np.float32]
+
+# The share of pixels beyond the limits of a colour scale, which would otherwise hide the others.
+_EXTREME: Final = 0.01
+# The quantile of the detail's slopes that the gain raises to at most 1, and the largest gain.
+_STEEP: Final = 0.95
+_MOST_GAIN: Final = 100
+_BAR_SHARE: Final = 0.35  # of the picture's width, at most
+
+
+def image_panel(title: str, image: Image, crop: Crop) -> Panel:
+    """Show a linear image, gray or RGB, with its 99.5 % quantile at white and gamma 2.2.
+
+    NaN, which stands for saturation, is white.
+    """
+    part = crop.picture(image)
+    finite = part[np.isfinite(part)]
+    white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
+    shown = np.clip(np.nan_to_num(part / (white or 1.0), nan=1.0), 0, 1) ** (1 / 2.2)
+    return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
+
+
+def normals_panel(
+    title: str, normal_map: processing.NormalMap, crop: Crop | None = None, gain: float = 1
+) -> Panel:
+    """Show normals as colours: red is right, green is up, blue is toward the camera.
+
+    ``gain`` is a factor on the slopes.
+    """
+    crop = crop or Crop.around(normal_map.mask)
+    normals = _cut(normal_map, crop)
+    normals[..., :2] *= gain
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    colours = np.where(np.isfinite(normals), normals / 2 + 0.5, 1.0)
+    return _picture(title, np.clip(colours, 0, 1), crop)
+
+
+def detail_panel(title: str, detail: processing.NormalMap, crop: Crop | None = None) -> Panel:
+    """Show a detail component with amplified slopes; the title states the factor."""
+    crop = crop or Crop.around(detail.mask)
+    gain = detail_gain(_cut(detail, crop))
+    return normals_panel(f"{title}, slopes x {gain}", detail, crop, gain)
+
+
+def detail_gain(normals: Image) -> int:
+    """Return the largest of 1, 2, 5, 10, ... that keeps 95 % of the slopes below 1."""
+    slopes = np.hypot(normals[..., 0], normals[..., 1]) / np.maximum(normals[..., 2], 1e-3)
+    slopes = slopes[np.isfinite(slopes)]
+    steep = float(np.quantile(slopes, _STEEP)) if slopes.size else 1.0
+    series = [m * 10**e for e in range(3) for m in (1, 2, 5) if m * 10**e <= _MOST_GAIN]
+    return max([gain for gain in series if gain * steep <= 1], default=1)
+
+
+def map_panel(
+    title: str,
+    values: npt.NDArray[Any],
+    unit: str,
+    crop: Crop | None = None,
+    *,
+    error: bool = False,
+    limits: tuple[float, float] | None = None,
+) -> Panel:
+    """Show a scalar map with its scale; NaN is white; scales of errors start at 0.
+
+    ``limits`` replaces the limits of the scale, which otherwise leave out the extreme pixels.
+    """
+    crop = crop or Crop.around(np.isfinite(values))
+    part = crop.picture(values)
+    finite = part[np.isfinite(part)]
+    extend = "neither" if limits else "max" if error else "both"
+    low, high = limits or (_error_limits(finite) if error else _limits(finite))
+    cmap = "magma" if error else "viridis"
+    return _picture(title, part, crop, (unit, extend), cmap=cmap, vmin=low, vmax=high)
+
+
+def signed_panel(
+    title: str, values: npt.NDArray[Any], unit: str, crop: Crop | None = None
+) -> Panel:
+    """Show a map with a sign: red above 0, blue below, gray at 0; NaN is white."""
+    crop = crop or Crop.around(np.isfinite(values))
+    part = crop.picture(values)
+    _, most = _error_limits(np.abs(part[np.isfinite(part)]))
+    return _picture(title, part, crop, (unit, "both"), cmap="coolwarm", vmin=-most, vmax=most)
+
+
+def shaded_panel(title: str, height: Image, crop: Crop | None = None) -> Panel:
+    """Show a height map lit from the upper left, so that raised relief looks raised.
+
+    ``height`` is in units of one pixel, NaN outside the object.
+    """
+    crop = crop or Crop.around(np.isfinite(height))
+    part = crop.picture(height) / crop.step
+    # A single row or column has no slope across it.
+    down, right = (
+        np.gradient(part, axis=axis) if part.shape[axis] > 1 else np.zeros_like(part)
+        for axis in (0, 1)
+    )
+    normals = np.stack([-right, down, np.ones_like(part)], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    shade = np.clip(normals @ np.array([-0.5, 0.5, 0.7071]), 0, 1)
+    shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
+    return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
+
+
+def _picture(
+    title: str,
+    picture: npt.NDArray[Any],
+    crop: Crop,
+    scale: tuple[str, str] | None = None,
+    **colours: Any,
+) -> Panel:
+    """Return the panel of a picture of a crop; ``scale`` is the unit of its scale and its ends."""
+
+    def draw(axes: Axes) -> None:
+        shown = axes.imshow(picture, extent=crop.extent, **colours)
+        axes.axis("off")
+        if crop.pixel_mm is not None:
+            _add_bar(axes, crop, crop.pixel_mm)
+        if scale is not None:
+            add_scale(axes, shown, *scale)
+
+    return Panel(title, draw, crop.aspect)
+
+
+def bar_mm(width_mm: float) -> float:
+    """Return the length of a scale bar: 1, 2 or 5 times a power of ten."""
+    most = width_mm * _BAR_SHARE
+    power = 10.0 ** math.floor(math.log10(most))
+    return float(max(m * power for m in (1, 2, 5) if m * power <= most))
+
+
+def _add_bar(axes: Axes, crop: Crop, pixel_mm: float) -> None:
+    """Draw a bar of known length below the left end of a picture."""
+    length = bar_mm(crop.size[1] * pixel_mm)
+    left = crop.extent[0]
+    below = axes.get_xaxis_transform()  # x in pixels, y in heights of the picture
+    from matplotlib.transforms import ScaledTranslation
+
+    lower = below + ScaledTranslation(0, -6 / 72, axes.figure.dpi_scale_trans)
+    right = left + length / pixel_mm
+    axes.plot([left, right], [0, 0], transform=lower, color="black", lw=2, clip_on=False)
+    text_place = lower + ScaledTranslation(4 / 72, 0, axes.figure.dpi_scale_trans)
+    axes.text(right, 0, f"{length:g} mm", transform=text_place, fontsize=8, va="center")
+
+
+def _cut(normal_map: processing.NormalMap, crop: Crop) -> Image:
+    """Return the normals of a crop, reduced, NaN outside the mask."""
+    part = normal_map.normals[crop.rows, crop.columns]
+    inside = normal_map.mask[crop.rows, crop.columns]
+    whole = Crop(slice(0, crop.size[0]), slice(0, crop.size[1]))
+    return whole.picture(np.where(inside[..., None], part, np.float32(np.nan)))
+
+
+def _limits(finite: Image) -> tuple[float, float]:
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = np.quantile(finite, [_EXTREME / 2, 1 - _EXTREME / 2])
+    return float(low), float(max(high, low + 1e-9))
+
+
+def _error_limits(finite: Image) -> tuple[float, float]:
+    most = float(np.quantile(finite, 1 - _EXTREME)) if finite.size else 0.0
+    return 0.0, max(most, 1e-9)

@@ -1,0 +1,222 @@
+"""Panels: what their pictures show, and that their texts cover nothing."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import Lights
+from processing import HeightProfile, NormalMap
+from sgp._overview import sheet
+from sgp._panels.crop import Crop
+from sgp._panels.lights import lights_panel, short_names
+from sgp._panels.maps import (
+    bar_mm,
+    detail_panel,
+    image_panel,
+    map_panel,
+    normals_panel,
+    shaded_panel,
+    signed_panel,
+)
+from sgp._panels.profile import profile_panels
+from sgp.commands.compare import distinct_names
+
+
+def shown(panel):
+    """Draw a panel; return its picture, if it has one, and its axes."""
+    axes = sheet("", [panel], columns=1).axes[0]
+    return next(iter(axes.images), None), axes
+
+
+@pytest.mark.parametrize("offset", [0.0, 3.0, -3.0])
+def test_a_signed_map_is_gray_at_zero(offset):
+    values = np.linspace(-1, 1, 400, dtype=np.float32).reshape(20, 20) + np.float32(offset)
+    image, _ = shown(signed_panel("error", values, "mm"))
+    assert image.norm.vmin == -image.norm.vmax
+    assert image.norm(0.0) == 0.5
+    red, green, blue, _ = image.cmap(image.norm(np.array([0.0])))[0]
+    assert max(red, green, blue) - min(red, green, blue) < 0.02
+    assert red < 0.9, "white is outside of the object"
+    colours = image.cmap(image.norm(np.array([-abs(image.norm.vmax), image.norm.vmax])))
+    assert colours[0, 2] > colours[0, 0] + 0.2, "negative is blue"
+    assert colours[1, 0] > colours[1, 2] + 0.2, "positive is red"
+
+
+def test_a_constant_map_and_an_empty_map_can_be_drawn():
+    for values in (np.zeros((5, 7)), np.full((5, 7), np.nan), np.ones((1, 1))):
+        for panel in (
+            map_panel("map", values, "mm"),
+            map_panel("map", values, "deg", error=True),
+            signed_panel("map", values, "mm"),
+            shaded_panel("map", values),
+        ):
+            shown(panel)
+
+
+def sphere(side=101):
+    y, x = np.mgrid[:side, :side].astype(np.float32) * (2 / (side - 1)) - 1
+    inside = x**2 + y**2 < 0.9
+    z = np.sqrt(np.where(inside, 1 - x**2 - y**2, 1))
+    normals = np.stack([x, -y, z], axis=-1) * inside[..., None]
+    return NormalMap(normals.astype(np.float32), inside), np.where(inside, z * side / 2, np.nan)
+
+
+def test_a_ball_is_raised_and_up_is_up():
+    normal_map, height = sphere()
+    image, _ = shown(shaded_panel("surface", height.astype(np.float32)))
+    picture = image.get_array()
+    middle = picture.shape[0] // 2
+    quarter = middle // 2
+    assert picture[quarter, quarter] > picture[-quarter, -quarter] + 0.3
+    image, _ = shown(normals_panel("normals", normal_map))
+    picture = image.get_array()
+    assert picture[quarter, middle, 1] > 0.6 > 0.4 > picture[-quarter, middle, 1]
+    assert picture[middle, -quarter, 0] > 0.6 > 0.4 > picture[middle, quarter, 0]
+
+
+@pytest.mark.parametrize(("slope", "gain"), [(0.004, 100), (0.03, 20), (0.09, 10), (0.6, 1)])
+def test_detail_states_the_gain_that_it_shows(slope, gain):
+    normals = np.zeros((20, 30, 3), np.float32)
+    normals[..., 0], normals[..., 2] = slope, 1
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    panel = detail_panel("detail", NormalMap(normals, np.ones((20, 30), bool)))
+    assert panel.title == f"detail, slopes x {gain}"
+    red, _, blue = 2 * shown(panel)[0].get_array()[10, 10] - 1
+    assert red / blue == pytest.approx(gain * slope, rel=1e-4)
+
+
+def test_a_saturated_pixel_is_white_and_gray_and_colour_images_are_drawn():
+    image = np.full((10, 12), 0.2, np.float32)
+    image[3, 4] = np.nan
+    crop = Crop.around(np.ones(image.shape, bool))
+    for one in (image, np.repeat(image[..., None], 3, axis=2)):
+        assert np.all(shown(image_panel("light", one, crop))[0].get_array()[3, 4] == 1)
+
+
+def test_a_large_map_is_averaged_over_its_valid_pixels():
+    values = np.ones((1500, 3100), np.float32)
+    values[::2] = 3
+    values[:, :1000] = np.nan
+    crop = Crop.around(np.ones(values.shape, bool))
+    picture = crop.picture(values)
+    assert picture.shape == (339, 700)
+    # 1000 of 3100 columns are unknown.
+    assert np.isnan(picture[:, :225]).all()
+    assert picture[5:-5, 228:] == pytest.approx(2.0, abs=0.3)
+    assert np.nanmean(picture) == pytest.approx(2.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("width", "bar"), [(210.0, 50), (10.0, 2), (3.0, 1), (0.06, 0.02)])
+def test_a_scale_bar_has_a_round_length(width, bar):
+    assert bar_mm(width) == pytest.approx(bar)
+    values = np.zeros((30, 300))
+    crop = Crop.around(np.ones(values.shape, bool), width / 300)
+    _, axes = shown(map_panel("height", values, "mm", crop))
+    (line,) = axes.lines
+    assert np.ptp(line.get_xdata()) * width / 300 == pytest.approx(bar)
+    assert axes.texts[0].get_text() == f"{bar:g} mm"
+    assert not shown(map_panel("height", values, "px"))[1].lines
+
+
+def rings(count, *polar_deg):
+    turn = np.arange(count) * 2 * np.pi * len(polar_deg) / count
+    polar = np.radians(np.repeat(polar_deg, count // len(polar_deg)))
+    return np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=1
+    )
+
+
+def grid(count):
+    y, x = np.divmod(np.arange(count), 12)
+    directions = np.stack([(x - 5.5) / 14, (y - 3.5) / 14, np.ones(count)], axis=1)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize(
+    ("directions", "named"),
+    [
+        pytest.param(rings(36, 50, 56), 36, id="two close rings"),
+        pytest.param(grid(96), 20, id="96 in a grid"),
+        pytest.param(np.tile(rings(1, 30), (12, 1)), 1, id="one place"),
+        pytest.param(rings(8, 89), 8, id="horizon"),
+    ],
+)
+@pytest.mark.parametrize("truth", [False, True])
+def test_names_of_lights_and_rings_cover_nothing(directions, named, truth):
+    lights = Lights(ids=tuple(f"L{i:02}" for i in range(len(directions))), directions=directions)
+    _, axes = shown(lights_panel("lights", lights, lights if truth else None))
+    texts = [text for text in axes.texts if "named" not in text.get_text()]
+    boxes = [text.get_window_extent() for text in texts]
+    for a, b in itertools.combinations(boxes, 2):
+        assert not a.overlaps(b)
+    # Not even the middle of a mark is covered.
+    marks = axes.transData.transform(lights.unit_directions[:, :2])
+    frame = axes.get_window_extent()
+    for text, box in zip(texts, boxes, strict=True):
+        assert not any(box.contains(*mark) for mark in marks), text.get_text()
+        assert frame.x0 <= box.x0 < box.x1 <= frame.x1
+    names = [text.get_text() for text in texts]
+    assert {"30°", "60°", "90°"} <= set(names)
+    found = [name for name in names if "°" not in name]
+    assert len(found) >= named
+    note = [text.get_text() for text in axes.texts if "named" in text.get_text()]
+    assert note == (
+        [] if len(found) == len(lights) else [f"{len(found)} of {len(lights)} lights are named"]
+    )
+    # Each name is nearest to its own light.
+    for text, box in zip(texts, boxes, strict=True):
+        if "°" not in text.get_text():
+            middle = (box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2
+            away = np.hypot(*(marks - middle).T)
+            assert away[int(text.get_text())] <= away.min() + 1
+
+
+@pytest.mark.parametrize(
+    ("ids", "short"),
+    [
+        (("L00", "L01", "L35"), ["00", "01", "35"]),
+        (("buddha.0", "buddha.11"), ["0", "11"]),
+        (("img_001.jpg", "img_102.jpg"), ["001", "102"]),
+        (("top", "left"), ["top", "left"]),
+        (("a", "ab"), ["a", "ab"]),
+        (("L7",), ["7"]),
+    ],
+)
+def test_short_names(ids, short):
+    assert short_names(ids) == short
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "names"),
+    [
+        ("x/normals", "y/truth.exr", ("normals", "truth.exr")),
+        ("x/normals", "y/normals", ("x/normals", "y/normals")),
+        ("x/a/normals", "y/a/normals", ("x/a/normals", "y/a/normals")),
+        ("a.png", "/tmp/b/a.png", None),
+        ("same", "same", ("same", "same")),
+    ],
+)
+def test_error_maps_name_the_files_compared(a, b, names):
+    found = distinct_names(Path(a), Path(b))
+    assert found == names if names else found[0] != found[1]
+
+
+def test_a_profile_counts_every_pixel_and_shows_where_its_branches_are():
+    target = np.linspace(0, 10, 5000, dtype=np.float32)
+    lower = np.arange(5000) % 5 == 0  # a fifth of the object is 3 too low
+    result = np.where(lower, target - 3, target).astype(np.float32)
+    difference = (result - target).reshape(50, 100)
+    profile = HeightProfile(target, result, result, "px", difference)
+    plot, means, where = profile_panels("a on b", profile)
+    image, axes = shown(plot)
+    assert image.get_array().sum() == pytest.approx(5000, rel=0.01)
+    # Both branches are visible in each column of the plot.
+    branches = (image.get_array().filled(0) > 0).sum(axis=0)
+    assert np.median(branches) >= 2
+    assert axes.get_legend().get_texts()[0].get_text() == "target, sorted"
+    assert shown(means)[0] is not None
+    picture = shown(where)[0].get_array()
+    assert sorted(np.unique(picture.round(3))) == [-3, 0]
+    assert (picture < -1).mean() == pytest.approx(0.2)
