@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Self
 
+from sgp._fitted import fitted
 from sgp._printable import printable
 from sgp._stderr import STDERR
 
@@ -23,7 +24,8 @@ _LINE_EVERY_S = 10.0
 def note(text: str) -> None:
     """Print one line to stderr."""
     if STDERR.isatty():  # a bar may be on display, above which the console inserts the line
-        _terminal().print(printable(text), markup=False, soft_wrap=True)
+        line = fitted(printable(text), STDERR)
+        _terminal().print(line, markup=False, soft_wrap=True)
     else:
         print(printable(text), file=STDERR)
 

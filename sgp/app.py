@@ -277,6 +277,7 @@ def run(app: App, tokens: list[str]) -> int:
 
 def _show(result: Any, as_json: bool) -> int:
     from sgp._console import note
+    from sgp._fitted import fitted
     from sgp._result import Result
 
     if not isinstance(result, Result):
@@ -288,7 +289,7 @@ def _show(result: Any, as_json: bool) -> int:
         for warning in result.warnings:
             note(f"note: {warning}")
         for line in result.summary:
-            print(printable(line))
+            print(fitted(printable(line), sys.stdout))
     return 0 if result.ok else result.failing_code
 
 
@@ -306,7 +307,9 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         findings = getattr(error, "findings", None)
         listed = {} if findings is None else {"findings": findings}
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
-    print(f"error: {line}", file=STDERR)
+    from sgp._fitted import fitted
+
+    print(fitted(f"error: {line}", STDERR), file=STDERR)
     return code
 
 

@@ -10,8 +10,12 @@ import acquisition
 import rig
 from sgp._result import Result
 
+_MOST_GROUPS = 8
 
-def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) -> Result:
+
+def describe(
+    session: acquisition.Session, warnings: Iterable[rig.Notice] = (), *, frames: bool = False
+) -> Result:
     """Describe the contents of a session.
 
     Parameters
@@ -20,11 +24,13 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
         Complete or incomplete session.
     warnings
         Additional warnings.
+    frames
+        Whether to add a line for each frame, before the others.
 
     Returns
     -------
     Result
-        Folder and figures of the session, its origin, and a line for each frame.
+        Folder and figures of the session, its origin, and a line for each role and exposure time.
     """
     manifest, camera = session.manifest, session.manifest.camera
     events = Counter(line.event for line in session.events)
@@ -46,7 +52,7 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
     missing = "" if manifest.plan is None else f"{len(session.missing)} missing, "
     texts = (("place", manifest.place), ("rights", manifest.rights), ("notes", manifest.notes))
     summary = [
-        f"session   {session.folder} ({'complete' if session.complete else 'INCOMPLETE'})",
+        *(_frame_table(session) if frames else ()),
         *["origin    SIMULATED, with a virtual board or camera"] * manifest.simulated,
         f"object    {manifest.object or '-'}, by {manifest.operator or '-'}, "
         f"{manifest.started_utc:%Y-%m-%d %H:%M} UTC",
@@ -58,18 +64,51 @@ def describe(session: acquisition.Session, warnings: Iterable[rig.Notice] = ()) 
         f"frames    {len(session.frames)}, {missing}{len(metrics['rejected'])} rejected"
         + (f", {len(session.set_aside)} damaged and set aside" if session.set_aside else ""),
     ]
+    summary += _groups(session)
     if events:
         summary.append(f"events    {', '.join(f'{n} x {name}' for name, n in events.items())}")
-    if session.frames:
-        summary.append(f"  {'file':<24} {'role':<8} {'exposure':>12} {'99 % DN':>8} {'lit DN':>7}")
-    dark_dn = _dark_dn(session)
-    summary += [_row(frame.line, dark_dn) for frame in session.frames]
+    state = "complete" if session.complete else "INCOMPLETE"
+    summary.append(f"session   {session.folder} ({state})")
     return Result(
         outputs={"session": session.folder},
         metrics=metrics,
         warnings=list(dict.fromkeys([*session.warnings, *warnings])),
         summary=summary,
     )
+
+
+def _groups(session: acquisition.Session) -> list[str]:
+    """Return a line for the frames of each role and exposure time; if there are many, per role."""
+    lines = [frame.line for frame in session.frames]
+    exposures = {(line.role, line.exposure_us) for line in lines}
+    many = len(exposures) > _MOST_GROUPS
+    groups: dict[tuple[str, float | None], list[acquisition.FrameLine]] = {}
+    for line in lines:
+        groups.setdefault((line.role, None if many else line.exposure_us), []).append(line)
+    return [f"{role:<9} {_group(group)}" for (role, _), group in groups.items()]
+
+
+def _group(lines: list[acquisition.FrameLine]) -> str:
+    exposures = sorted({line.exposure_us for line in lines if line.exposure_us is not None})
+    bright = sorted(line.percentiles_dn["99"] for line in lines)
+    clipped = max(line.clipped_fraction for line in lines)
+    shown = [f"{us:g}" for us in dict.fromkeys((*exposures[:1], *exposures[-1:]))]
+    at = f" at {' to '.join(shown)} us" if shown else ""
+    levels = " to ".join(map(str, dict.fromkeys((bright[0], bright[-1]))))
+    return (
+        f"{rig.pluralize(len(lines), 'frame')}{at}, 99 % below {levels} DN, "
+        f"clipped up to {clipped:.2%}"
+    )
+
+
+def _frame_table(session: acquisition.Session) -> list[str]:
+    if not session.frames:
+        return []
+    width = max(20, *(len(frame.line.file) for frame in session.frames))
+    dark_dn = _dark_dn(session)
+    names = f"{'role':<7} {'exposure':>11} {'99 % DN':>8} {'lit DN':>7} {'clipped':>9}"
+    head = f"{'file':<{width}} {names}"
+    return [head, *(_row(frame.line, dark_dn, width) for frame in session.frames)]
 
 
 def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
@@ -81,13 +120,13 @@ def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
     return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
 
 
-def _row(line: acquisition.FrameLine, dark_dn: Mapping[float | None, int]) -> str:
+def _row(line: acquisition.FrameLine, dark_dn: Mapping[float | None, int], width: int) -> str:
     exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
     bright_dn = line.percentiles_dn["99"]
     lit = ""
     if line.role in ("light", "flat") and line.exposure_us in dark_dn:
         lit = str(bright_dn - dark_dn[line.exposure_us])
     return (
-        f"  {line.file:<24} {line.role:<8} {exposure:>12} {bright_dn:>8} {lit:>7}  "
-        f"clipped {line.clipped_fraction:.3%}"
+        f"{line.file:<{width}} {line.role:<7} {exposure:>11} {bright_dn:>8} {lit:>7} "
+        f"{line.clipped_fraction:>9.3%}"
     )

@@ -274,7 +274,13 @@ def verify(session: Input) -> Result:
     return result
 
 
-def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> Result:
+def info(
+    session: Input,
+    *,
+    frames: Annotated[bool, Parameter(negative=())] = False,
+    sheet: Path | None = None,
+    force: bool = False,
+) -> Result:
     """Describe the contents of a session.
 
     For example:
@@ -285,6 +291,8 @@ def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> R
     ----------
     session
         Folder of the session.
+    frames
+        List every frame.
     sheet
         Contact sheet to write (.png).
     force
@@ -297,7 +305,7 @@ def info(session: Input, *, sheet: Path | None = None, force: bool = False) -> R
         files = rigs.pluralize(len(gone), "frame file is", "frame files are")
         text = f"{files} missing, first {gone[0]}: see verify"
         lost.append(rigs.Notice("frame-files-missing", text, severity="error"))
-    result = describe(opened, [*lost, *_left_out(opened)])
+    result = describe(opened, [*lost, *_left_out(opened)], frames=frames)
     if sheet is not None:
         check_file(sheet, ".png", force=force)
         if not opened.frames:

@@ -101,11 +101,11 @@ def plan(
         },
         warnings=_left_out(left_out),
         summary=[
-            f"{'exposures in us, one per bracket':<34} LEDs",
-            *(f"{exposures:<34} {leds_of}" for exposures, leds_of in table),
+            f"{'exposures in us, by bracket':<27}  LEDs",
+            *(f"{exposures:<27}  {leds_of}" for exposures, leds_of in table),
             f"{rigs.pluralize(len(shots), 'shot')}: {frames}",
             f"about {_duration(cost.seconds)}: {cost.exposure_s:.2f} s of exposure and "
-            f"{frame_s * 1000:g} ms per frame (an estimate, see --frame-ms)",
+            f"{frame_s * 1000:g} ms per frame (see --frame-ms)",
             f"{cost.bytes / 1e6:.0f} MB at {columns} x {rows} and 16 bits; "
             f"{_ROOM * cost.bytes / 1e6:.0f} MB should be free",
         ],

@@ -125,14 +125,13 @@ def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_
 
 def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch):
     rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.wiring]\nswapped = [[1, 4]]\n", encoding="utf-8")
+    rig.write_text(RIG + "[options.wiring]\nalways = [3]\n", encoding="utf-8")
     monkeypatch.setattr(acquisition, "meter", lambda *_, **__: pytest.fail("metered"))
     words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     assert answer.code == 3, answer.err
     assert "checking the wiring of the LEDs" in answer.err
-    assert "1" in answer.err
-    assert "4" in answer.err
+    assert "LED 3 is on when all should be off" in answer.err
     assert not (tmp_path / "s").exists()
 
 
