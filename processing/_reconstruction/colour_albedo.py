@@ -87,7 +87,9 @@ def colour_albedo(
     # A pixel without a usable sample stays gray.
     usable = total > 0
     ratio = np.divide(albedo, total, out=np.zeros_like(total), where=usable)
-    found = np.where(usable[:, None], np.maximum(sums, 0) * ratio[:, None], albedo[:, None])
+    np.maximum(sums, 0, out=sums)
+    sums *= ratio[:, None]
+    sums[~usable] = albedo[~usable, None]
     result = np.zeros((*mask.shape, 3), np.float32)
-    result[mask] = found
+    result[mask] = sums
     return result
