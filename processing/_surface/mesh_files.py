@@ -90,7 +90,7 @@ def write_mesh(
 
 
 def _normal_samples(normals: NormalMap) -> npt.NDArray[np.uint8]:
-    vectors = np.where(normals.mask[..., None], normals.normals, np.float32([0, 0, 1]))
+    vectors = np.where(normals.mask[..., None], normals.normals, np.array([0, 0, 1], np.float32))
     samples: npt.NDArray[np.uint8] = np.rint((vectors * 0.5 + 0.5) * 255).astype(np.uint8)
     return samples
 
