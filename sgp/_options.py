@@ -64,22 +64,24 @@ def _gamma(kind: object, tokens: Sequence[Token]) -> str:
 
 
 def _names(kind: object, tokens: Sequence[Token]) -> tuple[str, ...]:
-    """Read names separated by commas."""
-    names = tuple(part.strip() for part in tokens[0].value.split(","))
+    """Read names separated by commas; the option may be given several times."""
+    names = tuple(part.strip() for token in tokens for part in token.value.split(","))
     if not all(names):
-        text = f"{_short(tokens[0].value)} has an empty name: give names separated by commas"
+        text = "a name is empty: give names separated by commas"
         raise CoercionError(msg=text, token=tokens[0])
     return names
 
 
 def _region(kind: object, tokens: Sequence[Token]) -> tuple[int, int, int, int]:
     """Read ``x,y,w,h`` in whole pixels."""
-    text = tokens[0].value
-    match = re.fullmatch(r"\s*(\d{1,7})\s*,\s*(\d{1,7})\s*,\s*(\d{1,7})\s*,\s*(\d{1,7})\s*", text)
-    if match is None:
-        reason = f"{_short(text)} is not a region x,y,w,h in whole pixels, such as 100,80,640,480"
-        raise CoercionError(msg=reason, token=tokens[0])
-    x, y, width, height = (int(part) for part in match.groups())
+    parts = tokens[0].value.split(",")
+    wrong = next((part for part in parts if not re.fullmatch(_PIXELS, part)), None)
+    if wrong is not None or len(parts) != 4:
+        whole = f"{_short(tokens[0].value)} is not a number for each of x,y,w,h"
+        shown = whole if wrong is None else f"{_short(wrong)} is not a whole number"
+        text = f"{shown}: give pixels, such as 100,80,640,480"
+        raise CoercionError(msg=text, token=tokens[0])
+    x, y, width, height = map(int, parts)
     return x, y, width, height
 
 
@@ -89,6 +91,7 @@ def _short(text: str) -> str:
 
 # Longest part of a command line that a message quotes, in characters.
 _LONGEST = 40
+_PIXELS = r"\s*[-+]?[0-9]{1,7}\s*"
 _CURVES = ("auto", "srgb", "linear")
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 

@@ -104,13 +104,10 @@ def process(
         surface = processing.integrate(
             normal_map, camera=source.camera, pixel_mm=_pixel_mm(source, surfaces)
         )
-        formats = surfaces.formats()
         colours = processing.albedo_picture(stage.albedo, normal_map.mask).pixels
         write(
             "surface",
-            lambda folder: write_surface(
-                folder, surface, normal_map, formats=formats, colours=colours
-            ),
+            lambda folder: write_surface(folder, surface, normal_map, surfaces, colours=colours),
         )
     metrics: StagesMetrics = {
         "normals": normals_metrics(stage),

@@ -63,6 +63,8 @@ class SurfaceOptions:
         heights and meshes is one pixel.
     glb
         Also write surface.glb, in metres as glTF requires, with the albedo as its texture.
+    normal_texture
+        Write surface.glb with the normals as a texture, for programs that simplify the mesh.
     stl
         Also write surface.stl.
     obj
@@ -71,10 +73,11 @@ class SurfaceOptions:
 
     pixel_mm: Positive | None = None
     glb: bool = False
+    normal_texture: bool = False
     stl: bool = False
     obj: bool = False
 
     def formats(self) -> tuple[str, ...]:
         """Return the suffixes of the meshes to write."""
-        wanted = {"glb": self.glb, "stl": self.stl, "obj": self.obj}
+        wanted = {"glb": self.glb or self.normal_texture, "stl": self.stl, "obj": self.obj}
         return ("ply", *(name for name, asked in wanted.items() if asked))

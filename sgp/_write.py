@@ -12,9 +12,9 @@ import processing
 import rig
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._result import Result
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MapOptions, SurfaceOptions
 
-_MAPS = MapOptions()
+_MAPS, _SURFACE = MapOptions(), SurfaceOptions()
 
 
 def write_normals_stage(
@@ -96,8 +96,8 @@ def write_surface(
     folder: Path,
     height_map: processing.HeightMap,
     normal_map: processing.NormalMap,
+    options: SurfaceOptions = _SURFACE,
     *,
-    formats: tuple[str, ...] = ("ply",),
     colours: npt.NDArray[np.uint8] | None = None,
 ) -> Result:
     """Write height as .exr and .png, depth.exr if there is a depth, mask.png and meshes.
@@ -112,9 +112,13 @@ def write_surface(
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         acquisition.write_exr(result.outputs["depth"], height_map.depth)
-    for suffix in formats:
+    for suffix in options.formats():
         path, *others = processing.write_mesh(
-            folder / f"surface.{suffix}", height_map, normals=normal_map, colours=colours
+            folder / f"surface.{suffix}",
+            height_map,
+            normals=normal_map,
+            colours=colours,
+            normal_texture=options.normal_texture,
         )
         result.outputs[suffix] = path
         result.outputs |= {f"{suffix}_{other.suffix[1:]}": other for other in others}

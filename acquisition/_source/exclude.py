@@ -36,6 +36,8 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
     ------
     DataError
         If an entry names no image, or no image is left. The message lists the names.
+    TypeError
+        If ``images`` is a text instead of a list.
 
     Examples
     --------
@@ -43,6 +45,10 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
     >>> source = exclude(read_source("owl"), ["L07", "12-15"])  # doctest: +SKIP
     """
     check_type("source", source, Source, "read_source(path) returns one")
+    if isinstance(images, str):
+        raise TypeError(
+            f'images must be a list of names, not the text {images[:40]!r}: write ["L07"]'
+        )
     ids = source.light_ids
     numbers = _numbers(ids)
     left_out: set[str] = set()

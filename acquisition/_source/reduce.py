@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import replace
 
 import numpy as np
@@ -39,6 +40,8 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
     ------
     DataError
         If the region is empty, extends beyond the image, or contains no pixel of the mask.
+    TypeError
+        If a number is not whole.
 
     Examples
     --------
@@ -46,6 +49,7 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
     >>> source = downscale(crop(read_source("owl"), 200, 100, 640, 480), 2)  # doctest: +SKIP
     """
     check_type("source", source, Source, "read_source(path) returns one")
+    x, y, width, height = map(operator.index, (x, y, width, height))
     rows, columns = source.size
     region = f"the region of {width} x {height} pixels from {x},{y}"
     inside = x >= 0 and y >= 0 and x + width <= columns and y + height <= rows
@@ -97,8 +101,11 @@ def downscale(source: Source, factor: int) -> Source:
     DataError
         If the factor is less than 1 or larger than the image, or no block is completely within
         the mask.
+    TypeError
+        If the factor is not whole.
     """
     check_type("source", source, Source, "read_source(path) returns one")
+    factor = operator.index(factor)
     rows, columns = source.size
     if factor < 1 or factor > min(rows, columns):
         raise DataError(

@@ -13,6 +13,7 @@ from rig import short_repr
 # Highlights and wrong pixels may be far brighter than the rest; at most this share is clipped.
 _CLIPPED = 0.001
 _LEVELS = 4096
+_BLOCK = 65536
 
 
 class AlbedoPicture(NamedTuple):
@@ -23,7 +24,8 @@ class AlbedoPicture(NamedTuple):
     pixels
         ``(H, W)`` or ``(H, W, 3)`` uint8, black outside the mask.
     white
-        Albedo of a pixel of 255; the linear value of a sample is a share of it.
+        Albedo of a sample of 255; the linear value of a sample is a share of it. 1 if no albedo is
+        positive and finite.
     """
 
     pixels: npt.NDArray[np.uint8]
@@ -46,7 +48,7 @@ def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_])
     Raises
     ------
     DataError
-        If the shapes differ, or no value inside the mask is positive and finite.
+        If the shapes differ.
     """
     if mask.shape != albedo.shape[:2] or albedo.ndim not in (2, 3):
         raise DataError(
@@ -55,13 +57,15 @@ def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_])
     inside = albedo[mask]
     brightest = inside if inside.ndim == 1 else inside.max(axis=1, initial=0)
     brightest = brightest[np.isfinite(brightest) & (brightest > 0)]
-    if not brightest.size:
-        raise DataError("the albedo is not positive anywhere in the mask")
-    white = float(np.quantile(brightest, 1 - _CLIPPED, method="lower"))
+    some = bool(brightest.size)
+    white = float(np.quantile(brightest, 1 - _CLIPPED, method="lower")) if some else 1.0
     # By table, because a power of each value would take long.
-    shares = np.clip(np.nan_to_num(inside / np.float32(white), nan=0.0, posinf=1.0), 0, 1)
-    levels = np.rint(np.sqrt(shares) * _LEVELS).astype(np.int32)
     table = np.rint(SRGB.samples((np.arange(_LEVELS + 1) / _LEVELS) ** 2) * 255).astype(np.uint8)
+    samples = np.zeros(inside.shape, np.uint8)
+    for first in range(0, len(inside), _BLOCK):
+        part = np.nan_to_num(inside[first : first + _BLOCK], nan=0.0, posinf=white)
+        shares = np.clip(part, 0, white) / white
+        samples[first : first + _BLOCK] = table[np.rint(np.sqrt(shares) * _LEVELS).astype(np.intp)]
     pixels = np.zeros(albedo.shape, np.uint8)
-    pixels[mask] = table[levels]
+    pixels[mask] = samples
     return AlbedoPicture(pixels, white)

@@ -75,8 +75,10 @@ def colour_albedo(
             values, vectors = model.samples(gray, pixels[part])
             lit = np.maximum(np.einsum("pc,pc->p", normals[part], vectors[..., 0]), 0)
             seen = values[:, 0]
-            residual = (seen - albedo[part] * lit) / spread[part]
-            weight = lit / (1 + residual * residual)
+            # Radiance may be as large as a float can be; such pixels stay gray.
+            with np.errstate(over="ignore", invalid="ignore"):
+                residual = (seen - albedo[part] * lit) / spread[part]
+                weight = lit / (1 + residual * residual) / np.float32(len(ids))
             known = np.isfinite(weight)
             weight[~known] = 0
             colour = image.reshape(-1, 3)[pixels[part]]
@@ -86,8 +88,11 @@ def colour_albedo(
         on_progress("colour", i + 1, len(ids))
     # A pixel without a usable sample stays gray.
     usable = total > 0
-    ratio = np.divide(albedo, total, out=np.zeros_like(total), where=usable)
-    found = np.where(usable[:, None], np.maximum(sums, 0) * ratio[:, None], albedo[:, None])
+    with np.errstate(over="ignore", invalid="ignore"):
+        ratio = np.divide(albedo, total, out=np.zeros_like(total), where=usable)
+        np.maximum(sums, 0, out=sums)
+        sums *= ratio[:, None]
+    sums[~usable] = albedo[~usable, None]
     result = np.zeros((*mask.shape, 3), np.float32)
-    result[mask] = found
+    result[mask] = sums
     return result

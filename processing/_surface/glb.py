@@ -19,7 +19,11 @@ _FLOAT, _UNSIGNED = 5126, 5125
 _CLAMP, _LINEAR = 33071, 9729
 
 
-def glb(mesh: Mesh, texture: npt.NDArray[np.uint8] | None = None) -> list[bytes]:
+def glb(
+    mesh: Mesh,
+    texture: npt.NDArray[np.uint8] | None = None,
+    normals: npt.NDArray[np.uint8] | None = None,
+) -> list[bytes]:
     """Return the parts of a .glb file.
 
     Parameters
@@ -29,6 +33,10 @@ def glb(mesh: Mesh, texture: npt.NDArray[np.uint8] | None = None) -> list[bytes]
     texture
         ``(H, W)`` or ``(H, W, 3)`` uint8 sRGB, the base colour of a rough dielectric material. The
         mesh must have places in it.
+    normals
+        ``(H, W, 3)`` uint8, ``(n / 2 + 0.5) * 255`` of normals in the frame of the mesh, instead of
+        those of the vertices. Vertex normals are then z and tangents x, so that the tangent space
+        of glTF is this frame.
 
     Raises
     ------
@@ -47,20 +55,26 @@ def glb(mesh: Mesh, texture: npt.NDArray[np.uint8] | None = None) -> list[bytes]
     vectors = {"componentType": _FLOAT, "type": "VEC3", "count": len(positions)}
     bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
     attributes = {"POSITION": add(positions.astype("<f4"), _VERTICES, **vectors, **bounds)}
-    if mesh.normals is not None:
+    if normals is not None:
+        for name, kind, vector in (
+            ("NORMAL", "VEC3", (0, 0, 1)),
+            ("TANGENT", "VEC4", (1, 0, 0, 1)),
+        ):
+            same = np.tile(np.array(vector, "<f4"), (len(positions), 1))
+            attributes[name] = add(same, _VERTICES, **(vectors | {"type": kind}))
+    elif mesh.normals is not None:
         attributes["NORMAL"] = add(mesh.normals.astype("<f4"), _VERTICES, **vectors)
-    painted = texture is not None and mesh.places is not None
-    if painted and mesh.places is not None:
+    images = [image for image in (texture, normals) if image is not None]
+    if images and mesh.places is not None:
         places = {"componentType": _FLOAT, "type": "VEC2", "count": len(positions)}
         attributes["TEXCOORD_0"] = add(mesh.places.astype("<f4"), _VERTICES, **places)
     scalars = {"componentType": _UNSIGNED, "type": "SCALAR", "count": mesh.faces.size}
     primitive: dict[str, Any] = {"attributes": attributes}
     primitive["indices"] = add(mesh.faces.astype("<u4"), _INDICES, **scalars)
     blobs = [data for data, _ in views]
-    if painted and texture is not None:
+    if images:
         primitive["material"] = 0
-        # Last, since its length is not a multiple of 4 as glTF requires of the others.
-        blobs.append(_png(texture))
+        blobs += [_png(image) for image in images]
     offsets = np.cumsum([0] + [len(data) for data in blobs]).tolist()
     layout: list[dict[str, int]] = [
         {"buffer": 0, "byteOffset": offset, "byteLength": len(data)}
@@ -79,26 +93,31 @@ def glb(mesh: Mesh, texture: npt.NDArray[np.uint8] | None = None) -> list[bytes]
         "bufferViews": layout,
         "accessors": accessors,
     }
-    if painted:
-        document |= _material(len(blobs) - 1)
+    if images:
+        document |= _material(len(views), texture is not None, normals is not None)
     text = json.dumps(document, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
-    blobs.append(b"\0" * (-offsets[-1] % 4))
-    binary_bytes = offsets[-1] + len(blobs[-1])
+    binary_bytes = offsets[-1]
     total = 12 + 8 + len(text) + 8 + binary_bytes
     words = np.array([0x46546C67, 2, total, len(text), 0x4E4F534A], "<u4").tobytes()
     binary = np.array([binary_bytes, 0x004E4942], "<u4").tobytes()
     return [words, text, binary, *blobs]
 
 
-def _material(view: int) -> dict[str, Any]:
-    """Return the parts of the document that paint a mesh with the image in a buffer view."""
-    paint = {"baseColorTexture": {"index": 0}, "metallicFactor": 0, "roughnessFactor": 1}
+def _material(first_view: int, painted: bool, bumpy: bool) -> dict[str, Any]:
+    """Return the parts of the document for the images in the buffer views from a first one."""
+    surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
+    material: dict[str, Any] = {"name": "surface", "pbrMetallicRoughness": surface}
+    if painted:
+        surface["baseColorTexture"] = {"index": 0}
+    if bumpy:
+        material["normalTexture"] = {"index": int(painted)}
+    count = painted + bumpy
     return {
-        "materials": [{"name": "albedo", "pbrMetallicRoughness": paint}],
-        "textures": [{"sampler": 0, "source": 0}],
+        "materials": [material],
+        "textures": [{"sampler": 0, "source": i} for i in range(count)],
         "samplers": [{"magFilter": _LINEAR, "wrapS": _CLAMP, "wrapT": _CLAMP}],
-        "images": [{"bufferView": view, "mimeType": "image/png"}],
+        "images": [{"bufferView": first_view + i, "mimeType": "image/png"} for i in range(count)],
     }
 
 
@@ -109,4 +128,6 @@ def _png(texture: npt.NDArray[np.uint8]) -> bytes:
         raise StorageError(
             "the texture cannot be encoded as PNG: check the memory of this computer"
         )
-    return encoded.tobytes()
+    data = encoded.tobytes()
+    # Bytes after the end chunk are allowed; the parts of a .glb begin at multiples of 4.
+    return data + b"\0" * (-len(data) % 4)

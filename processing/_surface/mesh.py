@@ -33,7 +33,7 @@ class Mesh:
     colours
         ``(V, 3)`` uint8 sRGB, or None.
     places
-        ``(V, 2)`` float32 positions in the texture, 0..1 to the right and down, or None.
+        ``(V, 2)`` float32 positions in a texture of the image, 0..1 to the right and down, or None.
     """
 
     vertices: Float
@@ -64,8 +64,7 @@ def height_mesh(
     normals
         Normals of the vertices; the map must cover the height map's mask.
     colours
-        ``(H, W)`` or ``(H, W, 3)`` uint8 sRGB colours of the vertices; the mesh then also has their
-        places in this image.
+        ``(H, W)`` or ``(H, W, 3)`` uint8 sRGB colours of the vertices.
 
     Returns
     -------
@@ -91,18 +90,21 @@ def height_mesh(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
         )
     facing = None if normals is None else normals.normals[mask]
-    if colours is None:
-        return Mesh(vertices, faces, facing, height_map.unit)
+    # A texture covers 0 to 1 from the outer edge of its first pixel to that of its last.
+    places = ((np.argwhere(mask)[:, ::-1] + 0.5) / mask.shape[::-1]).astype(np.float32)
+    painted = None if colours is None else _colours(colours, mask)
+    return Mesh(vertices, faces, facing, height_map.unit, painted, places)
+
+
+def _colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
     shape = colours.shape
     if colours.dtype != np.uint8 or shape not in (mask.shape, (*mask.shape, 3)):
         raise DataError(
             f"colours of {colours.dtype} and shape {shape} do not fit a height map of shape "
             f"{mask.shape}: give sRGB samples of type uint8"
         )
-    painted = np.repeat(colours[..., None], 3, axis=2) if colours.ndim == 2 else colours
-    # A texture covers 0 to 1 from the outer edge of its first pixel to that of its last.
-    places = (np.argwhere(mask)[:, ::-1] + 0.5) / mask.shape[::-1]
-    return Mesh(vertices, faces, facing, height_map.unit, painted[mask], places.astype(np.float32))
+    picked = colours[mask]
+    return np.repeat(picked[:, None], 3, axis=1) if colours.ndim == 2 else picked
 
 
 def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int32]:

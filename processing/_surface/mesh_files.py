@@ -28,6 +28,7 @@ def write_mesh(
     *,
     normals: NormalMap | None = None,
     colours: npt.NDArray[np.uint8] | None = None,
+    normal_texture: bool = False,
 ) -> tuple[Path, ...]:
     """Write a surface as a triangle mesh; the suffix selects the format.
 
@@ -46,6 +47,10 @@ def write_mesh(
         ``(H, W)`` or ``(H, W, 3)`` uint8 sRGB, for example of `albedo_picture`: colours of the
         vertices in a .ply, a texture in a .glb, a material with a texture in ``name.mtl`` and
         ``name_albedo.png`` next to an .obj. An .stl has no colours.
+    normal_texture
+        Store the normals of a .glb as a texture of 8 bits instead of at its vertices, for programs
+        that simplify the mesh. A normal map of glTF is relative to the vertices, whose normals are
+        then all (0, 0, 1), with tangents to the right.
 
     Returns
     -------
@@ -55,7 +60,8 @@ def write_mesh(
     Raises
     ------
     DataError
-        If the suffix is unknown, or for the reasons given in `height_mesh`.
+        If the suffix is unknown, a texture of normals is requested without normals, or for the
+        reasons given in `height_mesh`.
     StorageError
         If the file cannot be written.
     """
@@ -67,12 +73,26 @@ def write_mesh(
             f"{path}: unknown mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb"
         )
     mesh = height_mesh(height_map, normals=normals, colours=colours)
+    if normal_texture and normals is None:
+        raise DataError(f"{path}: a texture of normals requires normals")
     texture = None if colours is None else textured(colours, height_map.mask)
     if suffix == ".obj" and texture is not None:
         return _write_textured_obj(path, mesh, texture)
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl}
-    write_durably(path, *(glb(mesh, texture) if suffix == ".glb" else encode[suffix](mesh)))
+    if suffix != ".glb":
+        parts = encode[suffix](mesh)
+    elif normal_texture and normals is not None:
+        parts = glb(mesh, texture, _normal_samples(normals))
+    else:
+        parts = glb(mesh, texture)
+    write_durably(path, *parts)
     return (path,)
+
+
+def _normal_samples(normals: NormalMap) -> npt.NDArray[np.uint8]:
+    vectors = np.where(normals.mask[..., None], normals.normals, np.array([0, 0, 1], np.float32))
+    samples: npt.NDArray[np.uint8] = np.rint((vectors * 0.5 + 0.5) * 255).astype(np.uint8)
+    return samples
 
 
 def textured(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:

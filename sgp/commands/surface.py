@@ -70,9 +70,7 @@ def surface(
     height_map = processing.integrate(normal_map, camera=model, pixel_mm=options.pixel_mm)
     colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
-    result = write_surface(
-        claimed, height_map, normal_map, formats=options.formats(), colours=colours
-    )
+    result = write_surface(claimed, height_map, normal_map, options, colours=colours)
     result.warnings = [*read.warnings, *result.warnings]
     given = [path for path in (mask, albedo, camera) if path is not None]
     result.inputs = [*read.files, *given]

@@ -152,6 +152,20 @@ def test_wrong_parts_are_refused(source, change, text) -> None:
         change(source)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda s: exclude(s, "7"), id="text"),
+        pytest.param(lambda s: crop(s, 0.5, 0, 3, 3), id="fraction"),
+        pytest.param(lambda s: downscale(s, 2.0), id="factor"),
+        pytest.param(lambda s: exclude(s.frames, ["7"]), id="frames"),
+    ],
+)
+def test_wrong_types_are_named(source, change) -> None:
+    with pytest.raises(TypeError):
+        change(source)
+
+
 def rgba(folder: Path, alphas: list[np.ndarray | None]) -> None:
     folder.mkdir()
     for i, alpha in enumerate(alphas):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -66,6 +67,39 @@ def test_another_program_finds_the_colours_at_the_vertices(
     assert files[0] == path
     assert sorted(files) == sorted(tmp_path.iterdir())
     assert len(files) == (3 if suffix == "obj" else 1)
+
+
+@pytest.mark.parametrize("painted", [False, True])
+def test_normals_as_a_texture(tmp_path: Path, colours, painted) -> None:
+    """The tangent space of the texture is the frame of the mesh, by normals and tangents."""
+    normal_map, height_map = surface()
+    path = tmp_path / "a.glb"
+    paint = colours if painted else None
+    write_mesh(path, height_map, normals=normal_map, colours=paint, normal_texture=True)
+    (mesh,) = trimesh.load(path, process=False).geometry.values()
+    np.testing.assert_array_equal(
+        mesh.vertex_normals, np.tile([0, 0, 1.0], (len(mesh.vertices), 1))
+    )
+    data = path.read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    assert all(view["byteOffset"] % 4 == 0 for view in document["bufferViews"])
+    accessor = document["meshes"][0]["primitives"][0]["attributes"]["TANGENT"]
+    view = document["bufferViews"][document["accessors"][accessor]["bufferView"]]
+    begin = 28 + int.from_bytes(data[12:16], "little") + view["byteOffset"]
+    tangents = np.frombuffer(data[begin : begin + view["byteLength"]], "<f4").reshape(-1, 4)
+    np.testing.assert_array_equal(tangents, np.tile([1, 0, 0, 1.0], (len(mesh.vertices), 1)))
+    material = mesh.visual.material
+    found = texels(mesh, np.asarray(material.normalTexture)) / 255 * 2 - 1
+    np.testing.assert_allclose(found, normal_map.normals[height_map.mask], atol=0.5 / 127)
+    assert (material.baseColorTexture is not None) == painted
+    if painted:
+        image = np.asarray(material.baseColorTexture)
+        np.testing.assert_array_equal(texels(mesh, image), colours[height_map.mask])
+
+
+def test_a_texture_of_normals_requires_normals(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="requires normals"):
+        write_mesh(tmp_path / "a.glb", surface()[1], normal_texture=True)
 
 
 def test_the_texture_is_the_mean_colour_outside(tmp_path: Path, colours) -> None:

@@ -23,7 +23,16 @@ def given(recording, tmp_path) -> list:
 
 
 def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
-    options = ["--exclude", "ball.7,0-1", "--crop", "10,3,30,34", "--downscale", "2"]
+    options = [
+        "--exclude",
+        "ball.7",
+        "--exclude",
+        "0-1",
+        "--crop",
+        "10,3,30,34",
+        "--downscale",
+        "2",
+    ]
     scale = ["--pixel-mm", "0.5"]
     answer = sgp("run", *given, *options, *scale, "--out", tmp_path / "out")
     assert answer.code == 0, answer.err
@@ -56,10 +65,15 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
     [
         pytest.param(["--exclude", "L07"], 4, "there are ball.0, ball.1", id="name"),
         pytest.param(["--exclude", "2-7"], 2, "--exclude leaves 2 of 8 images", id="too many"),
-        pytest.param(["--exclude", "1,,2"], 2, "--exclude: 1,,2 has an empty name", id="comma"),
-        pytest.param(["--crop", "1,2,3"], 2, "is not a region x,y,w,h", id="three"),
-        pytest.param(["--crop", "-1,2,3,4"], 2, "", id="negative"),
-        pytest.param(["--crop", "1,2,3,4.5"], 2, "is not a region x,y,w,h", id="fraction"),
+        pytest.param(["--exclude", "1,,2"], 2, "--exclude: a name is empty", id="comma"),
+        pytest.param(
+            ["--crop", "1,2,3"], 2, "1,2,3 is not a number for each of x,y,w,h", id="three"
+        ),
+        pytest.param(
+            ["--crop", "1,2,3,4", "--crop", "1,2,3,4"], 2, "specified multiple times", id="twice"
+        ),
+        pytest.param(["--crop=-1,2,3,4"], 4, "from -1,2 is not inside", id="negative"),
+        pytest.param(["--crop", "1,2,3,4.5"], 2, "4.5 is not a whole number", id="fraction"),
         pytest.param(["--crop", "40,0,20,20"], 4, "not inside the images of 48 x 40", id="outside"),
         pytest.param(["--downscale", "0"], 2, "--downscale", id="zero"),
         pytest.param(["--downscale", "50"], 4, "by a factor of 50: give 1 to 40", id="factor"),
