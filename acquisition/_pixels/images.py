@@ -42,6 +42,7 @@ _NATIVE: dict[str, type[np.generic]] = {
     "float": np.float32,
     "double": np.float32,
 }
+_PNG_FILTER_SUB = 16
 _FILE_TYPES = {"uint8": oiio.UINT8, "uint16": oiio.UINT16, "float32": oiio.FLOAT}
 
 
@@ -160,7 +161,7 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
 
 def write_png(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
     """Write a PNG. Parameters and errors are those of `write_tiff`."""
-    _write(Path(path), pixels, "png", {"uint8", "uint16"}, "zip")
+    _write(Path(path), pixels, "png", {"uint8", "uint16"}, "rle")
 
 
 def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
@@ -168,7 +169,7 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
 
     Errors are those of `write_tiff`.
     """
-    _write(Path(path), array, "openexr", {"float32"}, "zip")
+    _write(Path(path), array, "openexr", {"float32"}, "rle")
 
 
 @contextmanager
@@ -256,7 +257,10 @@ def _write(
     height, width, channels = array.shape
     spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
     spec.attribute("compression", compression)
-    spec.attribute("png:compressionLevel", 1)  # half the time of the default, same size
+    # Runs of equal bytes after a difference to the left: measured maps become as small as by the
+    # search for repeated strings, in a quarter of its time.
+    spec.attribute("png:compressionLevel", 1)
+    spec.attribute("png:filter", _PNG_FILTER_SUB)
     spec.attribute("DateTime", "")  # otherwise the current time is written
     if kind == "png":
         spec.attribute("oiio:ColorSpace", "data")  # otherwise the file states the sRGB curve
@@ -332,8 +336,11 @@ def holds(path: Path, pixels: npt.NDArray[np.generic]) -> bool:
         stored = read_image(path, max_pixels=pixels.shape[0] * pixels.shape[1])
     except DataError:
         return False
-    # Compare bytes, because NaN is not equal to itself.
-    return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()
+    if stored.dtype != pixels.dtype or stored.size != pixels.size:
+        return False
+    # Compare bits, because NaN is not equal to itself.
+    bits = f"u{pixels.itemsize}"
+    return np.array_equal(stored.view(bits).ravel(), pixels.view(bits).ravel())
 
 
 def _line(message: str) -> str:
