@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, angle_deg
 from processing._normal_map import NormalMap, check_normal_map
+from processing._ssim_kernel import similarity_rows
 from rig import short_repr
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
 Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # Error of a pixel without a normal, as in the published benchmarks.
@@ -78,9 +77,8 @@ def angular_error(
     if not counted.any():
         raise DataError("no pixel of the mask has a true normal: nothing to compare")
     both = counted & estimate.mask
-    map_deg = np.full(truth_map.size, np.nan, np.float32)
-    map_deg[counted] = _MISSING_DEG
-    map_deg[both] = angle_deg(estimate.normals[both], truth_map.normals[both])
+    map_deg = angle_map_deg(estimate.normals, truth_map.normals, both)
+    map_deg[counted & ~both] = _MISSING_DEG
     errors = map_deg[counted].astype(np.float64)
     return AngularError(
         mae_deg=float(errors.mean()),
@@ -88,6 +86,19 @@ def angular_error(
         coverage=float(np.count_nonzero(both) / np.count_nonzero(counted)),
         map_deg=map_deg,
     )
+
+
+def angle_map_deg(a: Float, b: npt.ArrayLike, mask: Mask) -> Float:
+    """Return the angle between two ``(H, W, 3)`` maps, or a map and a vector; NaN outside a mask.
+
+    Row by row, because the intermediate values are in float64.
+    """
+    second = np.broadcast_to(np.asarray(b), a.shape)
+    angles = np.full(mask.shape, np.nan, np.float32)
+    for row in np.flatnonzero(mask.any(axis=1)):
+        inside = mask[row]
+        angles[row, inside] = angle_deg(a[row], second[row])[inside]
+    return angles
 
 
 def ssim(
@@ -133,38 +144,18 @@ def ssim(
     if not counted.any():
         raise DataError("the mask is empty: nothing to compare")
     if protocol == "paper":
-        weight = np.ones(a.size)
-        first, second = (np.where(m.mask[..., None], m.normals, (0.0, 0.0, 1.0)) for m in (a, b))
-        similarity = _ssim_map(first, second, weight, 0.01, 0.03)
-        return float(similarity.mean())
-    weight = counted.astype(np.float64)
-    similarity = _ssim_map(a.normals, b.normals, weight, 0.01**2, 0.03**2)
-    return float(similarity[counted].mean())
+        everywhere = np.ones(a.size, np.bool_)
+        first, second = (_on_background(m) for m in (a, b))
+        return float(np.mean(similarity_rows(first, second, everywhere, 0.01, 0.03)) / a.size[1])
+    rows = similarity_rows(a.normals, b.normals, counted, 0.01**2, 0.03**2)
+    return float(rows.sum() / np.count_nonzero(counted))
 
 
-def _ssim_map(
-    a: npt.NDArray[np.floating], b: npt.NDArray[np.floating], weight: Double, c1: float, c2: float
-) -> Double:
-    """Return the ``(H, W, 3)`` similarities, with statistics over the pixels of weight 1."""
-
-    def blur(image: Double) -> Double:
-        blurred = cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT_101)
-        return np.asarray(blurred, np.float64)
-
-    w = weight[..., None]
-    total = blur(weight)[..., None]
-    total = np.where(total > 0, total, 1.0)
-    x, y = ((0.5 + 0.5 * n.astype(np.float64)) * w for n in (a, b))
-    mean_x, mean_y = blur(x) / total, blur(y) / total
-    variance_x = blur(x * x) / total - mean_x**2
-    variance_y = blur(y * y) / total - mean_y**2
-    covariance = blur(x * y) / total - mean_x * mean_y
-    similarity: Double = (
-        (2 * mean_x * mean_y + c1)
-        * (2 * covariance + c2)
-        / ((mean_x**2 + mean_y**2 + c1) * (variance_x + variance_y + c2))
-    )
-    return similarity
+def _on_background(normal_map: NormalMap) -> Float:
+    """Return normals with z outside the mask."""
+    normals = normal_map.normals.copy()
+    normals[~normal_map.mask] = (0, 0, 1)
+    return normals
 
 
 def _check_sizes(a: NormalMap, b: NormalMap) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numba
@@ -92,14 +93,9 @@ class NormalMap:
         raw = np.asarray(vectors)
         inside = np.ones(raw.shape[:2], np.bool_) if mask is None else np.asarray(mask)
         _check_shapes(raw, inside)
-        known = inside & np.isfinite(raw).all(axis=2)
-        picked = raw[known].astype(np.float64)
-        length = np.linalg.norm(picked, axis=1)
-        directed = length > _MIN_LENGTH
-        known[known] = directed
-        normals = np.zeros(raw.shape, np.float32)
-        normals[known] = picked[directed] / length[directed, None]
-        return cls(normals, known)
+        # The kernel is compiled for two types only.
+        double = raw if raw.dtype == np.float32 else raw.astype(np.float64, copy=False)
+        return cls(*_directions(np.ascontiguousarray(double), np.ascontiguousarray(inside)))
 
     @classmethod
     def of_unit_vectors(cls, normals: Float, mask: Mask) -> NormalMap:
@@ -133,6 +129,29 @@ def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic
             f"normals of shape {vectors.shape} need a bool mask of shape {vectors.shape[:2]}, "
             f"not {mask.dtype} of shape {mask.shape}"
         )
+
+
+@numba.njit(parallel=True, cache=True)
+def _directions(vectors: npt.NDArray[np.floating], inside: Mask) -> tuple[Float, Mask]:
+    """Return unit vectors, computed in float64, and where they are known; 0 elsewhere."""
+    rows, columns = inside.shape
+    normals = np.zeros((rows, columns, 3), np.float32)
+    known = np.zeros((rows, columns), np.bool_)
+    for r in numba.prange(rows):
+        for c in range(columns):
+            if not inside[r, c]:
+                continue
+            x = np.float64(vectors[r, c, 0])
+            y = np.float64(vectors[r, c, 1])
+            z = np.float64(vectors[r, c, 2])
+            length = math.sqrt(x * x + y * y + z * z)
+            # False if a component is NaN.
+            if length > _MIN_LENGTH and math.isfinite(x) and math.isfinite(y) and math.isfinite(z):
+                known[r, c] = True
+                normals[r, c, 0] = x / length
+                normals[r, c, 1] = y / length
+                normals[r, c, 2] = z / length
+    return normals, known
 
 
 @numba.njit(cache=True)

@@ -38,6 +38,8 @@ _BACKGROUND_LENGTH = 1.7
 # pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
 _CLOSE = 0.1
 _LONGEST = 1000.0
+# Vectors of a map of floats that decide how it is encoded.
+_MOST_COMPARED = 1 << 18
 
 
 class NormalMapFile(NamedTuple):
@@ -256,22 +258,28 @@ def _undo_premultiplication(vectors: Float, share: Float) -> None:
 def _decode(pixels: Pixels) -> tuple[Float, bool]:
     """Return the vectors, and whether they were encoded as ``n / 2 + 0.5``."""
     if np.issubdtype(pixels.dtype, np.integer):
-        scale = 2.0 / float(np.iinfo(pixels.dtype).max)
-        return (pixels * scale - 1.0).astype(np.float32), True
+        most = np.iinfo(pixels.dtype).max
+        # A table, because the samples of an image in float64 take much memory.
+        table = (np.arange(most + 1) * (2.0 / most) - 1.0).astype(np.float32)
+        return table[pixels], True
+    with np.errstate(over="ignore"):
+        stored = pixels.astype(np.float32)
     # Larger components cannot belong to a unit vector, and their squares would overflow.
-    usable = (np.abs(pixels) < _LONGEST).all(axis=2, keepdims=True)
-    stored = np.where(usable, pixels, 0).astype(np.float32)
-    encoded = stored * 2 - 1
+    usable = np.abs(stored).max(axis=2) < _LONGEST  # False for NaN
+    if not usable.all():
+        stored[~usable] = 0
     # A pixel of zeros is background in either reading and must not influence the choice.
     drawn = stored.any(axis=2)
-    if _distance_to_unit(stored[drawn]) <= _distance_to_unit(encoded[drawn]):
+    vectors = stored.reshape(-1, 3) if drawn.all() else stored[drawn]
+    vectors = vectors[:: 1 + len(vectors) // _MOST_COMPARED]
+    if _distance_to_unit(vectors) <= _distance_to_unit(vectors * 2 - 1):
         return stored, False
-    return encoded, True
+    return stored * 2 - 1, True
 
 
 def _distance_to_unit(vectors: Float) -> float:
     with np.errstate(over="ignore"):
-        length = np.linalg.norm(vectors, axis=1)
+        length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
@@ -300,7 +308,7 @@ def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | No
         )
         text = f"{pluralize(int(lost), *words)} left out"
         warnings.append(Notice("normals-not-unit", text, where))
-    if np.mean(normal_map.normals[normal_map.mask][:, 2]) < 0:
+    if np.mean(normal_map.normals[..., 2][normal_map.mask]) < 0:
         text = "most normals face away from the camera: check the sign of z"
         warnings.append(Notice("normals-face-away", text, where))
     return warnings

@@ -85,6 +85,8 @@ def _corners(element: Element, table: Table) -> Lists:
 
 def _fans(polygons: Lists) -> tuple[Whole, int]:
     """Split polygons into triangles; also return how many had fewer than three corners."""
+    if (polygons.lengths == 3).all():
+        return polygons.values.reshape(-1, 3), 0
     begins = np.cumsum(polygons.lengths) - polygons.lengths
     cut = np.maximum(polygons.lengths - 2, 0)
     first = np.repeat(begins, cut)

@@ -42,6 +42,7 @@ _NATIVE: dict[str, type[np.generic]] = {
     "float": np.float32,
     "double": np.float32,
 }
+_PNG_FILTER_SUB = 16
 _FILE_TYPES = {"uint8": oiio.UINT8, "uint16": oiio.UINT16, "float32": oiio.FLOAT}
 
 
@@ -184,7 +185,7 @@ def write_png(
     description
         Text of the file, stored under the keyword ``Description``.
     """
-    attributes = {"compression": "zip", "oiio:ColorSpace": "sRGB" if srgb else "data"}
+    attributes = {"compression": "rle", "oiio:ColorSpace": "sRGB" if srgb else "data"}
     if description:
         attributes["ImageDescription"] = description
     _write(Path(path), pixels, "png", {"uint8", "uint16"}, attributes, alpha)
@@ -195,7 +196,7 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
 
     Errors are those of `write_tiff`.
     """
-    _write(Path(path), array, "openexr", {"float32"}, {"compression": "zip"})
+    _write(Path(path), array, "openexr", {"float32"}, {"compression": "rle"})
 
 
 @contextmanager
@@ -293,7 +294,10 @@ def _write(
         spec.channelnames = ("Y", "A")
         spec.alpha_channel = 1
     spec.attribute("oiio:UnassociatedAlpha", 1)
-    spec.attribute("png:compressionLevel", 1)  # half the time of the default, same size
+    # Runs of equal bytes after a difference to the left: measured maps become as small as by the
+    # search for repeated strings, in a quarter of its time.
+    spec.attribute("png:compressionLevel", 1)
+    spec.attribute("png:filter", _PNG_FILTER_SUB)
     spec.attribute("DateTime", "")  # otherwise the current time is written
     for name, value in attributes.items():
         spec.attribute(name, value)
@@ -391,8 +395,11 @@ def holds(
         return False
     if alpha is not None and (opacity is None or opacity.tobytes() != alpha.tobytes()):
         return False
-    # Compare bytes, because NaN is not equal to itself.
-    return stored.dtype == pixels.dtype and stored.tobytes() == pixels.tobytes()
+    if stored.dtype != pixels.dtype or stored.size != pixels.size:
+        return False
+    # Compare bits, because NaN is not equal to itself.
+    bits = f"u{pixels.itemsize}"
+    return np.array_equal(stored.view(bits).ravel(), pixels.view(bits).ravel())
 
 
 def _line(message: str) -> str:

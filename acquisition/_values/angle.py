@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 Double = npt.NDArray[np.float64]
 
+_BLOCK = 1 << 14  # vectors, whose intermediate values stay in the cache
+
 
 def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
     """Return the angle between vectors in degrees, accurate for small angles too.
@@ -21,7 +23,20 @@ def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
     Double
         ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 if a vector is zero.
     """
-    first, second = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    first, second = np.asarray(a), np.asarray(b)
+    shape = np.broadcast_shapes(first.shape, second.shape)[:-1]
+    first, second = (
+        np.broadcast_to(vectors, (*shape, 3)).reshape(-1, 3) for vectors in (first, second)
+    )
+    angles = np.zeros(len(first))
+    for begin in range(0, len(first), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        angles[block] = _angles(first[block].astype(np.float64), second[block].astype(np.float64))
+    result: Double = angles.reshape(shape)[()]
+    return result
+
+
+def _angles(first: Double, second: Double) -> Double:
     ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
     bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
     cross = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from processing._detail.rotation import rotate_from_z
 from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_deg
+from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 
 
@@ -44,9 +44,7 @@ class Separation:
         """
         mask = self.detail.mask
         left = self.shape_filter.shape(self.detail).normals
-        angles = np.full(mask.shape, np.nan, np.float32)
-        angles[mask] = angle_deg(left[mask], (0.0, 0.0, 1.0))
-        return angles
+        return angle_map_deg(left, (0.0, 0.0, 1.0), mask)
 
     @property
     def separability_deg(self) -> float:

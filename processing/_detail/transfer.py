@@ -14,7 +14,7 @@ from processing._detail.placement import Placement, fill, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.separation import Separation, separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_deg
+from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 
 Float = npt.NDArray[np.float32]
@@ -44,12 +44,12 @@ class TransferFidelity:
     @cached_property
     def shape_error_deg(self) -> Float:
         """``(H, W)`` angle between the intended shape and the shape of the result, NaN outside."""
-        return _angles_deg(self.shape, self.result.shape, self.detail.mask)
+        return angle_map_deg(self.shape.normals, self.result.shape.normals, self.detail.mask)
 
     @cached_property
     def detail_error_deg(self) -> Float:
         """``(H, W)`` angle between the intended and the resulting detail, NaN outside."""
-        return _angles_deg(self.detail, self.result.detail, self.detail.mask)
+        return angle_map_deg(self.detail.normals, self.result.detail.normals, self.detail.mask)
 
     @property
     def shape_mae_deg(self) -> float:
@@ -208,9 +208,3 @@ def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
     # At amplitude 0 a horizontal normal becomes a zero vector; replace it by z, no detail.
     scaled[detail.mask & ~scaled.any(axis=2)] = (0, 0, 1)
     return NormalMap.from_vectors(scaled, detail.mask)
-
-
-def _angles_deg(a: NormalMap, b: NormalMap, mask: npt.NDArray[np.bool_]) -> Float:
-    angles = np.full(mask.shape, np.nan, np.float32)
-    angles[mask] = angle_deg(a.normals[mask], b.normals[mask])
-    return angles

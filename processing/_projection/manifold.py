@@ -9,6 +9,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from processing._projection.mesh_kernels import edge_faults
+
 Whole = npt.NDArray[np.int32]
 Codes = npt.NDArray[np.int64]
 
@@ -38,17 +40,12 @@ def wind_alike(faces: Whole) -> WoundAlike:
         The faces in their original order.
     """
     a, b, c = faces.T
-    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-    codes = _codes(faces[whole])
-    ordered = np.sort(codes)
-    edges = ordered >> 1
-    third = edges[2:] == edges[:-2]
-    # An edge with n faces appears n - 2 times in a row in `third`; count it once.
-    crowded = int(np.count_nonzero(third[1:] & ~third[:-1])) + int(third[:1].any())
-    if not (ordered[1:] == ordered[:-1]).any():
+    crowded, unlike = edge_faults(np.ascontiguousarray(faces, np.int32))
+    if not unlike:
         return WoundAlike(faces, 0, crowded)
+    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     against = np.zeros(len(faces), np.bool_)
-    against[whole] = _against(codes, faces[whole].sum(axis=1, dtype=np.int64))
+    against[whole] = _against(_codes(faces[whole]), faces[whole].sum(axis=1, dtype=np.int64))
     return WoundAlike(
         np.where(against[:, None], faces[:, ::-1], faces), int(against.sum()), crowded
     )

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, MeshFile, read_mesh_file
 from processing._projection.manifold import wind_alike
+from processing._projection.mesh_kernels import joined_vertices
 from rig import Notice, short_repr
 
 Double = npt.NDArray[np.float64]
@@ -135,16 +136,9 @@ def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Who
     """Merge vertices with equal coordinates, and remove those that no face uses."""
     used = np.zeros(len(vertices), np.bool_)
     used[faces] = True
-    order = np.lexsort(vertices.T)
-    order = order[used[order]]
-    ordered = vertices[order]
-    new = np.concatenate([[True], (ordered[1:] != ordered[:-1]).any(axis=1)])
     # Keep the order of the file: the first vertex at each position keeps its place, so vertices
     # that are close in the file remain close in memory.
-    first = np.minimum.reduceat(order, np.flatnonzero(new))
-    kept = np.sort(first)
-    number = np.zeros(len(vertices), np.int32)
-    number[order] = np.searchsorted(kept, first)[np.cumsum(new) - 1]
+    kept, number = joined_vertices(vertices, used)
     return vertices[kept], number[faces]
 
 
