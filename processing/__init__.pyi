@@ -40,6 +40,8 @@ from ._projection.project import project as project
 from ._projection.view import MAX_PROJECTED_PIXELS as MAX_PROJECTED_PIXELS
 from ._projection.view import View as View
 from ._projection.view import view_rotation as view_rotation
+from ._reconstruction.quality import ImageQuality as ImageQuality
+from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._stereo.estimator import Estimator as Estimator
@@ -48,6 +50,8 @@ from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricSt
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._surface.height_profile import HeightProfile as HeightProfile
 from ._surface.height_profile import height_profile as height_profile
+from ._surface.integrability import Integrability as Integrability
+from ._surface.integrability import integrability as integrability
 from ._surface.integration import HeightMap as HeightMap
 from ._surface.integration import integrate as integrate
 from ._surface.mesh_files import Mesh as Mesh
