@@ -9,6 +9,7 @@ import numpy as np
 import acquisition
 import processing
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
+from sgp._quality import quality_lines, quality_metrics
 from sgp._result import Result
 
 
@@ -25,8 +26,9 @@ def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Resul
     result.metrics = metrics
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
+        *quality_lines(stage.quality),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
-        f"{solved_share:.1%} of {metrics['pixels']} pixels solved"
+        f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
     ]
     if stage.error is not None:
         result.summary.append(
@@ -41,6 +43,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     solved = stage.stereo
     inside = solved.normal_map.mask
     metrics: NormalsMetrics = {
+        **quality_metrics(stage.quality),
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
@@ -110,4 +113,5 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,
         "iterations": height_map.iterations,
+        "disagreement_deg": height_map.disagreement_deg,
     }
