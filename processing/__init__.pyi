@@ -42,6 +42,8 @@ from ._projection.view import View as View
 from ._projection.view import view_rotation as view_rotation
 from ._reconstruction.albedo_picture import AlbedoPicture as AlbedoPicture
 from ._reconstruction.albedo_picture import albedo_picture as albedo_picture
+from ._reconstruction.quality import ImageQuality as ImageQuality
+from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._stereo.estimator import Estimator as Estimator
@@ -52,6 +54,8 @@ from ._surface.height_picture import HeightPicture as HeightPicture
 from ._surface.height_picture import height_picture as height_picture
 from ._surface.height_profile import HeightProfile as HeightProfile
 from ._surface.height_profile import height_profile as height_profile
+from ._surface.integrability import Integrability as Integrability
+from ._surface.integrability import integrability as integrability
 from ._surface.integration import HeightMap as HeightMap
 from ._surface.integration import check_scale as check_scale
 from ._surface.integration import integrate as integrate

@@ -14,7 +14,51 @@ from typing import Annotated, Final, Literal, NotRequired
 from typing_extensions import TypedDict
 
 
-class NormalsMetrics(TypedDict):
+class QualityMetrics(TypedDict, total=False):
+    """Agreement of images, lights and normals; records of earlier programs do not have them."""
+
+    residual_relative: Annotated[
+        float | None,
+        "0..1",
+        "median over the object of the rms deviation of lit samples from the lights, relative to "
+        "the signal",
+    ]
+    consistency: Annotated[
+        float | None,
+        "0..1",
+        "the same deviation from combinations of three images, whatever the lights",
+    ]
+    samples_used: Annotated[
+        float | None, "0..1", "share of the samples that are neither saturated nor in shadow"
+    ]
+    curl: Annotated[
+        float | None,
+        "0..1",
+        "disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a mirrored "
+        "one, .7 for noise",
+    ]
+    image_residuals: Annotated[
+        list[float], "1", "median deviation of each image from the lights, relative to the signal"
+    ]
+    light_errors_deg: Annotated[
+        list[float],
+        "deg",
+        "angle between each light and the one that the images show, if they do",
+    ]
+    light_gains: Annotated[
+        list[float], "1", "brightness of each image relative to its light, in the same cases"
+    ]
+
+
+class InspectMetrics(QualityMetrics):
+    """Figures of an inspection."""
+
+    images: Annotated[int, "", "images that show light, each with its light"]
+    lights: Annotated[Literal["near", "distant"], "", "`near` if the lights have positions"]
+    pixels: Annotated[int, "px", "size of the mask"]
+
+
+class NormalsMetrics(QualityMetrics):
     """Figures of an estimation of normals."""
 
     images: Annotated[int, "", "images that were used, each with its light"]
@@ -59,6 +103,11 @@ class SurfaceMetrics(TypedDict):
     vertices: Annotated[int, "", "vertices of the surface, one for each pixel with a height"]
     parts: Annotated[int, "", "connected parts"]
     iterations: Annotated[int, "", "iterations of the solver"]
+    disagreement_deg: NotRequired[
+        Annotated[
+            float, "deg", "median angle between the given normals and the normals of the surface"
+        ]
+    ]
 
 
 class StagesMetrics(TypedDict):
@@ -343,6 +392,7 @@ class SimulateMetrics(TypedDict):
 # The figures of each command. Those of the stages of `sgp run` follow: each leaves a record.
 COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
+    "sgp inspect": (InspectMetrics,),
     "sgp surface": (SurfaceMetrics,),
     "sgp run": (RunMetrics, NormalsMetrics, SeparationMetrics, SurfaceMetrics),
     "sgp demo": (DemoMetrics,),

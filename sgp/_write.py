@@ -11,6 +11,7 @@ import acquisition
 import processing
 import rig
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
+from sgp._quality import quality_lines, quality_metrics
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 
@@ -41,8 +42,9 @@ def write_normals_stage(
     result.metrics = metrics
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
+        *quality_lines(stage.quality),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
-        f"{solved_share:.1%} of {metrics['pixels']} pixels solved"
+        f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
     ]
     if stage.error is not None:
         result.summary.append(
@@ -57,6 +59,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     solved = stage.stereo
     inside = solved.normal_map.mask
     metrics: NormalsMetrics = {
+        **quality_metrics(stage.quality),
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
@@ -164,4 +167,5 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,
         "iterations": height_map.iterations,
+        "disagreement_deg": height_map.disagreement_deg,
     }

@@ -14,6 +14,7 @@ from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.lit_images import lit_images
+from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
@@ -43,6 +44,8 @@ class Reconstruction:
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
     surface
         The height; None if it was not requested.
+    quality
+        Agreement of images, lights and normals.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -57,6 +60,7 @@ class Reconstruction:
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
     surface: HeightMap | None
+    quality: ImageQuality
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
     warnings: tuple[Notice, ...]
@@ -81,7 +85,8 @@ def reconstruct(
     """Compute normals and height of a recorded object.
 
     The images are converted to linear radiance; a warning says if they fit the lights much better
-    under another transfer curve. Images without light on the object are left out.
+    under another transfer curve, and others if images, lights and normals do not agree (see
+    `image_quality`). Images without light on the object are left out.
     Photometric stereo computes the normals, and their integration the height. Near lights are
     evaluated at the points of the working plane.
 
@@ -141,6 +146,8 @@ def reconstruct(
         warnings.append(Notice("lights-unlit", text))
         stack, lights = stack.take(lit), lights.take(lit)
     warnings += curve_warnings(source, stack.values, lights, mask, points_mm)
+    quality = image_quality(stack.values, lights, mask, points_mm=points_mm)
+    warnings += quality.warnings
     stereo = photometric_stereo(
         stack.values,
         lights,
@@ -172,6 +179,7 @@ def reconstruct(
         stereo=stereo,
         albedo=albedo,
         surface=height,
+        quality=quality,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,
         warnings=tuple(warnings),

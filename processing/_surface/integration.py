@@ -13,7 +13,9 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.chord_rule import orthographic_edges, perspective_edges
+from processing._surface.consistency import SampledSteps, consistency_warning
 from processing._surface.grid_graph import divergence, label_parts
+from processing._surface.integrability import integrability
 from processing._surface.multigrid import Solution, solve
 from rig import Notice
 
@@ -51,7 +53,10 @@ class HeightMap:
     iterations, relative_residual
         Number of iterations and final residual of the linear solver.
     warnings
-        Separate parts, pixels without a height, and doubts about the solution.
+        Separate parts, pixels without a height, doubts about the solution, and normals that are
+        not those of one surface.
+    disagreement_deg
+        Median angle between the given normals and those of the surface, along pixel edges.
     """
 
     height: Float
@@ -64,6 +69,7 @@ class HeightMap:
     iterations: int
     relative_residual: float
     warnings: tuple[Notice, ...]
+    disagreement_deg: float = math.nan
 
     def __repr__(self) -> str:
         shape = f"{self.height.dtype}{list(self.height.shape)}"
@@ -146,6 +152,7 @@ def integrate(
             "integrate: check the axes of the map (Z toward the camera) and its mask"
         )
     b = divergence(right, down, step_right, step_down)
+    sampled = SampledSteps(right, down, step_right, step_down)
     del step_right, step_down, edges
     solution = solve(right, down, b)
     parts = np.full(normal_map.size, -1, np.int32)
@@ -164,6 +171,8 @@ def integrate(
         depth[mask] = depths
         height[mask] = distance - depths
     isolated = int(np.count_nonzero(normal_map.mask & ~mask))
+    angle_deg = sampled.disagreement_deg(solution.u, 1.0 if camera is None else -camera.focal_px)
+    doubts = consistency_warning(angle_deg, integrability(normals, inside))
     return HeightMap(
         height=height,
         depth=depth,
@@ -174,7 +183,8 @@ def integrate(
         camera=camera,
         iterations=solution.iterations,
         relative_residual=solution.relative_residual,
-        warnings=_warnings(count, isolated, solution),
+        warnings=(*_warnings(count, isolated, solution), *doubts),
+        disagreement_deg=angle_deg,
     )
 
 

@@ -1,0 +1,194 @@
+"""How well images, lights and normals of a recording agree, and what probably does not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+from processing._reconstruction.cells import Cells, cells_of
+from processing._reconstruction.light_check import LightCheck, check_lights, duplicates
+from processing._reconstruction.samples import Samples, samples_of
+from processing._reconstruction.under_lights import Fit, Remedy, fit, remedy
+from processing._stereo.photometric_stereo import photometric_stereo
+from processing._surface.integrability import Integrability, integrability
+from rig import Notice, short_repr
+
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageQuality:
+    """Agreement of the images of an object with their lights and with each other.
+
+    Parameters
+    ----------
+    residual
+        Median over the object of the rms deviation of the samples from a matte surface under the
+        lights, relative to the signal, 0..1. Samples in shadow do not count.
+    consistency
+        The same for the best three images whose combinations are all others, whatever the lights;
+        NaN if there are fewer than four images.
+    used
+        Share 0..1 of the samples of the object that are neither saturated nor in shadow.
+    image_residual
+        ``(N,)`` median absolute deviation of each image from the lights, relative to the signal.
+    light_error_deg
+        ``(N,)`` angle between each light and the light that its image shows, compared with the
+        other images; NaN with fewer than 8 images, or if the object is too flat to show it. A
+        common rotation or reflection of all lights cannot be seen.
+    light_gain
+        ``(N,)`` brightness of each image relative to its light, NaN in the same cases.
+    curl
+        Disagreement of the mixed derivatives of the normals, see `integrability`: 0 for a surface,
+        1 for a mirrored one, about .7 for noise; NaN with too few pixels.
+    ids
+        Names of the N lights.
+    warnings
+        The likely causes of disagreement beyond the limits that docs/quality.md states.
+    """
+
+    residual: float
+    consistency: float
+    used: float
+    image_residual: Double
+    light_error_deg: Double
+    light_gain: Double
+    curl: float
+    ids: tuple[str, ...]
+    warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
+
+
+def image_quality(
+    values: npt.NDArray[np.float32],
+    lights: Lights,
+    mask: Mask,
+    *,
+    points_mm: npt.NDArray[np.float64] | None = None,
+) -> ImageQuality:
+    """Test whether images, lights and the normals that follow from them agree.
+
+    The tests use means over about 16,000 cells of the object, so that their cost does not grow
+    with the size of the images apart from one pass over them.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` float32 linear radiance under lights of intensity 1, NaN where saturated.
+    lights
+        The N lights.
+    mask
+        ``(H, W)`` bool, the object.
+    points_mm
+        ``(H, W, 3)`` surface points for lights with positions, as for `photometric_stereo`.
+
+    Returns
+    -------
+    ImageQuality
+        Figures and warnings.
+
+    Raises
+    ------
+    DataError, EstimateError
+        As `photometric_stereo`.
+    """
+    if not mask.any():
+        raise DataError("the mask is empty: there is no pixel to compute")
+    cells = cells_of(values, mask, points_mm)
+    if not cells.mask.any():
+        unknown = np.full(len(lights), np.nan)
+        return ImageQuality(
+            np.nan, np.nan, np.nan, unknown, unknown, unknown, np.nan, lights.ids, ()
+        )
+    samples = samples_of(cells, lights)
+    found = fit(samples)
+    check = check_lights(samples, found.residual, lights.ids, values, mask)
+    shape = _integrability(cells, lights)
+    return ImageQuality(
+        residual=found.residual,
+        consistency=check.consistency,
+        used=samples.share,
+        image_residual=found.per_image,
+        light_error_deg=check.error_deg,
+        light_gain=check.gain,
+        curl=shape.curl,
+        ids=lights.ids,
+        warnings=_likely(cells, lights, samples, found, check, shape),
+    )
+
+
+def _likely(
+    cells: Cells,
+    lights: Lights,
+    samples: Samples,
+    found: Fit,
+    check: LightCheck,
+    shape: Integrability,
+) -> tuple[Notice, ...]:
+    """Return the warnings of the most likely cause; one mistake disturbs the other tests."""
+    copies = duplicates(samples, lights.ids)
+    if copies:
+        return tuple(copies)
+    change = remedy(cells, lights, found)
+    if change is not None and not _names_only(check, change.images, lights.ids):
+        return (_remedy_warning(change, found, lights.ids),)
+    axes = _axes_warning(shape)
+    if any(notice.code == "lights-shuffled" for notice in check.warnings) or not axes:
+        return check.warnings
+    return tuple(axes)
+
+
+def _names_only(check: LightCheck, images: tuple[int, ...], ids: tuple[str, ...]) -> bool:
+    """Return whether the comparison with the lights names this one image and its fault."""
+    wheres = [notice.where for notice in check.warnings]
+    return len(images) == 1 and wheres == [ids[images[0]]]
+
+
+def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
+    names = [ids[i] for i in change.images]
+    before, after = f"{found.residual:.1%} of the signal", f"{change.residual:.1%}"
+    if len(names) == 2:
+        text = (
+            f"the images of {names[0]} and {names[1]} are probably swapped: the images deviate "
+            f"from the lights by {before}, and by {after} if the two are exchanged; check the "
+            "order of images and lights"
+        )
+        return Notice("images-swapped", text, ", ".join(names))
+    if names:
+        text = (
+            f"the image of {names[0]} does not fit the others: the images deviate from the lights "
+            f"by {before}, and by {after} without it; it may be turned, show another moment, or "
+            "its lamp may have moved or changed"
+        )
+        return Notice("image-disagrees", text, names[0])
+    text = (
+        "the lights are probably in another order than the images: the images deviate from the "
+        f"lights by {before}, and by {after} {change.name}"
+    )
+    return Notice("lights-shuffled", text)
+
+
+def _integrability(cells: Cells, lights: Lights) -> Integrability:
+    solved = photometric_stereo(cells.values, lights, cells.mask, points_mm=cells.points_mm)
+    return integrability(solved.normal_map.normals, solved.normal_map.mask)
+
+
+def _axes_warning(shape: Integrability) -> list[Notice]:
+    if shape.axes == "right":
+        return []
+    cause = {
+        "mirrored": "mirrored left to right or top to bottom",
+        "turned": "turned by 90 degrees",
+        "swapped": "with x and y swapped",
+    }[shape.axes]
+    text = (
+        f"the normals are not those of a surface (curl {shape.curl:.2f} of 0 to 1), but with the "
+        f"lights or the images {cause} they are ({shape.other_curl:.2f}): check the axes of the "
+        "lights (x right, y up); a turn by 180 degrees cannot be seen"
+    )
+    return [Notice("lights-mirrored", text)]

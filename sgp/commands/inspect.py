@@ -1,0 +1,60 @@
+"""``sgp inspect``: test whether images, lights and normals agree."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from sgp._metrics import InspectMetrics
+from sgp._options import Input, SourceOptions
+from sgp._quality import quality_lines, quality_metrics
+from sgp._result import Result
+from sgp._stages import compute_normals, open_source
+
+_DEFAULTS = SourceOptions()
+
+
+def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
+    """Test whether the images, lights and normals of a recording agree; write nothing.
+
+    A warning names the likely cause if they do not: lights in another order, swapped or turned
+    images, a lamp that moved, mirrored axes, a wrong transfer curve. docs/quality.md states the
+    limits. Warnings do not change the exit code.
+
+    For example:
+
+        sgp inspect photographs/ --lights lights.json
+
+    Parameters
+    ----------
+    source
+        Session, DiLiGenT object folder, images with an .lp file, or folder of images.
+    options
+        Lights, camera, mask and method.
+    """
+    opened, _ = open_source(
+        source,
+        lights=options.lights,
+        camera=options.camera,
+        mask=options.mask,
+        gamma=options.gamma,
+        max_pixels=options.max_pixels,
+    )
+    # The tests compute the normals that they need; the method only matters for results.
+    stage = compute_normals(opened, replace(options, method="ls"))
+    metrics: InspectMetrics = {
+        **quality_metrics(stage.quality),
+        "images": len(stage.lights),
+        "lights": "near" if stage.lights.near else "distant",
+        "pixels": int(stage.mask.sum()),
+    }
+    doubts = [notice for notice in stage.warnings if notice.code == "transfer-curve-doubtful"]
+    agrees = not (doubts or stage.quality.warnings)
+    return Result(
+        metrics=metrics,
+        warnings=list(stage.warnings),
+        summary=[
+            f"{metrics['images']} images, {metrics['lights']} lights, {metrics['pixels']} pixels",
+            *quality_lines(stage.quality),
+            "no disagreement found" if agrees else "images, lights and normals do not agree",
+        ],
+    )

@@ -1,0 +1,253 @@
+"""Agreement of images, lights and normals: mistakes are named, correct recordings are quiet."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from acquisition import CameraModel, DataError, Lights
+from processing import NormalMap, image_quality, integrability, integrate
+from simulator import SCENES, render, scene_named
+
+SIZE = 96
+COUNT = 12
+FLAT = ("plane", "tilted-plane", "white-plane", "charuco", "step-gauge")
+
+
+def dome(count: int = COUNT) -> Lights:
+    around = np.arange(count) * 2.4
+    out = np.sqrt((np.arange(count) + 0.5) / count)
+    return Lights(
+        directions=np.stack([out * np.cos(around), out * np.sin(around), 0.9 + 0 * out], 1)
+    )
+
+
+def relief(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return normals and mask of a bumpy dome."""
+    rows, columns = np.mgrid[:SIZE, :SIZE]
+    x, y = (columns - 47.5) / 44, (47.5 - rows) / 44
+    mask = x**2 + y**2 < 1
+    waves = gaussian_filter(np.random.default_rng(seed).normal(size=(SIZE, SIZE)), 6)
+    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + 0.08 * waves / waves.std()
+    down, right = np.gradient(height, 1 / 44)
+    normals = np.dstack([-right, down, np.ones_like(height)])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True), mask
+
+
+def images(lights: Lights, seed: int = 0, noise: float = 0.003) -> np.ndarray:
+    """Return images of the dome with texture, a weak gloss and noise."""
+    normals, mask = relief(seed)
+    rng = np.random.default_rng(seed)
+    albedo = np.exp(gaussian_filter(rng.normal(size=mask.shape), 4) * 4)
+    cosine = np.clip(np.einsum("hwc,nc->nhw", normals, lights.unit_directions), 0, None)
+    shade = 0.5 * albedo / albedo.max() * (cosine + 0.2 * cosine**12)
+    return np.where(mask, shade * rng.normal(1, noise, shade.shape), 0).astype(np.float32)
+
+
+MASK = relief()[1]
+LIGHTS = dome()
+IMAGES = images(LIGHTS)
+
+
+def codes(values: np.ndarray, lights: Lights) -> list[str]:
+    return [notice.code for notice in image_quality(values, lights, MASK).warnings]
+
+
+def reordered(order: object) -> Lights:
+    return LIGHTS.take([int(i) for i in np.asarray(order)])
+
+
+def test_a_correct_recording_is_quiet_and_has_small_figures() -> None:
+    found = image_quality(IMAGES, LIGHTS, MASK)
+    assert found.warnings == ()
+    assert found.residual < 0.05
+    assert found.consistency <= found.residual
+    assert found.used > 0.9
+    assert found.light_error_deg.max() < 3
+    np.testing.assert_allclose(found.light_gain, 1, atol=0.1)
+    assert found.image_residual.shape == (COUNT,)
+    assert found.curl < 0.3
+
+
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.permutations(range(COUNT)))
+def test_shuffled_lights_are_named(order: list[int]) -> None:
+    moved = sum(i != k for i, k in enumerate(order))
+    if moved > 6:
+        assert codes(IMAGES, reordered(order)) == ["lights-shuffled"]
+
+
+TEXT = sorted(range(COUNT), key=str)
+ORDERS = {
+    "in reverse order": np.arange(COUNT)[::-1],
+    "shifted by 1 place": np.roll(np.arange(COUNT), 1),
+    "shifted by 3 places": np.roll(np.arange(COUNT), 3),
+    "sorted as text": TEXT,
+}
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_the_usual_orders_are_named(name: str) -> None:
+    (notice,) = image_quality(IMAGES, reordered(ORDERS[name]), MASK).warnings
+    assert notice.code == "lights-shuffled"
+    assert name in notice.text
+
+
+@pytest.mark.parametrize("pair", [(2, 7), (0, 11), (4, 5)])
+def test_swapped_images_are_named(pair: tuple[int, int]) -> None:
+    order = np.arange(COUNT)
+    order[list(pair)] = pair[::-1]
+    (notice,) = image_quality(IMAGES, reordered(order), MASK).warnings
+    assert notice.code == "images-swapped"
+    names = {reordered(order).ids[i] for i in pair}
+    assert set(notice.where.split(", ")) == names
+
+
+def test_a_doubled_image_is_named() -> None:
+    values = IMAGES.copy()
+    values[3] = values[8]
+    (notice,) = image_quality(values, LIGHTS, MASK).warnings
+    assert (notice.code, notice.where) == ("image-duplicate", "L03, L08")
+
+
+@pytest.mark.parametrize("turn", ["upside down", "left to right", "top to bottom"])
+def test_a_turned_image_is_named(turn: str) -> None:
+    values = IMAGES.copy()
+    rows = slice(None, None, 1 if turn == "left to right" else -1)
+    columns = slice(None, None, 1 if turn == "top to bottom" else -1)
+    values[3] = values[3][rows, columns]
+    (notice,) = image_quality(values, LIGHTS, MASK).warnings
+    assert notice.where == "L03"
+    assert notice.code in ("image-turned", "image-disagrees")
+    if notice.code == "image-turned":
+        assert turn in notice.text
+
+
+def test_a_lamp_that_changed_or_moved_is_named() -> None:
+    values = IMAGES.copy()
+    values[3] *= 0.6
+    (notice,) = image_quality(values, LIGHTS, MASK).warnings
+    assert (notice.code, notice.where) == ("light-brightness", "L03")
+    assert "0.6" in notice.text
+    vectors = LIGHTS.unit_directions.copy()
+    vectors[5] = vectors[5][[1, 0, 2]] * [-1, 1, 1]  # turned about z
+    (notice,) = image_quality(IMAGES, replace(LIGHTS, directions=vectors, axes=None), MASK).warnings
+    assert notice.where == "L05"
+    assert notice.code in ("light-moved", "image-disagrees")
+
+
+AXES = {
+    "mirrored left to right": np.diag([-1.0, 1, 1]),
+    "top to bottom": np.diag([1.0, -1, 1]),
+    "turned by 90 degrees": np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    "x and y swapped": np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+}
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_wrong_axes_are_named(name: str) -> None:
+    wrong = replace(LIGHTS, directions=LIGHTS.unit_directions @ AXES[name].T, axes=None)
+    (notice,) = image_quality(IMAGES, wrong, MASK).warnings
+    assert notice.code == "lights-mirrored"
+    assert name in notice.text
+    assert "180 degrees cannot be seen" in notice.text
+
+
+def test_a_turn_by_180_degrees_cannot_be_seen() -> None:
+    turned = replace(LIGHTS, directions=LIGHTS.unit_directions * [-1, -1, 1], axes=None)
+    assert codes(IMAGES, turned) == []
+
+
+def test_too_few_images_or_pixels_are_not_judged() -> None:
+    found = image_quality(IMAGES[:4], LIGHTS.take(range(4)), MASK)
+    assert found.warnings == ()
+    assert np.isnan(found.light_error_deg).all()
+    small = np.zeros_like(MASK)
+    small[40:46, 40:46] = True
+    assert image_quality(IMAGES, LIGHTS, small).warnings == ()
+    with pytest.raises(DataError, match="mask is empty"):
+        image_quality(IMAGES, LIGHTS, np.zeros_like(MASK))
+
+
+def test_saturated_samples_and_large_images_change_little() -> None:
+    large = np.repeat(np.repeat(IMAGES, 4, axis=1), 4, axis=2)
+    large[:, 100:120, 100:120] = np.nan
+    found = image_quality(large, LIGHTS, np.repeat(np.repeat(MASK, 4, axis=0), 4, axis=1))
+    assert found.warnings == ()
+    assert found.residual == pytest.approx(image_quality(IMAGES, LIGHTS, MASK).residual, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("leds", [8, 12, 36])
+@pytest.mark.parametrize("name", sorted(set(SCENES) - {"spheres"}))
+def test_simulated_scenes_are_quiet_and_shuffled_ones_are_found(name: str, leds: int) -> None:
+    rendering = render(scene_named(name, width=160, height=128, leds=leds))
+    truth = rendering.truth
+    rng = np.random.default_rng(77)
+    full = np.quantile(rendering.planes[:, truth.mask], 0.999) / 0.8
+    values = (rng.poisson(np.clip(rendering.planes / full, 0, 1) * 1e4) / 1e4).astype(np.float32)
+    points = truth.camera.points_on_plane()
+    assert image_quality(values, truth.lights, truth.mask, points_mm=points).warnings == ()
+    if name in FLAT:
+        return
+    order = [int(i) for i in rng.permutation(leds)]
+    found = image_quality(values, truth.lights.take(order), truth.mask, points_mm=points).warnings
+    assert [notice.code for notice in found] == ["lights-shuffled"]
+
+
+def surface_codes(normals: np.ndarray, camera: CameraModel | None = None) -> list[str]:
+    surface = integrate(NormalMap.from_vectors(normals, MASK), camera=camera)
+    return [notice.code for notice in surface.warnings]
+
+
+CAMERA = CameraModel(np.array([[400.0, 0, 47.5], [0, 400, 47.5], [0, 0, 1]]), SIZE, SIZE, 300.0)
+
+
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_normals_with_wrong_axes_are_reported_by_the_integration(
+    camera: CameraModel | None,
+) -> None:
+    normals, _ = relief()
+    assert surface_codes(normals, camera) == []
+    for matrix in AXES.values():
+        assert surface_codes(normals @ matrix.T, camera) == ["normals-mirrored"]
+    assert surface_codes(normals * [-1, -1, 1], camera) == []
+
+
+def test_normals_of_no_surface_are_reported_and_noise_is_not() -> None:
+    normals, _ = relief()
+    rng = np.random.default_rng(4)
+    assert surface_codes(normals + rng.normal(0, 0.07, normals.shape)) == []
+    rows, columns = np.mgrid[:SIZE, :SIZE] / SIZE - 0.5
+    # The slopes circulate about the centre, so that every way round it climbs.
+    stairs = np.dstack([rows * 2, columns * 2, np.ones_like(rows)])
+    surface = integrate(NormalMap.from_vectors(stairs, MASK))
+    assert surface.disagreement_deg > 5
+    (notice,) = surface.warnings
+    assert notice.code in ("normals-inconsistent", "normals-mirrored")
+    assert f"{surface.disagreement_deg:.1f} degrees" in notice.text
+
+
+def test_a_step_between_parts_is_quiet() -> None:
+    """The normals of a step are those of its two sides; only the height of one is lost."""
+    normals, _ = relief()
+    other, _ = relief(5)
+    normals[:, 48:] = other[:, 48:]
+    assert surface_codes(normals) == []
+
+
+def test_the_curl_of_a_surface_its_mirror_image_and_noise() -> None:
+    normals = relief()[0].astype(np.float32)
+    mirrored = normals * np.float32([1, -1, 1])
+    assert integrability(normals, MASK).curl < 0.1
+    assert integrability(mirrored, MASK).curl > 0.9
+    noise = np.random.default_rng(1).normal(size=normals.shape) * [0.1, 0.1, 0] + [0, 0, 1]
+    found = integrability(noise.astype(np.float32), MASK)
+    assert found.curl == pytest.approx(0.7, abs=0.1)
+    assert found.axes == "right"
+    assert np.isnan(integrability(normals, MASK & False).curl)
