@@ -262,9 +262,10 @@ class _Developer:
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            return np.asarray(image / np.float32(intensity.mean()), np.float32)
-        colour = np.asarray(image / intensity.astype(np.float32), np.float32)
-        return colour if self._channel == "rgb" else luma(colour)
+            image /= np.float32(intensity.mean())
+            return image
+        image /= intensity.astype(np.float32)
+        return image if self._channel == "rgb" else luma(image)
 
 
 def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:

@@ -60,9 +60,9 @@ def colour_albedo(
         return stereo.albedo
     mask = stereo.normal_map.mask
     pixels = np.flatnonzero(mask)
-    normals = stereo.normal_map.normals.reshape(-1, 3)[pixels]
-    albedo = stereo.albedo.reshape(-1)[pixels]
-    spread = np.maximum(stereo.residual.reshape(-1)[pixels], albedo * _ROUNDING)
+    normals = stereo.normal_map.normals.reshape(-1, 3)
+    albedo = stereo.albedo.reshape(-1)
+    rms = stereo.residual.reshape(-1)
     sums = np.zeros((len(pixels), 3), np.float32)
     total = np.zeros(len(pixels), np.float32)
     for i, image in enumerate(linear_images(source, ids, channel="rgb")):
@@ -72,27 +72,30 @@ def colour_albedo(
         model = LightModel(lights.take([i]), points_mm, mask)
         for first in range(0, len(pixels), _BLOCK):
             part = slice(first, first + _BLOCK)
-            values, vectors = model.samples(gray, pixels[part])
-            lit = np.maximum(np.einsum("pc,pc->p", normals[part], vectors[..., 0]), 0)
+            block = pixels[part]
+            values, vectors = model.samples(gray, block)
+            lit = np.maximum(np.einsum("pc,pc->p", normals[block], vectors[..., 0]), 0)
             seen = values[:, 0]
+            spread = np.maximum(rms[block], albedo[block] * _ROUNDING)
             # Radiance may be as large as a float can be; such pixels stay gray.
             with np.errstate(over="ignore", invalid="ignore"):
-                residual = (seen - albedo[part] * lit) / spread[part]
+                residual = (seen - albedo[block] * lit) / spread
                 weight = lit / (1 + residual * residual) / np.float32(len(ids))
             known = np.isfinite(weight)
             weight[~known] = 0
-            colour = image.reshape(-1, 3)[pixels[part]]
+            colour = image.reshape(-1, 3)[block]
             colour[~known] = 0
             sums[part] += weight[:, None] * colour
             total[part] += weight * np.where(known, seen, 0)
         on_progress("colour", i + 1, len(ids))
     # A pixel without a usable sample stays gray.
     usable = total > 0
+    gray_albedo = albedo[pixels]
     with np.errstate(over="ignore", invalid="ignore"):
-        ratio = np.divide(albedo, total, out=np.zeros_like(total), where=usable)
+        ratio = np.divide(gray_albedo, total, out=np.zeros_like(total), where=usable)
         np.maximum(sums, 0, out=sums)
         sums *= ratio[:, None]
-    sums[~usable] = albedo[~usable, None]
+    sums[~usable] = gray_albedo[~usable, None]
     result = np.zeros((*mask.shape, 3), np.float32)
     result[mask] = sums
     return result
