@@ -8,7 +8,7 @@ from sgp._metrics import InspectMetrics
 from sgp._options import Input, SourceOptions
 from sgp._quality import quality_lines, quality_metrics
 from sgp._result import Result
-from sgp._stages import compute_normals, open_source
+from sgp._stages import compute_normals, open_recording
 
 _DEFAULTS = SourceOptions()
 
@@ -29,16 +29,9 @@ def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     options
-        Lights, camera, mask and method.
+        Lights, camera, mask and parts of the recording; the method has no effect.
     """
-    opened, _ = open_source(
-        source,
-        lights=options.lights,
-        camera=options.camera,
-        mask=options.mask,
-        gamma=options.gamma,
-        max_pixels=options.max_pixels,
-    )
+    opened, _ = open_recording(source, options)
     # The tests compute the normals that they need; the method only matters for results.
     stage = compute_normals(opened, replace(options, method="ls"))
     metrics: InspectMetrics = {
