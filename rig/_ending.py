@@ -15,6 +15,7 @@ import signal
 import threading
 import time
 from types import FrameType
+from typing import Literal
 
 # Added to the number of the signal in the exit code of a program that a signal has ended.
 SIGNALLED = 128
@@ -40,13 +41,25 @@ class _Waiting:
 
     def __init__(self, number: int) -> None:
         self.number = number
-        self.since_s = time.monotonic()
         self.sent_again = False
+        # When the main thread entered the import or finalizer in which it is now.
+        self.brief_since_s: float | None = None
         self._over = False
         # The handler may interrupt itself while it holds the lock.
         self._lock = threading.RLock()
         # A daemon thread: the end of the program does not wait for it.
         threading.Thread(target=self._send_again, daemon=True).start()
+
+    def waits(self, harm: Literal["lasting", "brief"]) -> bool:
+        """Return whether the exception still has to wait in code that it could harm."""
+        if harm == "lasting":
+            # What follows the compiler has its own time: it may import at once.
+            self.brief_since_s = None
+            return True
+        now_s = time.monotonic()
+        if self.brief_since_s is None:
+            self.brief_since_s = now_s
+        return now_s - self.brief_since_s < _BRIEF_PATIENCE_S
 
     def end(self) -> None:
         """Stop sending."""
@@ -97,9 +110,10 @@ def end_program(number: int, frame: FrameType | None) -> None:
             signal.signal(number, signal.SIG_DFL)
             os.kill(os.getpid(), number)
         waiting.sent_again = False
-    if _harmful(frame, 0.0 if waiting is None else time.monotonic() - waiting.since_s):
-        _waiting = waiting or _Waiting(number)
-        return
+    if harm := _harm(frame):
+        waiting = _waiting = waiting or _Waiting(number)
+        if waiting.waits(harm):
+            return
     if waiting is not None:
         waiting.end()
         _waiting = None
@@ -120,14 +134,14 @@ def exception_of(number: int) -> BaseException:
     return SystemExit(SIGNALLED + number)
 
 
-def _harmful(frame: FrameType | None, waited_s: float) -> bool:
-    """Return whether an exception raised in this frame could do harm or be lost."""
+def _harm(frame: FrameType | None) -> Literal["lasting", "brief"] | None:
+    """Return whether an exception raised in this frame could do harm or be lost, and for long."""
+    harm: Literal["brief"] | None = None
     while frame is not None:
         package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
         if package in _COMPILERS:
-            return True
-        brief = package in _BRIEF or frame.f_code.co_name == _FINALIZER
-        if brief and waited_s < _BRIEF_PATIENCE_S:
-            return True
+            return "lasting"
+        if package in _BRIEF or frame.f_code.co_name == _FINALIZER:
+            harm = "brief"
         frame = frame.f_back
-    return False
+    return harm

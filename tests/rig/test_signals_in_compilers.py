@@ -171,6 +171,27 @@ def test_a_program_inside_an_import_ends_in_any_case(taken, monkeypatch):
         as_module("importlib._bootstrap", body)["imports"](signal.SIGINT)
 
 
+def test_an_import_right_after_the_compiler_is_waited_for(taken, monkeypatch):
+    """The wait for the compiler does not count: the import has just begun."""
+    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.5)
+    compiles = as_module(
+        "numba.core",
+        "def compiles(number):\n    signal.raise_signal(number)\n    time.sleep(0.8)\n",
+    )["compiles"]
+    # All in one import, so there is no moment in between in which the exception does no harm.
+    body = "def both(number):\n compiles(number)\n time.sleep(0.3)\n after.append('imported')\n"
+    space = as_module("importlib._bootstrap", body)
+    space["compiles"] = compiles
+
+    def struck() -> None:
+        space["both"](signal.SIGINT)
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt):
+        struck()
+    assert space["after"] == ["imported"]
+
+
 SECOND = """
 import signal, sys, time
 from rig import end_program
