@@ -9,20 +9,17 @@ import processing
 from sgp._metrics import QualityMetrics
 
 
-def quality_metrics(quality: processing.ImageQuality) -> QualityMetrics:
-    """Return the figures; those of single images only if they are known."""
-    metrics: QualityMetrics = {
-        "residual_relative": quality.residual,
-        "consistency": quality.consistency,
-        "samples_used": quality.used,
-        "curl": quality.curl,
-    }
+def add_quality(metrics: QualityMetrics, quality: processing.ImageQuality) -> None:
+    """Add the figures to those of a command; those of single images only if they are known."""
+    metrics["residual_relative"] = quality.residual
+    metrics["consistency"] = quality.consistency
+    metrics["samples_used"] = quality.used
+    metrics["curl"] = quality.curl
     if np.isfinite(quality.image_residual).all():
         metrics["image_residuals"] = _listed(quality.image_residual)
     if np.isfinite(quality.light_error_deg).all():
         metrics["light_errors_deg"] = _listed(quality.light_error_deg)
         metrics["light_gains"] = _listed(quality.light_gain)
-    return metrics
 
 
 def quality_lines(quality: processing.ImageQuality) -> list[str]:

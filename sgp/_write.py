@@ -11,7 +11,7 @@ import acquisition
 import processing
 import rig
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
-from sgp._quality import quality_lines, quality_metrics
+from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 
@@ -59,7 +59,6 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     solved = stage.stereo
     inside = solved.normal_map.mask
     metrics: NormalsMetrics = {
-        **quality_metrics(stage.quality),
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
@@ -68,6 +67,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
             np.sqrt(np.mean(np.square(solved.residual[inside], dtype=np.float64)))
         ),
     }
+    add_quality(metrics, stage.quality)
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg

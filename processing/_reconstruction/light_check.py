@@ -269,7 +269,8 @@ def _notices(found: dict[str, list[tuple[int, str]]], ids: Sequence[str]) -> Ite
         rows = found.get(kind, [])
         names = ", ".join(text for _, text in rows[:_LISTED])
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
-        return names + more, ", ".join(ids[i] for i, _ in rows), len(rows)
+        where = ", ".join(ids[i] for i, _ in rows) if len(rows) <= _LISTED else ""
+        return names + more, where, len(rows)
 
     names, where, count = listed("turned")
     if count:

@@ -92,8 +92,8 @@ def samples_of(cells: Cells, lights: Lights, pixels: int = _PIXELS) -> Samples:
     values = np.where(usable, values * np.where(usable, scale, 1.0), 0.0)
     size = np.sqrt(np.sum(values**2, axis=1) / np.maximum(usable.sum(axis=1), 1))
     size = np.where(size > 0, size, 1.0)[:, None]
-    pixels = places[enough] * cells.size + cells.size // 2 + np.array(cells.corner)
-    return Samples(values / size, usable, vectors, scale / size, pixels, share)
+    middles = places[enough] * cells.size + cells.size // 2 + np.array(cells.corner)
+    return Samples(values / size, usable, vectors, scale / size, middles, share)
 
 
 def _distances(lights: Lights, points: Double) -> Double:

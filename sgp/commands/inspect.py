@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from sgp._metrics import InspectMetrics
 from sgp._options import Input, SourceOptions
-from sgp._quality import quality_lines, quality_metrics
+from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stages import compute_normals, open_recording
 
@@ -35,11 +35,11 @@ def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
     # The tests compute the normals that they need; the method only matters for results.
     stage = compute_normals(opened, replace(options, method="ls"))
     metrics: InspectMetrics = {
-        **quality_metrics(stage.quality),
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
     }
+    add_quality(metrics, stage.quality)
     doubts = [notice for notice in stage.warnings if notice.code == "transfer-curve-doubtful"]
     agrees = not (doubts or stage.quality.warnings)
     return Result(
