@@ -20,7 +20,7 @@ from acquisition import (
 )
 from processing._normal_map import NormalMap, check_normal_map
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice, pluralize, short_repr
+from rig import MAX_PIXELS, Notice, Progress, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -134,7 +134,11 @@ def read_normals(
 
 
 def write_normals(
-    folder: str | Path, normal_map: NormalMap, name: str = "normals"
+    folder: str | Path,
+    normal_map: NormalMap,
+    name: str = "normals",
+    *,
+    on_progress: Progress = no_progress,
 ) -> dict[str, Path]:
     """Write ``normals.exr`` (float), ``normals.png`` (16-bit) and ``mask.png`` into a folder.
 
@@ -147,6 +151,8 @@ def write_normals(
         mask; green is up.
     name
         Stem of the files and of the output names.
+    on_progress
+        Receives the stage ``writing`` and the name, in tenths; the PNG takes most of the time.
 
     Returns
     -------
@@ -162,9 +168,13 @@ def write_normals(
         "mask": folder / "mask.png",
     }
     encoded = np.rint((normal_map.normals.astype(np.float64) * 0.5 + 0.5) * 65535)
+    on_progress(f"writing {name}", 0, 10)
     write_exr(outputs[name], normal_map.normals)
+    on_progress(f"writing {name}", 2, 10)
     write_png(outputs[f"{name}_png"], encoded.astype(np.uint16))
+    on_progress(f"writing {name}", 9, 10)
     write_mask(outputs["mask"], normal_map.mask)
+    on_progress(f"writing {name}", 10, 10)
     return outputs
 
 

@@ -13,6 +13,8 @@ import numpy.typing as npt
 
 import acquisition
 import processing
+import rig
+from sgp._console import Stages
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
@@ -50,11 +52,44 @@ def write_overview(
     FigureCanvasAgg(figure)
     if title:
         figure.suptitle(_drawable(title), fontsize=14, parse_math=False)
-    for index, panel in enumerate(panels):
-        axes = figure.add_subplot(rows, columns, index + 1)
-        axes.set_title(_drawable(panel.title), fontsize=11, parse_math=False)
-        panel.draw(axes)
-    write_figure(path, figure)
+    with Stages() as progress:
+        # Each panel is prepared, and drawn when the figure is written.
+        report = _Count(progress, 2 * len(panels))
+        for index, panel in enumerate(panels):
+            axes = figure.add_subplot(rows, columns, index + 1)
+            axes.set_title(_drawable(panel.title), fontsize=11, parse_math=False)
+            panel.draw(axes)
+            report.count()
+            after_drawing(axes, report.count)
+        write_figure(path, figure)
+
+
+class _Count:
+    """Counts the steps of a drawing; matplotlib may draw some of them more than once."""
+
+    def __init__(self, progress: rig.Progress, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+        progress("drawing", 0, total)
+
+    def count(self) -> None:
+        self._done = min(self._done + 1, self._total)
+        self._progress("drawing", self._done, self._total)
+
+
+def after_drawing(axes: Axes, call: Callable[[], None]) -> None:
+    """Call a function whenever axes were drawn, by an artist on top that draws nothing."""
+    from matplotlib.artist import Artist
+
+    class Last(Artist):
+        zorder = 1e9
+
+        def draw(self, renderer: object) -> None:
+            if not getattr(renderer, "_is_disabled", False):
+                call()
+
+    last = Last()
+    last.set_in_layout(False)
+    axes.add_artist(last)
 
 
 def source_title(source: acquisition.Source, title: str) -> str:

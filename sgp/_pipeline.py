@@ -10,6 +10,7 @@ import numpy as np
 
 import acquisition
 import processing
+from sgp._console import Stages
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
@@ -74,10 +75,12 @@ def process(
         write("normals", lambda folder: write_normals_stage(folder, stage))
     normal_map = stage.stereo.normal_map
     with watch.stage("detail"):
-        parts = processing.separate(normal_map)
+        with Stages() as progress:
+            parts = processing.separate(normal_map, on_progress=progress)
         write("detail", lambda folder: write_separation(folder, parts))
     with watch.stage("surface"):
-        surface = processing.integrate(normal_map, camera=source.camera)
+        with Stages() as progress:
+            surface = processing.integrate(normal_map, camera=source.camera, on_progress=progress)
         write("surface", lambda folder: write_surface(folder, surface, normal_map))
     metrics: StagesMetrics = {
         "normals": normals_metrics(stage),

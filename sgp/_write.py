@@ -8,6 +8,7 @@ import numpy as np
 
 import acquisition
 import processing
+from sgp._console import Stages, shown
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._result import Result
 
@@ -16,8 +17,9 @@ def write_normals_stage(folder: Path, stage: processing.Reconstruction) -> Resul
     """Write normals.exr and .png, albedo, residual, used and mask; return files and figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
-    result.outputs = processing.write_normals(folder, solved.normal_map)
-    for name in ("albedo", "residual", "used"):
+    with Stages() as progress:
+        result.outputs = processing.write_normals(folder, solved.normal_map, on_progress=progress)
+    for name in shown("writing maps", ("albedo", "residual", "used")):
         path = folder / f"{name}.exr"
         acquisition.write_exr(path, getattr(solved, name).astype(np.float32))
         result.outputs[name] = path
@@ -58,8 +60,10 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 
 def write_separation(folder: Path, parts: processing.Separation) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = processing.write_normals(folder, parts.shape, name="shape")
-    outputs |= processing.write_normals(folder, parts.detail, name="detail")
+    outputs = {}
+    with Stages() as progress:
+        for name, part in (("shape", parts.shape), ("detail", parts.detail)):
+            outputs |= processing.write_normals(folder, part, name, on_progress=progress)
     metrics = separation_metrics(parts)
     separability = metrics["separability_deg"]
     return Result(
@@ -84,12 +88,14 @@ def write_surface(
     """Write height.exr, depth.exr if there is a depth, mask.png and meshes."""
     result = Result(warnings=list(height_map.warnings))
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
-    acquisition.write_exr(result.outputs["height"], height_map.height)
-    acquisition.write_mask(result.outputs["mask"], height_map.mask)
+    maps = {"height": height_map.height}
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
-        acquisition.write_exr(result.outputs["depth"], height_map.depth)
-    for suffix in formats:
+        maps["depth"] = height_map.depth
+    for name in shown("writing maps", list(maps)):
+        acquisition.write_exr(result.outputs[name], maps[name])
+    acquisition.write_mask(result.outputs["mask"], height_map.mask)
+    for suffix in shown("writing meshes", formats):
         result.outputs[suffix] = folder / f"surface.{suffix}"
         processing.write_mesh(result.outputs[suffix], height_map, normals=normal_map)
     metrics = surface_metrics(height_map)

@@ -181,7 +181,7 @@ def import_(
     For example:
 
         capture import photographs/ --lights lights.lp --out recordings/vase
-        capture import near/ --lights light.mat --camera camera.json --out recordings/near
+        capture import near/ --lights light.mat --camera camera.json --out near
         capture import tethered/ --watch --leds 0-35 --out recordings/vase
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Literal
 import acquisition
 import processing
 import rig
+from sgp._console import Stages
 from sgp._options import Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -67,7 +68,10 @@ def surface(
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    height_map = processing.integrate(normal_map, camera=model, pixel_mm=pixel_mm)
+    with Stages() as progress:
+        height_map = processing.integrate(
+            normal_map, camera=model, pixel_mm=pixel_mm, on_progress=progress
+        )
     wanted = {"glb": glb, "stl": stl, "obj": obj}
     formats = ("ply", *(name for name, asked in wanted.items() if asked))
     claimed = claim_folder(out, "surface.json")
