@@ -167,8 +167,8 @@ def write_normals(
         f"{name}_png": folder / f"{name}.png",
         "mask": folder / "mask.png",
     }
-    encoded = np.rint((normal_map.normals.astype(np.float64) * 0.5 + 0.5) * 65535)
     on_progress(f"writing {name}", 0, 10)
+    encoded = np.rint((normal_map.normals.astype(np.float64) * 0.5 + 0.5) * 65535)
     write_exr(outputs[name], normal_map.normals)
     on_progress(f"writing {name}", 2, 10)
     write_png(outputs[f"{name}_png"], encoded.astype(np.uint16))

@@ -60,11 +60,13 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 
 def write_separation(folder: Path, parts: processing.Separation) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = {}
+    outputs: dict[str, Path] = {}
     with Stages() as progress:
         for name, part in (("shape", parts.shape), ("detail", parts.detail)):
             outputs |= processing.write_normals(folder, part, name, on_progress=progress)
-    metrics = separation_metrics(parts)
+        progress("measuring the detail", 0, 1)
+        metrics = separation_metrics(parts)
+        progress("measuring the detail", 1, 1)
     separability = metrics["separability_deg"]
     return Result(
         outputs=outputs,
