@@ -53,14 +53,14 @@ def write_overview(
     if title:
         figure.suptitle(_drawable(title), fontsize=14, parse_math=False)
     with Stages() as progress:
-        # Each panel is prepared, and drawn when the figure is written.
-        report = _Count(progress, 2 * len(panels))
+        # Each panel is prepared, laid out and drawn.
+        report = _Count(progress, 3 * len(panels))
         for index, panel in enumerate(panels):
             axes = figure.add_subplot(rows, columns, index + 1)
             axes.set_title(_drawable(panel.title), fontsize=11, parse_math=False)
             panel.draw(axes)
             report.count()
-            after_drawing(axes, report.count)
+            _after_drawing(axes, report.count)
         write_figure(path, figure)
 
 
@@ -76,7 +76,7 @@ class _Count:
         self._progress("drawing", self._done, self._total)
 
 
-def after_drawing(axes: Axes, call: Callable[[], None]) -> None:
+def _after_drawing(axes: Axes, call: Callable[[], None]) -> None:
     """Call a function whenever axes were drawn, by an artist on top that draws nothing."""
     from matplotlib.artist import Artist
 
@@ -84,8 +84,7 @@ def after_drawing(axes: Axes, call: Callable[[], None]) -> None:
         zorder = 1e9
 
         def draw(self, renderer: object) -> None:
-            if not getattr(renderer, "_is_disabled", False):
-                call()
+            call()
 
     last = Last()
     last.set_in_layout(False)
