@@ -53,7 +53,7 @@ def write_overview(
     if title:
         figure.suptitle(_drawable(title), fontsize=14, parse_math=False)
     with Stages() as progress:
-        # Each panel is prepared, laid out and drawn.
+        # Each panel is prepared, placed and drawn.
         report = _Count(progress, 3 * len(panels))
         for index, panel in enumerate(panels):
             axes = figure.add_subplot(rows, columns, index + 1)
