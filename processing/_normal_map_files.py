@@ -20,7 +20,7 @@ from acquisition import (
 )
 from processing._normal_map import NormalMap, check_normal_map
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice, pluralize, short_repr
+from rig import MAX_PIXELS, Notice, Progress, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -142,6 +142,7 @@ def write_normals(
     name: str = "normals",
     *,
     green: Green = "up",
+    on_progress: Progress = no_progress,
 ) -> dict[str, Path]:
     """Write ``normals.exr`` (float), ``normals.png`` (16-bit) and ``mask.png`` into a folder.
 
@@ -158,6 +159,8 @@ def write_normals(
     green
         ``down`` writes the PNG with a green channel that increases downwards (DirectX). The EXR
         always contains the vectors themselves.
+    on_progress
+        Receives the stage ``writing`` and the name, in tenths; the PNG takes most of the time.
 
     Returns
     -------
@@ -172,9 +175,13 @@ def write_normals(
         f"{name}_png": folder / f"{name}.png",
         "mask": folder / "mask.png",
     }
+    on_progress(f"writing {name}", 0, 10)
     write_exr(outputs[name], normal_map.normals)
+    on_progress(f"writing {name}", 2, 10)
     write_png(outputs[f"{name}_png"], _encoded(normal_map, green), alpha=normal_map.mask)
+    on_progress(f"writing {name}", 9, 10)
     write_mask(outputs["mask"], normal_map.mask)
+    on_progress(f"writing {name}", 10, 10)
     return outputs
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, ClassVar, Self, TypeVar
 
 from sgp._fitted import fitted
 from sgp._printable import printable
@@ -15,6 +15,7 @@ from sgp._stderr import STDERR
 if TYPE_CHECKING:
     from rich.console import Console
 
+T = TypeVar("T")
 Advance = Callable[[int, int], None]
 
 # Interval between lines of progress if stderr is not a terminal.
@@ -62,11 +63,23 @@ def _progress(what: str) -> Iterator[Advance]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
+def shown(what: str, items: Sequence[T]) -> Iterator[T]:
+    """Yield items and show how many of them are done."""
+    with Stages() as progress:
+        progress(what, 0, len(items))
+        for done, item in enumerate(items, 1):
+            yield item
+            progress(what, done, len(items))
+
+
 class Stages:
     """Show the stages of a library call one after another, each with its own progress bar.
 
-    A context manager; inside the ``with`` block it is a `rig.Progress`.
+    A context manager; inside the ``with`` block it is a `rig.Progress`. A terminal has room for
+    one bar: while one is shown, the stages of others are not.
     """
+
+    _shown: ClassVar[Stages | None] = None
 
     def __init__(self) -> None:
         self._open = ExitStack()
@@ -82,9 +95,14 @@ class Stages:
     def close(self) -> None:
         """End the stage that is shown."""
         self._open.close()
+        if Stages._shown is self:
+            Stages._shown = None
 
     def __call__(self, stage: str, done: int, total: int, /) -> None:
         """Report on a stage; a new name ends the stage before it."""
+        Stages._shown = Stages._shown or self
+        if Stages._shown is not self:
+            return
         if self._advance is None or stage != self._stage:
             self._open.close()
             self._advance = self._open.enter_context(_progress(stage))

@@ -13,6 +13,7 @@ from typing import Any, ParamSpec
 
 import acquisition
 import rig
+from sgp._console import shown
 from sgp._exit import UsageError
 from sgp._result import Result, dumps, plain
 
@@ -229,7 +230,7 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
             "version": acquisition.software_version(),
         },
         "parameters": plain(parameters),
-        "inputs": {str(file): sha256(file) for file in inputs},
+        "inputs": {str(file): sha256(file) for file in shown("hashing the inputs", inputs)},
     }
 
 

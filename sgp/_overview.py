@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import acquisition
+from sgp._console import shown
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def sheet(title: str, panels: Sequence[Panel], columns: int | None = None) -> Fi
         )
         _write(text, panel.title, width + 2 * _LEFT, lines=2)
         slots.append(axes)
-    for axes, panel in zip(slots, panels, strict=True):
+    for axes, panel in shown("drawing", list(zip(slots, panels, strict=True))):
         panel.draw(axes)
     return figure
 

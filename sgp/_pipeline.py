@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 import acquisition
 import processing
+from sgp._console import Stages
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
@@ -98,12 +99,19 @@ def process(
         write("normals", lambda folder: write_normals_stage(folder, stage, maps))
     normal_map = stage.stereo.normal_map
     with watch.stage("detail"):
-        parts = processing.separate(normal_map, shape_filter=separation.shape_filter())
+        with Stages() as progress:
+            parts = processing.separate(
+                normal_map, shape_filter=separation.shape_filter(), on_progress=progress
+            )
         write("detail", lambda folder: write_separation(folder, parts, maps))
     with watch.stage("surface"):
-        surface = processing.integrate(
-            normal_map, camera=source.camera, pixel_mm=_pixel_mm(source, surfaces)
-        )
+        with Stages() as progress:
+            surface = processing.integrate(
+                normal_map,
+                camera=source.camera,
+                pixel_mm=_pixel_mm(source, surfaces),
+                on_progress=progress,
+            )
         colours = processing.albedo_picture(stage.albedo, normal_map.mask).pixels
         write(
             "surface",

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._console import Stages, shown
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
@@ -24,11 +25,18 @@ def write_normals_stage(
     """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures."""
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
-    result.outputs = processing.write_normals(folder, solved.normal_map, green=maps.green_out)
-    used = solved.used.astype(np.float32)
-    for name, values in (("albedo", stage.albedo), ("residual", solved.residual), ("used", used)):
+    with Stages() as progress:
+        result.outputs = processing.write_normals(
+            folder, solved.normal_map, green=maps.green_out, on_progress=progress
+        )
+    values = {
+        "albedo": stage.albedo,
+        "residual": solved.residual,
+        "used": solved.used.astype(np.float32),
+    }
+    for name in shown("writing maps", list(values)):
         result.outputs[name] = folder / f"{name}.exr"
-        acquisition.write_exr(result.outputs[name], values)
+        acquisition.write_exr(result.outputs[name], values[name])
     picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
     result.outputs["albedo_png"] = folder / "albedo.png"
     acquisition.write_png(
@@ -79,9 +87,15 @@ def write_separation(
     folder: Path, parts: processing.Separation, maps: MapOptions = _MAPS
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs = processing.write_normals(folder, parts.shape, "shape", green=maps.green_out)
-    outputs |= processing.write_normals(folder, parts.detail, "detail", green=maps.green_out)
-    metrics = separation_metrics(parts)
+    outputs: dict[str, Path] = {}
+    with Stages() as progress:
+        for name, part in (("shape", parts.shape), ("detail", parts.detail)):
+            outputs |= processing.write_normals(
+                folder, part, name, green=maps.green_out, on_progress=progress
+            )
+        progress("measuring the detail", 0, 1)
+        metrics = separation_metrics(parts)
+        progress("measuring the detail", 1, 1)
     separability = metrics["separability_deg"]
     return Result(
         outputs=outputs,
@@ -109,13 +123,15 @@ def write_surface(
     """
     result = Result(warnings=[*height_map.warnings, *_scale_notice(height_map)])
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
-    acquisition.write_exr(result.outputs["height"], height_map.height)
-    acquisition.write_mask(result.outputs["mask"], height_map.mask)
-    _write_height_picture(folder / "height.png", height_map, result)
+    values = {"height": height_map.height}
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
-        acquisition.write_exr(result.outputs["depth"], height_map.depth)
-    for suffix in options.formats():
+        values["depth"] = height_map.depth
+    for name in shown("writing maps", list(values)):
+        acquisition.write_exr(result.outputs[name], values[name])
+    acquisition.write_mask(result.outputs["mask"], height_map.mask)
+    _write_height_picture(folder / "height.png", height_map, result)
+    for suffix in shown("writing meshes", options.formats()):
         path, *others = processing.write_mesh(
             folder / f"surface.{suffix}",
             height_map,

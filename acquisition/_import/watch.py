@@ -215,6 +215,9 @@ class _Watcher:
             )
         self._earlier = frozenset(self._recorded)
         text = f"continued with {pluralize(len(self._recorded), 'image')}"
+        last = max(self._recorded.values(), default=-1)
+        if last + 1 < len(self._watch.shots):
+            text += f"; {Path(self._watch.shots[last + 1].file).stem} is next"
         self._say(Notice("watch-continued", text, str(self._out), "info"))
 
     def _mark(self, line: FrameLine, name: str, index: int) -> None:

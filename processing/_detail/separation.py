@@ -13,6 +13,7 @@ from processing._detail.rotation import rotate_from_z
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
+from rig import Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,7 @@ def separate(
     normal_map: NormalMap,
     *,
     shape_filter: ShapeFilter = ShapeFilter(),
+    on_progress: Progress = no_progress,
 ) -> Separation:
     """Separate a normal map into shape and detail.
 
@@ -65,6 +67,8 @@ def separate(
         The map; outside its mask both components are 0.
     shape_filter
         The low-pass filter; ``ShapeFilter(order=1)`` is the paper's.
+    on_progress
+        Receives the stage ``detail``: one step, the filter.
 
     Returns
     -------
@@ -77,7 +81,10 @@ def separate(
         If the filter is unknown or its window is larger than the map.
     """
     check_normal_map("normal_map", normal_map)
-    return Separation(*shape_filter.split(normal_map), shape_filter)
+    on_progress("detail", 0, 1)
+    parts = shape_filter.split(normal_map)
+    on_progress("detail", 1, 1)
+    return Separation(*parts, shape_filter)
 
 
 def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:

@@ -130,6 +130,7 @@ def reconstruct(
     stack = linear_stack(source, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
     mask = stack.mask
+    on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
         computed = object_mask(stack.values)
         mask = computed.mask

@@ -17,7 +17,7 @@ from processing._surface.consistency import SampledSteps, consistency_warning
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.integrability import integrability
 from processing._surface.multigrid import Solution, solve
-from rig import Notice
+from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -96,6 +96,7 @@ def integrate(
     *,
     camera: CameraModel | None = None,
     pixel_mm: float | None = None,
+    on_progress: Progress = no_progress,
 ) -> HeightMap:
     """Integrate a normal map into a height map by weighted least squares on its mask.
 
@@ -113,6 +114,8 @@ def integrate(
         Distance between neighbouring pixels on the object. If the camera has no working distance,
         it is computed from this. Without any scale the result is in pixels: a perspective surface
         then has a mean depth of one focal length.
+    on_progress
+        Receives the stage ``integrating``, in percent.
 
     Returns
     -------
@@ -154,7 +157,7 @@ def integrate(
     b = divergence(right, down, step_right, step_down)
     sampled = SampledSteps(right, down, step_right, step_down)
     del step_right, step_down, edges
-    solution = solve(right, down, b)
+    solution = solve(right, down, b, on_progress=on_progress)
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
     mask = parts >= 0

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 import processing._surface.multigrid_kernels as kernels
 from processing._surface.grid_graph import apply_laplacian
+from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -54,7 +55,13 @@ class Solution:
 
 
 def solve(
-    right: Float, down: Float, b: Double, *, tolerance: float = 1e-6, max_iterations: int = 500
+    right: Float,
+    down: Float,
+    b: Double,
+    *,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    on_progress: Progress = no_progress,
 ) -> Solution:
     """Solve L u = b for the graph Laplacian L of a weighted pixel grid.
 
@@ -73,6 +80,8 @@ def solve(
         Relative residual at which the iteration stops; values below 1e-14 mean 1e-14.
     max_iterations
         Maximum number of iterations.
+    on_progress
+        Receives the stage ``integrating``: digits of the residual, in percent.
 
     Returns
     -------
@@ -90,6 +99,9 @@ def solve(
     target = max(tolerance, _ROUNDING) * norm_b / scale
     direction, product = np.zeros_like(b), np.zeros_like(b)
     gamma, norm_r, iteration = 0.0, norm_b / scale, 0
+    digits = math.log(norm_r / target) if norm_r > target else 1.0
+    percent = 0
+    on_progress("integrating", percent, 100)
     while norm_r > target and iteration < max_iterations:
         correction = _cycle(levels, residual)
         gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
@@ -99,6 +111,9 @@ def solve(
             break
         norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
         iteration += 1
+        left = max(math.log(max(norm_r, target) / target), 0.0)
+        percent = max(percent, round(100 * (1 - left / digits)))
+        on_progress("integrating", percent, 100)
     u *= scale
     return Solution(u, iteration, norm_r * scale / norm_b, converged=norm_r <= target)
 

@@ -181,7 +181,7 @@ def import_(
     For example:
 
         capture import photographs/ --lights lights.lp --out recordings/vase
-        capture import near/ --lights light.mat --camera camera.json --out recordings/near
+        capture import near/ --lights light.mat --camera camera.json --out near
         capture import tethered/ --watch --leds 0-35 --out recordings/vase
 
     Parameters
@@ -251,13 +251,13 @@ def import_(
         asked = _watch(source, listed, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
         asked = replace(asked, transfer=transfer_of(gamma), max_pixels=max_pixels)
         return _import_watched(asked, out, lights, labels)
-    for name, given in (
+    for name, asked_for in (
         ("--leds", leds),
         ("--led-count", led_count),
         ("--plan", plan),
         ("--interval-s", interval_s),
     ):
-        if given is not None:
+        if asked_for is not None:
             raise UsageError(f"{name} requires --watch: add --watch, or leave {name} out")
     if working_distance_mm is not None and camera is None:
         raise UsageError("--working-distance-mm requires --camera: add it")

@@ -7,6 +7,7 @@ from typing import Literal
 
 import processing
 import rig
+from sgp._console import Stages
 from sgp._metrics import CombineMetrics
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
@@ -55,7 +56,10 @@ def separate(
         Write into an output folder that already contains files.
     """
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    parts = processing.separate(read.normal_map, shape_filter=options.shape_filter())
+    with Stages() as progress:
+        parts = processing.separate(
+            read.normal_map, shape_filter=options.shape_filter(), on_progress=progress
+        )
     result = write_separation(claim_folder(out, "detail.json"), parts, maps)
     result.warnings += read.warnings
     result.inputs = list(read.files)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._console import Stages
 from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -67,7 +68,10 @@ def surface(
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    height_map = processing.integrate(normal_map, camera=model, pixel_mm=options.pixel_mm)
+    with Stages() as progress:
+        height_map = processing.integrate(
+            normal_map, camera=model, pixel_mm=options.pixel_mm, on_progress=progress
+        )
     colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
     result = write_surface(claimed, height_map, normal_map, options, colours=colours)

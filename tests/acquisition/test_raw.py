@@ -215,7 +215,7 @@ def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
         data = dng(SENSOR + number, taken=f"2026:01:02 03:04:{second:02d}")
         (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(data)
         write_png(tmp_path / "in" / f"IMG_{number}.png", np.zeros((4, 4), np.uint8))
-    watch = Watch(tmp_path / "in", lights_in_order(7), timeout_s=0.6, settle_s=0.05)
+    watch = Watch(tmp_path / "in", lights_in_order(7), interval_s=5.0, timeout_s=0.6, settle_s=0.05)
     result = watch_folder(watch, tmp_path / "out")
     assert [shot.led for shot in result.missing] == [3]
     for number, frame in enumerate(result.session.frames):

@@ -74,7 +74,7 @@ def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tm
     assert answer.code == 0, answer.err
     assert events(out) == ["checked"]
     assert sgp("capture", "verify", out).code == 0
-    info = sgp("capture", "info", out)
+    info = sgp("capture", "info", out, "--frames")
     for text in ("coin, by Ada", "hall 3", "CC0", "rim scratched", "L05_E0.tif", "1 x checked"):
         assert text in info.out
     manifest = Session.open(out).manifest

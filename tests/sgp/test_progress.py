@@ -1,0 +1,80 @@
+"""Progress of the stages of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import processing
+from sgp import _console
+from sgp._console import Stages, shown
+from sgp._options import SourceOptions
+from sgp._overview import Panel, write_overview
+from sgp._pipeline import process
+from sgp._stages import Stopwatch, open_source
+
+
+def dome(size: int = 48) -> processing.NormalMap:
+    y, x = np.mgrid[:size, :size] / size - 0.5
+    normals = np.dstack([x, -y, np.ones_like(x)])
+    return processing.NormalMap.from_vectors(normals, np.ones((size, size), bool))
+
+
+def test_integration_reports_percent_of_the_digits_that_it_gains() -> None:
+    steps: list[tuple[str, int, int]] = []
+    processing.integrate(dome(), on_progress=lambda *report: steps.append(report))
+    done = [step[1] for step in steps]
+    assert {step[0] for step in steps} == {"integrating"}
+    assert {step[2] for step in steps} == {100}
+    assert done == sorted(done)
+    assert (done[0], done[-1]) == (0, 100)
+    assert len(set(done)) > 3
+
+
+def stages_of(monkeypatch, call) -> dict[str, tuple[int, int]]:
+    """Return the last report of each stage that is shown while a function runs."""
+    last: dict[str, tuple[int, int]] = {}
+
+    class Shown:
+        def __init__(self, what: str) -> None:
+            self.what = what
+            last.pop(what, None)
+
+        def __call__(self, done: int, total: int) -> None:
+            assert 0 <= done <= total
+            assert (done, total) >= last.get(self.what, (0, total))
+            last[self.what] = done, total
+
+    monkeypatch.setattr(_console, "_Lines", Shown)
+    call()
+    return last
+
+
+def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, monkeypatch) -> None:
+    source, files = open_source(recording, lights=recording.parent / "lights.json")
+
+    def call() -> None:
+        process(source, files, tmp_path / "out", Stopwatch(), SourceOptions())
+        write_overview(tmp_path / "a.png", "", [Panel("a", lambda axes: axes.plot([0, 1]))] * 3)
+
+    stages = stages_of(monkeypatch, call)
+    expected = ["reading", "normals", "writing normals", "writing maps", "hashing the inputs",
+                "detail", "writing shape", "writing detail",
+                "measuring the detail", "integrating", "writing meshes",
+                "drawing"]  # fmt: skip
+    assert set(stages) == set(expected)
+    assert all(done == total for done, total in stages.values()), stages
+
+
+def test_one_bar_is_shown_at_a_time(monkeypatch) -> None:
+    """A terminal has room for one; the stage of a caller stays while others run inside it."""
+
+    def call() -> None:
+        with Stages() as outer:
+            outer("outer", 1, 2)
+            assert list(shown("inner", "ab")) == ["a", "b"]
+            outer("outer", 2, 2)
+        assert list(shown("after", "c")) == ["c"]
+
+    assert stages_of(monkeypatch, call) == {"outer": (2, 2), "after": (1, 1)}
