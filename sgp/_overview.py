@@ -105,7 +105,7 @@ def add_scale(
 ) -> None:
     """Add a colour scale to the right of a panel's slot."""
     slot = axes.get_position(original=True)
-    width = axes.figure.get_size_inches()[0]
+    width = _figure(axes).get_size_inches()[0]
     box = (
         slot.x1 + _SCALE_GAP / width,
         slot.y0 + 0.06 * slot.height,
@@ -121,7 +121,7 @@ def add_scale(
 def set_plot_area(axes: Axes) -> None:
     """Shrink the axes of a plot, so that its tick and axis labels are within the slot."""
     slot = axes.get_position(original=True)
-    width, height = axes.figure.get_size_inches()
+    width, height = _figure(axes).get_size_inches()
     axes.set_position(
         (
             slot.x0 + 0.5 / width,
@@ -151,9 +151,15 @@ def drawable(text: str) -> str:
 
 def text_size(text: Text) -> tuple[float, float]:
     """Return the width and height of a text on its figure in inches."""
-    figure = text.get_figure()
-    extent = text.get_window_extent(figure.canvas.get_renderer())
-    return extent.width / figure.dpi, extent.height / figure.dpi
+    extent = text.get_window_extent()
+    return extent.width / _DPI, extent.height / _DPI
+
+
+def _figure(axes: Axes) -> Figure:
+    figure = axes.get_figure(root=True)
+    if figure is None:
+        raise AssertionError("axes of a panel are on a figure")
+    return figure
 
 
 def _slot(panels: Sequence[Panel]) -> tuple[float, float]:

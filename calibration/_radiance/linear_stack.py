@@ -28,6 +28,8 @@ FloatImage = npt.NDArray[np.float32]
 # ITU-R BT.601 luma, as in the published results on DiLiGenT.
 _LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
 _THREADS = 4
+# Bytes of the linear images that are computed at the same time; each needs several times as much.
+_AT_ONCE = 200_000_000
 _LEAST_GREY_VALUES = 100.0
 
 
@@ -133,7 +135,7 @@ def linear_stack(
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
     on_progress("reading", 1, len(ids))
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(_threads(first)) as pool:
         rest = pool.map(lambda task: develop(*task), tasks[1:])
         for i, image in enumerate(rest, start=1):
             values[i] = image
@@ -191,6 +193,10 @@ def _tasks(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], npt.NDAr
         )
         for i, name in enumerate(source.light_ids)
     ]
+
+
+def _threads(image: FloatImage) -> int:
+    return max(1, min(_THREADS, _AT_ONCE // image.nbytes))
 
 
 class _Developer:

@@ -92,6 +92,8 @@ class TransferResult:
         Factor on the slopes of the detail.
     placement
         Position of the source on the target.
+    shape, detail
+        The target's shape component, and the detail as it was placed on the target.
     """
 
     normal_map: NormalMap
@@ -100,6 +102,8 @@ class TransferResult:
     shape_filter: ShapeFilter
     amplitude: float
     placement: Placement
+    shape: NormalMap
+    detail: NormalMap
 
     def __repr__(self) -> str:
         used = f"{self.shape_filter!r}, amplitude={self.amplitude:g}"
@@ -108,7 +112,8 @@ class TransferResult:
     @cached_property
     def fidelity(self) -> TransferFidelity:
         """Shape and detail errors with the filter that separated the maps."""
-        return fidelity_of(self.normal_map, self.target, self._placed_detail, self.shape_filter)
+        parts = separate(self.normal_map, shape_filter=self.shape_filter)
+        return TransferFidelity(self.shape, self.detail, parts)
 
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
@@ -187,7 +192,7 @@ def transfer(
         turned = rotate_between(normals, result_shape.normals, shape.normals)
         normals = np.where(received[..., None], turned, normals)
     result = NormalMap(normals, target.mask)
-    return TransferResult(result, source, target, shape_filter, amplitude, placement)
+    return TransferResult(result, source, target, shape_filter, amplitude, placement, shape, detail)
 
 
 def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:

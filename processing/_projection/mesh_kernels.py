@@ -38,10 +38,10 @@ def joined_vertices(vertices: Double, used: Mask) -> tuple[Index, Whole]:
 
 
 @numba.njit(cache=True)
-def _mixed(value: int) -> int:
-    value = (value ^ (value >> np.uint64(30))) * _MIX_1
-    value = (value ^ (value >> np.uint64(27))) * _MIX_2
-    return value ^ (value >> np.uint64(31))
+def _mixed(value: np.uint64) -> np.uint64:
+    once = (value ^ (value >> np.uint64(30))) * _MIX_1
+    twice = (once ^ (once >> np.uint64(27))) * _MIX_2
+    return twice ^ (twice >> np.uint64(31))
 
 
 @numba.njit(cache=True)

@@ -58,8 +58,9 @@ def lights_panel(
         named = _name_lights(axes, short_names(lights.ids), where, taken)
         if named < len(lights):
             note = f"{named} of {len(lights)} lights are named"
-            style = {"ha": "center", "va": "top", "fontsize": 8, "color": "0.35"}
-            axes.text(0.5, -0.02, note, transform=axes.transAxes, **style)
+            axes.annotate(
+                note, (0.5, -0.02), xycoords="axes fraction", ha="center", va="top", fontsize=8
+            )
 
     return Panel(title, draw, 1.0)
 
@@ -181,8 +182,7 @@ def _offsets(width: float, height: float) -> Iterator[tuple[float, float]]:
 
 
 def _size_px(text: Text) -> tuple[float, float]:
-    figure = text.get_figure()
-    extent = text.get_window_extent(figure.canvas.get_renderer())
+    extent = text.get_window_extent()
     return extent.width + 1, extent.height + 1
 
 
@@ -196,7 +196,8 @@ def spheres_panel(title: str, values: Image, estimate: SphereCalibration) -> Pan
     brightest = np.zeros(values.shape[1:], np.float32)
     for image in values:
         np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
-    crop = Crop(*(slice(0, count) for count in brightest.shape))
+    height, width = values.shape[1:]
+    crop = Crop(slice(0, height), slice(0, width))
     picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
 
     def draw(axes: Axes) -> None:
