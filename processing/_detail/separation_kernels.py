@@ -73,7 +73,7 @@ def _mirrored(i: int, length: int) -> int:
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _scaled(a: Float, k: float, out: Float) -> None:
+def _scaled(a: Float, k: np.float32, out: Float) -> None:
     for i in range(out.size):
         out[i] = k * a[i]
 
