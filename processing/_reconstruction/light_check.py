@@ -47,8 +47,10 @@ _FEW_FACTOR = 2.5
 # One light: half of this error, in one of 12 images, changes normals by less than a degree.
 _MOVED_DEG = 12.0
 _MOVED_FACTOR = 5.0
-_GAIN = 0.25
+_GAIN = 0.3
 _GAIN_FACTOR = 5.0
+# Gloss and shadows, which three components do not explain, change the brightness of single images.
+_GAIN_GLOSS = 4.0
 # What three components leave of one image, as a fraction of a sample and of the typical image:
 # enough to try whether it is turned, and as much as a wrong brightness of a quarter leaves.
 _DOUBTFUL = 0.06
@@ -130,7 +132,7 @@ def check_lights(
     ):
         return LightCheck(consistency, error, gain, (shuffled(residual, consistency),))
     doubtful, alien = _aliens(factors, samples)
-    wrong = _far(error) | _odd(gain) | alien
+    wrong = _far(error) | _odd(gain, consistency) | alien
     tried = np.flatnonzero(wrong | doubtful)
     turned = {int(i): _turned(int(i), factors, samples, images, mask) for i in tried}
     suspects = [i for i, how in turned.items() if wrong[i] or how is not None]
@@ -176,11 +178,12 @@ def _far(error: Double) -> Mask:
     return far
 
 
-def _odd(gain: Double) -> Mask:
+def _odd(gain: Double, consistency: float) -> Mask:
     """Return the lights whose images are too bright or too dark."""
     logarithm = np.log(np.maximum(gain, 1e-6) / np.median(gain))
     spread = float(np.median(np.abs(logarithm)))
-    odd: Mask = np.abs(logarithm) > max(np.log(1 + _GAIN), _GAIN_FACTOR * spread)
+    limit = max(float(np.log(1 + _GAIN)), _GAIN_FACTOR * spread, _GAIN_GLOSS * consistency)
+    odd: Mask = np.abs(logarithm) > limit
     return odd
 
 
