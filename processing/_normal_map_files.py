@@ -40,6 +40,8 @@ _CLOSE = 0.1
 _LONGEST = 1000.0
 # Vectors of a map of floats that decide how it is encoded.
 _MOST_COMPARED = 1 << 18
+# Rows that are encoded at a time.
+_BAND = 64
 
 
 class NormalMapFile(NamedTuple):
@@ -186,11 +188,16 @@ def write_normals(
 
 
 def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
-    encoded = normal_map.normals * np.array([0.5, -0.5 if green == "down" else 0.5, 0.5])
-    encoded[~normal_map.mask, 2] = 0.5
-    encoded += 0.5
-    encoded *= 65535
-    samples: npt.NDArray[np.uint16] = np.rint(encoded, out=encoded).astype(np.uint16)
+    scale = np.array([0.5, -0.5 if green == "down" else 0.5, 0.5])
+    samples = np.zeros(normal_map.normals.shape, np.uint16)
+    # In bands, because a float64 copy of a large map would need four times the memory of the PNG.
+    for top in range(0, len(samples), _BAND):
+        band = slice(top, top + _BAND)
+        encoded = normal_map.normals[band] * scale
+        encoded[~normal_map.mask[band], 2] = 0.5
+        encoded += 0.5
+        encoded *= 65535
+        samples[band] = np.rint(encoded, out=encoded)
     return samples
 
 

@@ -235,6 +235,12 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
 
 
 def sha256(path: Path) -> str:
-    """Return the hex digest of a file's bytes."""
+    """Return the hex digest of a file's bytes; an unchanged file is read only once."""
+    now = path.stat()
+    return _digest(path, now.st_size, now.st_mtime_ns)
+
+
+@functools.cache
+def _digest(path: Path, size: int, mtime_ns: int) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -19,11 +19,12 @@ Axes = Literal["right", "mirrored", "turned", "swapped"]
 _LEAST_NZ = 0.3
 # Curvatures of fewer cells say little.
 _FEWEST_CELLS = 300
-# Cells are as large as needed to have at most this many of them.
-_CELLS = 16_000
-# The curl with other axes must be smaller by this factor. Without a surface, by noise alone, all
-# are equal; a correct map of curved parts has a ratio far above 1.
-_CLEARER = 0.6
+# Cells are as large as needed to have at most this many of them. Smaller ones show more noise,
+# which all axes share.
+_CELLS = 4_000
+# The curl with other axes must be smaller by this factor. By noise alone all are equal, within 5 %
+# for the fewest cells.
+_CLEARER = 0.75
 
 # The slopes (p, q) of a map with these axes are `matrix @ (p, q)` of a map with the right ones.
 # Turns by 180 degrees do not change the curl.
