@@ -357,7 +357,7 @@ class _Watcher:
         if recorded != curve:
             raise DataError(
                 f"{image.path}: {curve.name} ({why}), but the session is {recorded.name}: "
-                "give the transfer curve of the session (--gamma)"
+                "give the transfer curve of the session"
             )
         return curve
 

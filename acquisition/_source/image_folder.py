@@ -227,7 +227,7 @@ def _same_form(
         if same_curve and mine.curve != firsts.curve:
             raise DataError(
                 f"{path}: {mine.curve.name} ({mine.origin}), but {series[0].name} is "
-                f"{firsts.curve.name} ({firsts.origin}): give the transfer curve (--gamma)"
+                f"{firsts.curve.name} ({firsts.origin}): give the transfer curve"
             )
     return forms
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from sgp._metrics import InspectMetrics
@@ -41,13 +42,18 @@ def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
     }
     add_quality(metrics, stage.quality)
     doubts = [notice for notice in stage.warnings if notice.code == "transfer-curve-doubtful"]
-    agrees = not (doubts or stage.quality.warnings)
+    if doubts or stage.quality.warnings:
+        verdict = "images, lights and normals do not agree"
+    elif math.isnan(stage.quality.curl) and all(map(math.isnan, stage.quality.light_error_deg)):
+        verdict = "too little data: neither lights nor normals could be tested"
+    else:
+        verdict = "no disagreement found"
     return Result(
         metrics=metrics,
         warnings=list(stage.warnings),
         summary=[
             f"{metrics['images']} images, {metrics['lights']} lights, {metrics['pixels']} pixels",
             *quality_lines(stage.quality),
-            "no disagreement found" if agrees else "images, lights and normals do not agree",
+            verdict,
         ],
     )

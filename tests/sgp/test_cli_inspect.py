@@ -61,6 +61,14 @@ def test_a_correct_recording(sgp: Callable, folder: Path) -> None:
     assert sorted(folder.parent.rglob("*")) == before
 
 
+def test_too_little_data_is_not_called_agreement(sgp: Callable, folder: Path) -> None:
+    # Fewer than 8 images, and too few pixels for the curl.
+    part = ("--exclude", "0-3", "--downscale", "4")
+    answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json", *part)
+    assert answer.code == 0
+    assert answer.out.splitlines()[-1].startswith("too little data: ")
+
+
 def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder: Path) -> None:
     answer = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json", "--json")
     assert answer.code == 0
