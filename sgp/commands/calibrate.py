@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -115,8 +117,9 @@ def spheres(
         "gamma": gamma,
         "transfer": opened.transfer.record(),
     }
-    _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
-    acquisition.write_lights(outputs["lp"], estimate.lights)
+    lights = replace(estimate.lights, calibrated=_calibrated(opened, estimate))
+    _write_lights(out, lights, "sgp calibrate spheres", parameters, result)
+    acquisition.write_lights(outputs["lp"], lights)
 
     from sgp._overview import source_title, write_overview
     from sgp._panels.lights import lights_panel, spheres_panel
@@ -201,7 +204,13 @@ def intensities(
     result = Result(
         outputs={"lights": out},
         metrics=metrics,
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
+        warnings=[
+            *opened.warnings,
+            *acquisition.setup_notices(replace(opened, lights=positions)),
+            *stack.warnings,
+            *by_order,
+            *estimate.warnings,
+        ],
         summary=[
             f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
             f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
@@ -219,6 +228,23 @@ def intensities(
     }
     _write_lights(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
+
+
+def _calibrated(
+    source: acquisition.Source, estimate: calibration.SphereCalibration
+) -> acquisition.Calibrated:
+    """Return when and with what lights were calibrated."""
+    spheres = tuple(
+        acquisition.UsedSphere(
+            sphere.outline.centre_px,
+            math.sqrt(math.prod(sphere.outline.semi_axes_px)),
+            sphere.centre_mm,
+            sphere.radius_mm,
+        )
+        for sphere in estimate.spheres
+    )
+    time = source.recorded_utc or datetime.now(UTC).replace(microsecond=0)
+    return acquisition.Calibrated(time, acquisition.source_setup(source), spheres)
 
 
 def _explain_masks(
