@@ -1,8 +1,7 @@
-"""Calibration from mirror spheres beside the object, in the same images."""
+"""Mirror spheres beside the object, in the same images."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -10,83 +9,65 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Source
-from calibration._radiance.linear_stack import linear_stack
-from calibration._spheres.calibrate import calibrate_spheres
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.marked import Mask
 from calibration._spheres.sphere_calibration import SphereCalibration
-from rig import Progress, check_type, no_progress
+from rig import check_type
 
 # The bright rim of an outline, blurred by the lens, and the contact shadow extend beyond it.
 _MARGIN, _MARGIN_PX = 0.05, 3.0
 
 
-def calibrate_beside(
-    source: Source,
-    *,
-    radius_mm: float | Sequence[float] | None = None,
-    circles: Sequence[tuple[float, float, float]] | None = None,
-    masks: Sequence[Mask] | None = None,
-    on_progress: Progress = no_progress,
-) -> tuple[Source, SphereCalibration]:
-    """Estimate the lights of a recording from mirror spheres beside its object.
+def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
+    """Return a recording with the lights of mirror spheres that lie beside its object.
 
     Parameters
     ----------
     source
         The complete recording, not a region of it.
-    radius_mm, circles, masks
-        Radius and outlines of the spheres, as for `calibrate_spheres`; the camera is that of the
-        source.
-    on_progress
-        Receives the stage ``reading``, one step per light.
+    spheres
+        Lights from the images of this recording, in the order of `Source.light_ids`.
 
     Returns
     -------
-    source
+    Source
         The recording with these lights; its `Source.not_object` covers the spheres and a margin of
-        5 % of their radius, at least 3 px. Intensities and angular falloff are those that the
+        5 % of their radius, at least 3 px. Intensities, axes and angular falloff are those that the
         source had, since spheres do not determine them.
-    calibration
-        Quality of the lights.
 
     Raises
     ------
     DataError
-        If the source is a region or at a lower resolution, besides the errors of
-        `calibrate_spheres` and `linear_stack`.
-    EstimateError
-        As `calibrate_spheres`.
+        If the source is a region or at a lower resolution, or has other lights.
 
     Examples
     --------
     >>> from acquisition import read_source
-    >>> from calibration import calibrate_beside
-    >>> source, spheres = calibrate_beside(read_source("owl"), radius_mm=10.0)  # doctest: +SKIP
+    >>> from calibration import apply_spheres, calibrate_spheres, linear_stack
+    >>> source = read_source("owl-with-spheres")  # doctest: +SKIP
+    >>> spheres = calibrate_spheres(linear_stack(source))  # doctest: +SKIP
+    >>> source = apply_spheres(source, spheres)  # doctest: +SKIP
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
+    check_type("spheres", spheres, SphereCalibration, "calibrate_spheres(stack) returns one")
+    lights, before = spheres.lights, source.lights
     if source.reduction is not None:
         raise DataError(
-            f"{source.path}: spheres are searched for in complete images: calibrate before "
-            "cropping or scaling"
+            f"{source.path}: spheres are outlined in complete images: apply them before cropping "
+            "or scaling"
         )
-    # The intensities stay in the images: they do not matter for the places of the highlights.
-    stack = linear_stack(replace(source, lights=None), on_progress=on_progress)
-    estimate = calibrate_spheres(
-        stack, masks=masks, circles=circles, camera=source.camera, radius_mm=radius_mm
-    )
-    lights, before = estimate.lights, source.lights
+    if lights.ids != source.light_ids:
+        raise DataError(f"{source.path}: the lights of the spheres are not those of the images")
     if before is not None:
         lights = replace(lights, intensities=before.intensities)
         if lights.near and before.near:
             lights = replace(lights, axes=before.axes, mu=before.mu)
     covered = np.zeros(source.size, np.uint8)
-    for sphere in estimate.spheres:
+    for sphere in spheres.spheres:
         _fill(covered, sphere.outline)
     beside = covered > 0
     if source.not_object is not None:
         beside |= source.not_object
-    return replace(source, lights=lights, not_object=beside), estimate
+    return replace(source, lights=lights, not_object=beside)
 
 
 def _fill(covered: npt.NDArray[np.uint8], outline: Ellipse) -> None:

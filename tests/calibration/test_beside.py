@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import DataError, Lights, crop, downscale, read_source
-from calibration import calibrate_beside
+from acquisition import DataError, Lights, crop, downscale, exclude, read_source
+from calibration import apply_spheres, calibrate_spheres, linear_stack
 from processing import reconstruct
 
 SIZE = (200, 300)
@@ -52,8 +52,14 @@ def angles_deg(a, b):
     return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
 
 
+def calibrated(source):
+    stack = linear_stack(replace(source, lights=None))
+    spheres = calibrate_spheres(stack, circles=CIRCLES)
+    return apply_spheres(source, spheres), spheres
+
+
 def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording):
-    source, spheres = calibrate_beside(read_source(recording), circles=CIRCLES)
+    source, spheres = calibrated(read_source(recording))
     assert angles_deg(source.lights.directions, directions()).max() < 0.4
     assert spheres.lights.ids == source.lights.ids
     for centre in BALLS:
@@ -71,7 +77,7 @@ def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording):
 
 def test_a_mask_of_the_recording_also_leaves_them_out(recording):
     whole = replace(read_source(recording), mask=np.ones(SIZE, bool))
-    source, _ = calibrate_beside(whole, circles=CIRCLES)
+    source, _ = calibrated(whole)
     result = reconstruct(source, method="ls", surface=False)
     np.testing.assert_array_equal(result.mask, ~source.not_object)
 
@@ -82,19 +88,22 @@ def test_intensities_of_the_recording_stay(recording):
         read_source(recording),
         lights=Lights(directions=np.tile((0.0, 0, 1), (8, 1)), intensities=strengths),
     )
-    source, _ = calibrate_beside(known, circles=CIRCLES)
+    source, _ = calibrated(known)
     np.testing.assert_array_equal(source.lights.intensities[:, 0], strengths)
     assert angles_deg(source.lights.directions, directions()).max() < 0.4
 
 
-def test_a_region_is_refused(recording):
-    part = crop(read_source(recording), 0, 0, 200, 200)
+def test_a_region_and_other_lights_are_refused(recording):
+    whole = read_source(recording)
+    _, spheres = calibrated(whole)
     with pytest.raises(DataError, match="before cropping"):
-        calibrate_beside(part, circles=CIRCLES)
+        apply_spheres(crop(whole, 0, 0, 200, 200), spheres)
+    with pytest.raises(DataError, match="are not those of the images"):
+        apply_spheres(exclude(whole, ["L03"]), spheres)
 
 
 def test_a_region_keeps_its_part_of_the_spheres(recording):
-    source, _ = calibrate_beside(read_source(recording), circles=CIRCLES)
+    source, _ = calibrated(read_source(recording))
     part = crop(source, 20, 30, 100, 80)
     np.testing.assert_array_equal(part.not_object, source.not_object[30:110, 20:120])
     blocks = source.not_object.reshape(100, 2, 150, 2)
