@@ -79,6 +79,15 @@ def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> Object
     EstimateError
         If no object stands out: it fills the frame, the background is bright, or all images are
         black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import object_mask
+    >>> values = np.full((3, 40, 40), 0.001, np.float32)
+    >>> values[:, 10:30, 10:30] = 0.5
+    >>> object_mask(values).mask[20, 8:12]
+    array([False, False,  True,  True])
     """
     check_linear("values", values)
     stack = np.asarray(values, np.float32)

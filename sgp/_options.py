@@ -130,8 +130,8 @@ Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000,
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions:
-    """Options for estimating normals from a recording.
+class RecordingOptions:
+    """Options for reading a recording with its lights.
 
     Parameters
     ----------
@@ -142,8 +142,6 @@ class SourceOptions:
         positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
-    method
-        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -164,13 +162,26 @@ class SourceOptions:
     lights: OptionalInput = None
     camera: OptionalInput = None
     mask: OptionalInput = None
-    method: processing.Method = "cauchy"
     distant: bool = False
     gamma: Gamma = "auto"
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1
     max_pixels: Pixels = rig.MAX_PIXELS
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(RecordingOptions):
+    """Options for estimating normals from a recording.
+
+    Parameters
+    ----------
+    method
+        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
+    """
+
+    method: processing.Method = "cauchy"
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

@@ -95,7 +95,7 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        stage = compute_normals(source, options)
+        stage = compute_normals(source, options.method, distant=options.distant)
         write("normals", lambda folder: write_normals_stage(folder, stage, maps))
     normal_map = stage.stereo.normal_map
     with watch.stage("detail"):

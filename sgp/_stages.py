@@ -13,7 +13,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import SourceOptions, transfer_files, transfer_of
+from sgp._options import RecordingOptions, transfer_files, transfer_of
 
 _FEWEST_IMAGES = 3
 
@@ -55,7 +55,7 @@ def open_source(
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 
-def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Source, list[Path]]:
+def open_recording(path: Path, options: RecordingOptions) -> tuple[acquisition.Source, list[Path]]:
     """Read a source as its options say; return the part to process and all its files.
 
     Raises
@@ -89,17 +89,25 @@ def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Sour
 
 
 def compute_normals(
-    source: acquisition.Source, options: SourceOptions
+    source: acquisition.Source, method: processing.Method, *, distant: bool
 ) -> processing.Reconstruction:
-    """Run `processing.reconstruct` up to the normals and show its progress."""
+    """Run `processing.reconstruct` up to the normals and show its progress.
+
+    A notice that an option answers names the option.
+    """
     with Stages() as progress:
-        return processing.reconstruct(
-            source,
-            method=options.method,
-            distant=options.distant,
-            surface=False,
-            on_progress=progress,
+        stage = processing.reconstruct(
+            source, method=method, distant=distant, surface=False, on_progress=progress
         )
+    # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
+    other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
+    warnings = tuple(
+        replace(notice, text=f"{notice.text} (--gamma {other})")
+        if notice.code == "transfer-curve-doubtful"
+        else notice
+        for notice in stage.warnings
+    )
+    return replace(stage, warnings=warnings)
 
 
 def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:

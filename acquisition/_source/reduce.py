@@ -45,8 +45,11 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
 
     Examples
     --------
-    >>> from acquisition import crop, downscale, read_source
-    >>> source = downscale(crop(read_source("owl"), 200, 100, 640, 480), 2)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from acquisition import crop, read_source, write_png
+    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
+    >>> crop(read_source("card.png"), 10, 5, 30, 20).size
+    (20, 30)
     """
     check_type("source", source, Source, "read_source(path) returns one")
     x, y, width, height = map(operator.index, (x, y, width, height))
@@ -104,6 +107,14 @@ def downscale(source: Source, factor: int) -> Source:
         the mask.
     TypeError
         If the factor is not whole.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import downscale, read_source, write_png
+    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
+    >>> downscale(read_source("card.png"), 4).size
+    (10, 15)
     """
     check_type("source", source, Source, "read_source(path) returns one")
     factor = operator.index(factor)

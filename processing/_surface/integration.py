@@ -131,6 +131,18 @@ def integrate(
         a pixel size and a working distance are given.
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate
+    >>> x = np.tile(np.arange(6.0), (4, 1))
+    >>> slope = NormalMap.from_vectors(np.dstack([0 * x - 1, 0 * x, 0 * x + 1]))  # 45 degrees
+    >>> surface = integrate(slope, pixel_mm=0.5)
+    >>> surface
+    HeightMap(float32[4, 6] in mm, pixel size 0.5 mm)
+    >>> surface.height[0].round(3)
+    array([-1.25, -0.75, -0.25,  0.25,  0.75,  1.25], dtype=float32)
     """
     check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
@@ -203,6 +215,16 @@ def check_scale(camera: CameraModel, pixel_mm: float | None) -> None:
     ------
     DataError
         If both are given: each states the scale.
+
+    Examples
+    --------
+    >>> from processing import check_scale
+    >>> from simulator import bench_camera
+    >>> check_scale(bench_camera(), None)  # the camera states the scale
+    >>> check_scale(bench_camera(), 0.1)
+    Traceback (most recent call last):
+        ...
+    processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
     if pixel_mm is not None and camera.working_distance_mm is not None:
         raise DataError(

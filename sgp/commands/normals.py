@@ -45,7 +45,7 @@ def normals(
         Write into an output folder that already contains files.
     """
     opened, files = open_recording(source, options)
-    stage = compute_normals(opened, options)
+    stage = compute_normals(opened, options.method, distant=options.distant)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = files
     result.parameters |= {"transfer": opened.transfer.record()}

@@ -80,7 +80,8 @@ def test_a_wrong_curve_is_named_with_both_figures(true: str, taken: str) -> None
     assert len(figures) == 2
     assert figures[0] > 5 * figures[1] > 0
     assert "(a table of the test)" in text
-    assert f"--gamma {'srgb' if taken == 'linear' else 'linear'}" in text
+    assert f"but as {'sRGB' if taken == 'linear' else 'linear'} only" in text
+    assert text.endswith(": check the transfer curve")
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.uint16])

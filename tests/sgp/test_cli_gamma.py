@@ -92,6 +92,7 @@ def test_a_wrong_curve_is_a_warning_with_both_figures(sgp, photographs, tmp_path
     assert (notice["code"], notice["severity"]) == ("transfer-curve-doubtful", "warning")
     assert "read as linear (given), the images deviate" in notice["text"]
     assert notice["text"].count("%") == 2
+    assert notice["text"].endswith("check the transfer curve (--gamma srgb)")
 
 
 @pytest.mark.parametrize(
