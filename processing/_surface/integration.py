@@ -208,29 +208,33 @@ def _bounding_box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
-def check_scale(camera: CameraModel, pixel_mm: float | None) -> None:
-    """Refuse a pixel size next to a camera that has a working distance.
+def surface_scale(
+    camera: CameraModel | None, pixel_mm: float | None
+) -> tuple[Literal["mm", "px"], float]:
+    """Return unit and pixel size of the height map that `integrate` would return.
+
+    Parameters
+    ----------
+    camera, pixel_mm
+        As for `integrate`.
 
     Raises
     ------
     DataError
-        If both are given: each states the scale.
+        If a pixel size and a camera with a working distance are given: each states the scale.
 
     Examples
     --------
-    >>> from processing import check_scale
+    >>> from processing import surface_scale
     >>> from simulator import bench_camera
-    >>> check_scale(bench_camera(), None)  # the camera states the scale
-    >>> check_scale(bench_camera(), 0.1)
+    >>> surface_scale(None, 0.1)
+    ('mm', 0.1)
+    >>> surface_scale(bench_camera(), 0.1)
     Traceback (most recent call last):
         ...
     processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
-    if pixel_mm is not None and camera.working_distance_mm is not None:
-        raise DataError(
-            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
-            "exclude each other: give only one of them"
-        )
+    return _scale(camera, pixel_mm)[:2]
 
 
 def _scale(
@@ -239,8 +243,12 @@ def _scale(
     """Return unit, pixel size and, with a camera, the working distance in that unit."""
     if camera is None:
         return ("px", 1.0, 0.0) if pixel_mm is None else ("mm", pixel_mm, 0.0)
-    check_scale(camera, pixel_mm)
     focal_px, distance = camera.focal_px, camera.working_distance_mm
+    if pixel_mm is not None and distance is not None:
+        raise DataError(
+            f"a pixel size of {pixel_mm} mm and a camera at {distance} mm exclude each other: give "
+            "only one of them"
+        )
     if distance is None:
         return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
     return "mm", distance / focal_px, distance

@@ -8,7 +8,7 @@ from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
-from sgp._pipeline import overview_panels, process
+from sgp._pipeline import process
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, open_recording
@@ -67,9 +67,10 @@ def run(
     result.outputs["overview"] = claim_folder(out, "summary.json") / "overview.png"
     with watch.stage("overview"):
         title = source_title(opened, source.name)
-        write_overview(result.outputs["overview"], title, overview_panels(outcome))
-    error = outcome.normals.error
-    truth: TruthMetrics = {} if error is None else {"normals_mae_deg": error.mae_deg}
+        write_overview(result.outputs["overview"], title, outcome.panels)
+    figures = outcome.metrics["normals"]
+    known = "mae_deg" in figures
+    truth: TruthMetrics = {"normals_mae_deg": figures["mae_deg"]} if known else {}
     metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs["summary"] = out / "summary.json"
