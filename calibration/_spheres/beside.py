@@ -41,11 +41,18 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
 
     Examples
     --------
-    >>> from acquisition import read_source
-    >>> from calibration import apply_spheres, calibrate_spheres, linear_stack
-    >>> source = read_source("owl-with-spheres")  # doctest: +SKIP
-    >>> spheres = calibrate_spheres(linear_stack(source))  # doctest: +SKIP
-    >>> source = apply_spheres(source, spheres)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from acquisition import read_source, write_png
+    >>> from calibration import apply_spheres, calibrate_spheres
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("coin-with-spheres", width=320, height=256, leds=3))
+    >>> full = rendering.planes.max()
+    >>> for i, image in enumerate(rendering.planes):
+    ...     write_png(f"L0{i}.png", np.rint(65535 * image / full).astype(np.uint16))
+    >>> masks = list(rendering.truth.sphere_masks)
+    >>> spheres = calibrate_spheres(rendering.planes, masks=masks)
+    >>> apply_spheres(read_source("."), spheres).lights
+    Lights(3 directions, L00 to L02)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     check_type("spheres", spheres, SphereCalibration, "calibrate_spheres(stack) returns one")
