@@ -11,13 +11,13 @@ import pytest
 def quick(cases: Iterable[Any], every: int) -> list[Any]:
     """Return all cases; those between every ``every``-th one and the next are marked slow.
 
-    A case is a value, or a tuple of the values of several parameters.
+    A case is a value, a tuple of the values of several parameters, or a `pytest.param`.
     """
-    return [
-        case if at % every == 0 else pytest.param(*_values(case), marks=pytest.mark.slow)
-        for at, case in enumerate(cases)
-    ]
+    return [case if at % every == 0 else _slow(case) for at, case in enumerate(cases)]
 
 
-def _values(case: Any) -> tuple[Any, ...]:
-    return case if isinstance(case, tuple) else (case,)
+def _slow(case: Any) -> Any:
+    if isinstance(case, type(pytest.param())):
+        return pytest.param(*case.values, id=case.id, marks=[*case.marks, pytest.mark.slow])
+    values = case if isinstance(case, tuple) else (case,)
+    return pytest.param(*values, marks=pytest.mark.slow)
