@@ -142,6 +142,12 @@ class RecordingOptions:
         positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
+    spheres
+        Estimate the lights from chrome spheres that lie beside the object, and leave the spheres
+        out of its mask. lights.json and lights.png are written with the result.
+    radius_mm
+        With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
+        the lights have directions instead of positions.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -162,6 +168,8 @@ class RecordingOptions:
     lights: OptionalInput = None
     camera: OptionalInput = None
     mask: OptionalInput = None
+    spheres: bool = False
+    radius_mm: tuple[Positive, ...] = ()
     distant: bool = False
     gamma: Gamma = "auto"
     exclude: Names = ()

@@ -147,7 +147,7 @@ def _bands(pixels: Pixels) -> Iterator[slice]:
 
 
 def _area(pixels: Pixels) -> int:
-    return pixels.shape[0] * pixels.shape[1]
+    return int(pixels.shape[0] * pixels.shape[1])
 
 
 def _shape(pixels: Pixels) -> tuple[int, int, int]:
