@@ -7,7 +7,7 @@ from ._radiance.linear_stack import check_linear as check_linear
 from ._radiance.linear_stack import linear_images as linear_images
 from ._radiance.linear_stack import linear_stack as linear_stack
 from ._radiance.linear_stack import luma as luma
-from ._spheres.beside import apply_spheres as apply_spheres
+from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres

@@ -63,7 +63,7 @@ def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> Object
         out.
     outside
         ``(H, W)`` bool, pixels that do not belong to the object and are not examined, such as
-        calibration spheres beside it.
+        calibration spheres next to it.
 
     Returns
     -------

@@ -143,7 +143,7 @@ class RecordingOptions:
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
     spheres
-        Estimate the lights from chrome spheres that lie beside the object, and leave the spheres
+        Estimate the lights from chrome spheres that lie next to the object, and leave the spheres
         out of its mask. lights.json and lights.png are written with the result.
     radius_mm
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,

@@ -21,7 +21,7 @@ from sgp._result import Result, plain
 
 @dataclass(frozen=True, eq=False)
 class SphereLights:
-    """Lights from spheres beside the object.
+    """Lights from spheres next to the object.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class SphereLights:
 def light_by_spheres(
     source: acquisition.Source, radius_mm: Sequence[float]
 ) -> tuple[acquisition.Source, SphereLights]:
-    """Estimate the lights of a recording from spheres beside its object.
+    """Estimate the lights of a recording from spheres next to its object.
 
     Raises
     ------

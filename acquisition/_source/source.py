@@ -105,7 +105,7 @@ class Source:
         of an object. ``alpha``: the alpha channels of the images. None without a mask.
     not_object
         ``(H, W)`` bool, True where the images certainly show something else than the object, such
-        as calibration spheres beside it; None if there is no such region.
+        as calibration spheres next to it; None if there is no such region.
     camera
         Camera model with the size of the images; None if not known.
     normals_truth

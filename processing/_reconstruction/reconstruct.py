@@ -136,10 +136,10 @@ def reconstruct(
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
-    mask, beside = stack.mask, source.not_object
+    mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
-        computed = object_mask(stack.values, outside=beside)
+        computed = object_mask(stack.values, outside=elsewhere)
         mask = computed.mask
         text = (
             "the images have no mask: one was computed; the object is "
@@ -147,8 +147,8 @@ def reconstruct(
         )
         warnings.append(Notice("mask-estimated", text))
         warnings += _mask_warning(mask)
-    elif beside is not None:
-        mask = mask & ~beside
+    elif elsewhere is not None:
+        mask = mask & ~elsewhere
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]

@@ -70,7 +70,7 @@ def test_holes_are_filled_and_dust_is_dropped_but_parts_are_kept():
 
 
 def test_what_is_outside_is_not_examined():
-    """A bright card beside a dark object would be taken for the object."""
+    """A bright card next to a dark object would be taken for the object."""
     normals, truth = _ball(radius=40.0)
     values = 0.04 * _recorded(normals, truth, noise=0.0005)
     card = np.zeros(truth.shape, bool)

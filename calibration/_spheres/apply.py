@@ -1,4 +1,4 @@
-"""Mirror spheres beside the object, in the same images."""
+"""Mirror spheres next to the object, in the same images."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MARGIN, _MARGIN_PX = 0.05, 3.0
 
 
 def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
-    """Return a recording with the lights of mirror spheres that lie beside its object.
+    """Return a recording with the lights of mirror spheres that lie next to its object.
 
     Parameters
     ----------
@@ -71,10 +71,10 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     covered = np.zeros(source.size, np.uint8)
     for sphere in spheres.spheres:
         _fill(covered, sphere.outline)
-    beside = covered > 0
+    elsewhere = covered > 0
     if source.not_object is not None:
-        beside |= source.not_object
-    return replace(source, lights=lights, not_object=beside)
+        elsewhere |= source.not_object
+    return replace(source, lights=lights, not_object=elsewhere)
 
 
 def _fill(covered: npt.NDArray[np.uint8], outline: Ellipse) -> None:

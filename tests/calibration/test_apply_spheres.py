@@ -1,4 +1,4 @@
-"""Mirror spheres beside an object, in the same images."""
+"""Mirror spheres next to an object, in the same images."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from acquisition import DataError, Lights, crop, downscale, exclude, read_source
 from calibration import apply_spheres, calibrate_spheres, linear_stack
 from processing import reconstruct
-from tests.calibration.spheres_beside import (
+from tests.calibration.spheres_and_object import (
     BALLS,
     CIRCLES,
     OBJECT,
@@ -23,7 +23,7 @@ from tests.calibration.spheres_beside import (
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("beside")
+    folder = tmp_path_factory.mktemp("recording")
     write_recording(folder)
     return folder
 

@@ -1,4 +1,4 @@
-"""``--spheres``: the lights come from chrome spheres beside the object."""
+"""``--spheres``: the lights come from chrome spheres next to the object."""
 
 import json
 
@@ -8,7 +8,7 @@ import pytest
 from acquisition import read_image, read_lights
 from processing import read_normals
 from sgp import read_record
-from tests.calibration.spheres_beside import (
+from tests.calibration.spheres_and_object import (
     BALLS,
     OBJECT,
     OBJECT_RADIUS,
@@ -21,7 +21,7 @@ from tests.calibration.spheres_beside import (
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("beside")
+    folder = tmp_path_factory.mktemp("recording")
     write_recording(folder)
     return folder
 
