@@ -74,12 +74,13 @@ def process(
     Raises
     ------
     DataError
-        If both a pixel size and a camera with a working distance are given, besides the errors of
-        the stages.
+        If both a pixel size and a camera with a working distance are given, or the images are
+        smaller than the window of the filter, besides the errors of the stages.
     """
+    # Before the normals, which take long.
     if surfaces.pixel_mm is not None and source.camera is not None:
-        # Before the normals, which take long.
         processing.check_scale(source.camera, surfaces.pixel_mm)
+    separation.shape_filter().check_size(source.size)
     chosen = {"transfer": source.transfer.record()}
     parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
     merged = Result(inputs=files, parameters=chosen)
