@@ -108,12 +108,13 @@ def process(
     Raises
     ------
     DataError
-        If both a pixel size and a camera with a working distance are given, besides the errors of
-        the stages.
+        If both a pixel size and a camera with a working distance are given, or the images are
+        smaller than the window of the filter, besides the errors of the stages.
     """
     pixel_mm = _pixel_mm(source, surfaces)
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
+    separation.shape_filter().check_size(source.size)
     chosen = {"transfer": source.transfer.record()}
     parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
     merged = Result(inputs=files, parameters=chosen)

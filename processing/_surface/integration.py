@@ -162,6 +162,12 @@ def integrate(
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
     if count == 0:
+        if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
+            rows, columns = normal_map.size
+            raise EstimateError(
+                f"no two pixels of the normal map of {columns} x {rows} are neighbours, so there "
+                "is nothing to integrate: use a larger map, or check its mask"
+            )
         raise EstimateError(
             "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
             "integrate: check the axes of the map (Z toward the camera) and its mask"
