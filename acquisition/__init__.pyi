@@ -93,6 +93,7 @@ from ._values.light_errors import LightErrors as LightErrors
 from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
+from ._values.lights import led_of as led_of
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
 from ._values.setup import Calibrated as Calibrated

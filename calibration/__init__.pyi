@@ -1,3 +1,7 @@
+from ._comparison.compare import LightComparison as LightComparison
+from ._comparison.compare import compare_lights as compare_lights
+from ._comparison.motion import Motion as Motion
+from ._comparison.rig_positions import compare_with_rig as compare_with_rig
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._intensities import IntensityCalibration as IntensityCalibration
