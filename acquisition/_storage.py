@@ -12,7 +12,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -114,6 +114,11 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
     >>> Path("notes.txt").read_bytes()
     b'first line\nsecond line\n'
     """
+    write_pieces(path, pieces)
+
+
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
+    """Write a file like `write_durably`, whose pieces may be made one after the other."""
     with published(path) as part, disk(path, "write"):
         for piece in pieces:
             write_whole(part.descriptor, piece)

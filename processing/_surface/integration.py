@@ -75,19 +75,28 @@ class HeightMap:
         shape = f"{self.height.dtype}{list(self.height.shape)}"
         return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
 
-    def points(self) -> Float:
-        """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
-        rows, columns = self.mask.shape
-        points = np.full((rows, columns, 3), np.nan, np.float32)
-        points[..., 2] = self.height
+    def points(self, rows: slice = slice(None)) -> Float:
+        """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside.
+
+        Parameters
+        ----------
+        rows
+            Rows of the map; the default is all of them.
+        """
+        height, columns = self.mask.shape
+        inside = self.mask[rows]
+        down = np.arange(height)[rows]
+        points = np.full((*inside.shape, 3), np.nan, np.float32)
+        points[..., 2] = self.height[rows]
         if self.camera is not None and self.depth is not None:
-            rays = self.camera.pixel_rays()
-            points[..., :2] = rays[..., :2] * self.depth[..., None]
+            x, y = np.meshgrid(np.arange(columns), down)
+            rays = self.camera.rays(np.stack([x, y], axis=-1))
+            points[..., :2] = rays[..., :2] * self.depth[rows, :, None]
         else:
             x = (np.arange(columns) - (columns - 1) / 2) * self.pixel_size
-            y = ((rows - 1) / 2 - np.arange(rows)) * self.pixel_size
-            points[..., 0] = np.where(self.mask, x[None, :], np.nan)
-            points[..., 1] = np.where(self.mask, y[:, None], np.nan)
+            y = ((height - 1) / 2 - down) * self.pixel_size
+            points[..., 0] = np.where(inside, x[None, :], np.nan)
+            points[..., 1] = np.where(inside, y[:, None], np.nan)
         return points
 
 
