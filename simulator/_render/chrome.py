@@ -183,7 +183,8 @@ def _behind_clutter(scene: Scene, points: Array) -> Flags:
     even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
     objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
     near = lens.camera is not None
-    return objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    hidden: Flags = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    return hidden
 
 
 def _disc(rings: int) -> Array:
