@@ -89,10 +89,15 @@ from ._value_files.near_lights import read_near_lights as read_near_lights
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
+from ._values.light_errors import LightErrors as LightErrors
+from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
+from ._values.setup import Calibrated as Calibrated
+from ._values.setup import Setup as Setup
+from ._values.setup import UsedSphere as UsedSphere
 from ._values.transfer_curve import LINEAR as LINEAR
 from ._values.transfer_curve import SRGB as SRGB
 from ._values.transfer_curve import TransferCurve as TransferCurve

@@ -127,6 +127,7 @@ def calibrate_intensities(
         lights,
         intensities=intensities / intensities.mean(),
         mu=np.full(len(lights), mu),
+        errors=None if lights.errors is None else lights.errors.without_strengths(),
     )
     return IntensityCalibration(calibrated, mu, residual, len(where), warnings)
 
