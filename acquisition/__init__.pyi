@@ -80,6 +80,7 @@ from ._storage import make_folder as make_folder
 from ._storage import remove_part_files as remove_part_files
 from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably
+from ._storage import write_pieces as write_pieces
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights

@@ -17,7 +17,18 @@ _SAME = 0.005
 
 
 def source_setup(source: Source) -> Setup:
-    """Return rig, camera and lens of a recording; the lens is that of its complete images."""
+    """Return rig, camera and lens of a recording; the lens is that of its complete images.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import CameraModel, crop, read_source, source_setup, write_png
+    >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
+    >>> camera = CameraModel([[90, 0, 25], [0, 90, 20], [0, 0, 1]], 50, 40)
+    >>> part = crop(read_source("card.png", camera=camera), 10, 10, 20, 20)
+    >>> source_setup(part).intrinsics
+    CameraModel(50 x 40 px, focal length 90.0 px)
+    """
     check_type("source", source, Source, "read_source(path) returns one")
     return replace(source.setup, intrinsics=_complete(source))
 
@@ -37,6 +48,18 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
     -------
     tuple[Notice, ...]
         ``lights-of-another-rig`` and ``lights-of-another-camera``, each at most once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Calibrated, CameraModel, Lights, Setup, read_source, write_png
+    >>> from acquisition import setup_notices
+    >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
+    >>> old, new = (CameraModel([[f, 0, 25], [0, f, 20], [0, 0, 1]], 50, 40) for f in (90, 95))
+    >>> lights = Lights([[0, 0, 1]], calibrated=Calibrated(setup=Setup(intrinsics=old)))
+    >>> source = read_source("card.png", lights=lights, camera=new)
+    >>> [notice.code for notice in setup_notices(source)]
+    ['lights-of-another-camera']
     """
     check_type("source", source, Source, "read_source(path) returns one")
     if source.lights is None or source.lights.calibrated is None:
