@@ -112,7 +112,7 @@ def test_verdict(
         pytest.param("a.json moved.json --limit-mm 0", 2, "--limit-mm", id="zero limit"),
         pytest.param("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg", id="no mm"),
         pytest.param("a.json --rig rig.toml --limit-percent 3", 2, "no intensities", id="percent"),
-        pytest.param("a.json --rig bare.toml", 4, "no led_positions_mm", id="no positions"),
+        pytest.param("a.json --rig bare.toml", 2, "no led_positions_mm", id="no positions"),
         pytest.param("photos.json --rig rig.toml", 4, "light p0.jpg is not one of", id="photos"),
         pytest.param("a.json --rig none.toml", 2, "none.toml", id="no rig file"),
     ],
