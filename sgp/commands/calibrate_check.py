@@ -79,6 +79,11 @@ def check(
         inputs, title = [a, b], f"of {b.name} against {a.name}"
     if limit_mm is not None and compared.distance_mm is None:
         raise UsageError("--limit-mm needs lights with positions: give --limit-deg for directions")
+    intensities = b is not None and not np.isnan(compared.intensity_factor)
+    if limit_percent is not None and not intensities:
+        raise UsageError(
+            "--limit-percent: only one of the files has intensities: compare two that have them"
+        )
     beyond = _beyond(compared, limit_deg, limit_mm, limit_percent)
     # Lights beyond a limit come first.
     order = sorted(compared.worst_first.tolist(), key=lambda n: not beyond[n])
@@ -89,8 +94,8 @@ def check(
         warnings=list(compared.warnings),
         summary=[
             f"{rigs.pluralize(len(compared.ids), 'light')} {title}, the worst first",
-            *_rows(compared, beyond, order, intensities=b is not None),
-            *_verdict(compared, beyond, limits=limits, intensities=b is not None),
+            *_rows(compared, beyond, order, intensities=intensities),
+            *_verdict(compared, beyond, limits=limits, intensities=intensities),
         ],
         inputs=inputs,
         ok=compared.same_order and not beyond.any() and not contradicted,

@@ -79,6 +79,7 @@ def test_normals_warn_about_lights_of_another_setup(sgp, spheres, lights, tmp_pa
     assert [one for one in codes if one.startswith("lights-of-another")] == expected
 
 
+@pytest.mark.slow
 def test_lights_that_contradict_the_configured_rig_file_are_named(
     sgp, spheres, tmp_path, monkeypatch
 ):
