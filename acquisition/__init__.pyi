@@ -78,6 +78,7 @@ from ._storage import make_folder as make_folder
 from ._storage import remove_part_files as remove_part_files
 from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably
+from ._storage import write_pieces as write_pieces
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
@@ -89,10 +90,16 @@ from ._value_files.near_lights import read_near_lights as read_near_lights
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
+from ._values.light_errors import LightErrors as LightErrors
+from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
+from ._values.lights import led_of as led_of
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
+from ._values.setup import Calibrated as Calibrated
+from ._values.setup import Setup as Setup
+from ._values.setup import UsedSphere as UsedSphere
 from ._values.transfer_curve import LINEAR as LINEAR
 from ._values.transfer_curve import SRGB as SRGB
 from ._values.transfer_curve import TransferCurve as TransferCurve

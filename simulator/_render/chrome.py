@@ -80,6 +80,13 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
     -------
     MirroredLights
         Positions to rounding error; signals to a relative error of 1e-6.
+
+    Examples
+    --------
+    >>> from simulator import find_mirrored_lights, scene_named
+    >>> scene = scene_named("spheres", width=64, height=52, leds=3)
+    >>> find_mirrored_lights(scene).pixels.shape  # spheres, lights, x and y
+    (4, 3, 2)
     """
     sigma, middle = scene.lens.blur_px, np.zeros((1, 2))
     centres, shares, px_per_mm, depth = _mirrored(scene, middle, occluders)

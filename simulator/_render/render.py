@@ -120,6 +120,15 @@ def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
     DataError
         If the rendering does not fit into memory, or the object cannot be traced or hides part of
         a sphere.
+
+    Examples
+    --------
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> rendering.planes.shape
+    (4, 52, 64)
+    >>> rendering.truth
+    Truth(float32[52, 64, 3], 4 lights, 0 spheres)
     """
     _check_memory(scene)
     height, width = scene.lens.size

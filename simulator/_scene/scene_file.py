@@ -195,6 +195,14 @@ def read_scene(
         If the file does not exist.
     DataError
         If the file is not TOML, or `SceneFile.build` raises it. The message names file and key.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from simulator import read_scene, scene_named, write_scene
+    >>> _ = write_scene("coin.toml", scene_named("coin", width=64, height=52, leds=4))
+    >>> read_scene("coin.toml")
+    Scene(Coin, 4 lights, 0 spheres, 64 x 52 px)
     """
     path = Path(path)
     try:
@@ -229,6 +237,12 @@ def write_scene(path: Path | str, scene: Scene) -> list[Path]:
         If scene files have no kind for the scene's object or pattern.
     StorageError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> from simulator import scene_named, write_scene
+    >>> [path.name for path in write_scene("coin.toml", scene_named("coin", width=64, height=52))]
+    ['coin.toml', 'coin.lights.json']
     """
     path = Path(path)
     written = [path, path.with_suffix(".lights.json")]

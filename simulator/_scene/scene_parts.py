@@ -83,9 +83,13 @@ def ring(
 
 
 def lights_file(file: Path) -> Lights:
-    """Return the lights of a file that `read_lights` reads; LED n is the n-th light."""
+    """Return the lights of a file that `read_lights` reads; LED n is the n-th light.
+
+    The lights of a scene are exact and were not calibrated, whatever the file says about them.
+    """
     lights = read_lights(file)
-    return replace(lights, ids=tuple(led_id(led) for led in range(len(lights))))
+    ids = tuple(led_id(led) for led in range(len(lights)))
+    return replace(lights, ids=ids, errors=None, calibrated=None)
 
 
 def listed(

@@ -294,7 +294,7 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         pixels = np.full((len(values), 2), np.nan)
         pixels[:count] = 40.0
         pixels[count - 1, 1] += options["moved"]
-        return Highlights(pixels, np.zeros(len(values), bool))
+        return Highlights(pixels, np.zeros(len(values), bool), np.full(len(values), 0.05))
 
     def refine(_image, guess, reach_px):
         assert reach_px == pytest.approx(max(3.0, 0.03 * guess.radius_px))
