@@ -15,6 +15,7 @@ from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres
+from ._spheres.record_setup import record_setup as record_setup
 from ._spheres.sphere_calibration import Sphere as Sphere
 from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
 from ._spheres.sphere_image import SphereImage as SphereImage

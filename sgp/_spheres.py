@@ -52,6 +52,7 @@ def light_by_spheres(
     estimate = calibration.calibrate_spheres(
         stack, camera=source.camera, radius_mm=given_radii(radius_mm)
     )
+    estimate = calibration.record_setup(estimate, source)
     brightest = np.zeros(stack.values.shape[1:], np.float32)
     for image in stack.values:
         np.fmax(brightest, np.nan_to_num(image, nan=1.0), out=brightest)

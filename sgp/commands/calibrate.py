@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,7 @@ def spheres(
     except calibration.EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
+    estimate = calibration.record_setup(estimate, opened)
     result = describe_spheres(estimate)
     result.outputs = outputs
     result.warnings = [*opened.warnings, *stack.warnings, *estimate.warnings]
@@ -197,7 +199,13 @@ def intensities(
     result = Result(
         outputs={"lights": out},
         metrics=metrics,
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
+        warnings=[
+            *opened.warnings,
+            *acquisition.setup_notices(replace(opened, lights=positions)),
+            *stack.warnings,
+            *by_order,
+            *estimate.warnings,
+        ],
         summary=[
             f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
             f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
