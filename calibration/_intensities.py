@@ -85,6 +85,17 @@ def calibrate_intensities(
     EstimateError
         If fewer than 100 pixels are lit by every light, or a light cannot reach as many from its
         position.
+
+    Examples
+    --------
+    >>> from calibration import calibrate_intensities
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("white-plane", width=32, height=24, leds=4))
+    >>> truth = rendering.truth
+    >>> points_mm = truth.camera.points_on_plane()
+    >>> estimate = calibrate_intensities(rendering.planes, truth.lights, points_mm, truth.mask)
+    >>> estimate.residual < 0.01
+    True
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(positions_mm=positions)")

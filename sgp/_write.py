@@ -20,9 +20,15 @@ _MAPS, _SURFACE = MapOptions(), SurfaceOptions()
 
 
 def write_normals_stage(
-    folder: Path, stage: processing.Reconstruction, maps: MapOptions = _MAPS
+    folder: Path,
+    stage: processing.Reconstruction,
+    maps: MapOptions = _MAPS,
+    picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures."""
+    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures.
+
+    ``picture`` is that of the albedo, if it is known.
+    """
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
     with Stages() as progress:
@@ -37,7 +43,8 @@ def write_normals_stage(
     for name in shown("writing maps", list(values)):
         result.outputs[name] = folder / f"{name}.exr"
         acquisition.write_exr(result.outputs[name], values[name])
-    picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
+    if picture is None:
+        picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
     result.outputs["albedo_png"] = folder / "albedo.png"
     acquisition.write_png(
         result.outputs["albedo_png"],

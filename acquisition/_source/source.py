@@ -103,6 +103,9 @@ class Source:
         to a session, an export, a DiLiGenT folder or an .lp file, and shows the object.
         ``folder``: the mask is in a plain folder of images, and may show a chrome sphere instead
         of an object. ``alpha``: the alpha channels of the images. None without a mask.
+    not_object
+        ``(H, W)`` bool, True where the images certainly show something else than the object, such
+        as calibration spheres next to it; None if there is no such region.
     camera
         Camera model with the size of the images; None if not known.
     normals_truth
@@ -114,8 +117,8 @@ class Source:
         float images is infinite: no sample counts as saturated, and values are not limited.
     reduction
         Region and resolution at which the frames are used; None for complete frames. `size`,
-        `mask`, `camera` and `normals_truth` are those of the reduced images. See `crop` and
-        `downscale`.
+        `mask`, `not_object`, `camera` and `normals_truth` are those of the reduced images. See
+        `crop` and `downscale`.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
     transfer
@@ -139,6 +142,7 @@ class Source:
     mask: npt.NDArray[np.bool_] | None = None
     mask_path: Path | None = None
     mask_origin: MaskOrigin | None = None
+    not_object: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
     normals_truth: npt.NDArray[np.float32] | None = None
     cfa: str | None = None

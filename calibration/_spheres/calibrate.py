@@ -94,6 +94,15 @@ def calibrate_spheres(
     EstimateError
         If no sphere is found, a light has no highlight, or a light is visible on fewer than two
         spheres although positions are requested. The message names the light or the spheres.
+
+    Examples
+    --------
+    >>> from calibration import calibrate_spheres
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("spheres", width=160, height=128, leds=3))
+    >>> masks = list(rendering.truth.sphere_masks)
+    >>> calibrate_spheres(rendering.planes, masks=masks).lights
+    Lights(3 directions, L00 to L02)
     """
     check_linear("stack", stack)
     values, names = _values(stack)

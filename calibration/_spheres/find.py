@@ -52,6 +52,13 @@ def find_spheres(
     -------
     list of SphereImage
         The spheres, sorted by x; empty if none was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import find_spheres
+    >>> find_spheres(np.full((3, 48, 64), 0.2, np.float32))  # no sphere in even images
+    []
     """
     image = outline_image(values)
     circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]

@@ -120,19 +120,26 @@ def reconstruct(
 
     Examples
     --------
-    >>> from acquisition import read_source
-    >>> from processing import reconstruct, write_mesh
-    >>> result = reconstruct(read_source("recordings/owl"))  # doctest: +SKIP
-    >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from acquisition import Lights, read_source, write_png
+    >>> from processing import reconstruct
+    >>> lights = Lights(directions=[[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
+    >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
+    >>> normals = np.dstack([x, y, 0 * x + 2]) / np.sqrt(x**2 + y**2 + 4)[..., None]
+    >>> ball = np.pad(normals @ lights.unit_directions.T, [(8, 8), (8, 8), (0, 0)])
+    >>> for i in range(4):
+    ...     write_png(f"ball.{i}.png", (60_000 * ball[:, :, i]).astype(np.uint16))
+    >>> reconstruct(read_source(".", lights=lights))
+    Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, on_progress=on_progress)
     warnings = [*source.warnings, *stack.warnings]
-    mask = stack.mask
+    mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
-        computed = object_mask(stack.values)
+        computed = object_mask(stack.values, outside=elsewhere)
         mask = computed.mask
         text = (
             "the images have no mask: one was computed; the object is "
@@ -140,6 +147,8 @@ def reconstruct(
         )
         warnings.append(Notice("mask-estimated", text))
         warnings += _mask_warning(mask)
+    elif elsewhere is not None:
+        mask = mask & ~elsewhere
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from rig import short_repr
 from simulator._render.mirror import between, mirror_points, mm_per_pixel, toward
 from simulator._render.shadow import Occluders
+from simulator._scene.clutter import BALL, BOX
 from simulator._scene.scene import ChromeSphere, Scene
 
 Array = npt.NDArray[np.float64]
@@ -64,12 +65,19 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
         omitted: they are hundreds of times weaker. Distant lights are points.
     occluders
         Objects that may be between a light and a sphere; without them, only the other spheres
-        block the light.
+        block the light. Clutter always hides spheres from the camera.
 
     Returns
     -------
     MirroredLights
         Positions to rounding error; signals to a relative error of 1e-6.
+
+    Examples
+    --------
+    >>> from simulator import find_mirrored_lights, scene_named
+    >>> scene = scene_named("spheres", width=64, height=52, leds=3)
+    >>> find_mirrored_lights(scene).pixels.shape  # spheres, lights, x and y
+    (4, 3, 2)
     """
     sigma, middle = scene.lens.psf_sigma_px, np.zeros((1, 2))
     centres, shares, px_per_mm = _mirrored(scene, middle, occluders)
@@ -156,6 +164,7 @@ def _mirrored(
             if j != i:
                 visible &= ~between(points, lens.eye_to(points), math.inf, other)
                 visible &= ~between(points, arriving, distance, other)
+        visible &= ~_behind_clutter(scene, points)
         if occluders is not None:
             visible &= ~_in_shadow(occluders, sphere, points, places, near=near)
         pick = np.flatnonzero(visible)
@@ -171,6 +180,18 @@ def _mirrored(
         scale[i, pick] = 1 / np.linalg.norm(stretch, -2, axis=(1, 2))
     shape = (len(scene.spheres), len(lights), samples)
     return pixels.reshape(*shape, 2), shares.reshape(shape), scale.reshape(shape)
+
+
+def _behind_clutter(scene: Scene, points: Array) -> Flags:
+    """Return which points of a sphere clutter hides from the camera."""
+    clutter, lens = scene.clutter_table, scene.lens
+    balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
+    eye = [0.0, 0.0, lens.camera_z_mm if lens.camera else 1.0]
+    even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
+    objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
+    near = lens.camera is not None
+    hidden: Flags = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    return hidden
 
 
 def _disc(rings: int) -> Array:

@@ -14,7 +14,7 @@ from acquisition import DataError
 from rig import Progress, no_progress, short_repr
 from simulator._render.chrome import draw_mirrored_lights, find_mirrored_lights
 from simulator._render.shade import Shader
-from simulator._render.trace import Seen, meets_sphere, see
+from simulator._render.trace import Seen, meets, see
 from simulator._render.truth import Truth
 from simulator._scene.scene import Scene
 
@@ -92,8 +92,8 @@ def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
     """Render a scene under each of its lights.
 
     Object and board are sampled at the pixel's centre, with attached and cast shadows; a pattern
-    with edges is averaged over the pixel. Pixels that a sphere touches are the mean of 4 x 4
-    samples, and the mirrored lights are added as spots with exact positions and energies. Not
+    with edges is averaged over the pixel. Pixels that a sphere or clutter touches are the mean of
+    4 x 4 samples, and the mirrored lights are added as spots with exact positions and energies. Not
     included are interreflections and light that spheres reflect onto the board.
 
     Parameters
@@ -113,6 +113,15 @@ def render(scene: Scene, on_progress: Progress = no_progress) -> Rendering:
     DataError
         If the rendering does not fit into memory, or the object cannot be traced or hides part of
         a sphere.
+
+    Examples
+    --------
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> rendering.planes.shape
+    (4, 52, 64)
+    >>> rendering.truth
+    Truth(float32[52, 64, 3], 4 lights, 0 spheres)
     """
     _check_memory(scene)
     canvas = _Canvas(scene)
@@ -140,6 +149,7 @@ class _Canvas:
         self._mask = np.zeros(size, np.bool_)
         self._sphere = np.full(size, -1, np.int16)
         self._windows = [scene.lens.window(s.centre_mm, s.radius_mm) for s in scene.spheres]
+        self._windows += [scene.lens.window(c.centre_mm, c.reach_mm) for c in scene.clutter]
 
     def draw_rows(self, top: int, bottom: int) -> None:
         """Draw rows without mirrored lights and vignetting."""
@@ -163,14 +173,14 @@ class _Canvas:
                 self._draw_finely(slice(max(rows.start, top), min(rows.stop, bottom)), columns)
 
     def _draw_finely(self, rows: slice, columns: slice) -> None:
-        """Draw again, with 4 x 4 samples, the pixels of a window that a sphere touches."""
+        """Draw again, with 4 x 4 samples, the pixels of a window that sphere or clutter touches."""
         samples = len(_GRID_X)
         all_y, all_x = (v.ravel() for v in np.mgrid[rows, columns])
         for start in range(0, len(all_x), _POINTS // samples):
             part = slice(start, start + _POINTS // samples)
             y, x = all_y[part], all_x[part]
             origins, rays = self._rays(x[:, None] + _GRID_X, y[:, None] + _GRID_Y)
-            met = meets_sphere(self._scene, origins, rays).reshape(-1, samples).any(axis=1)
+            met = meets(self._scene, origins, rays).reshape(-1, samples).any(axis=1)
             if not met.any():
                 continue
             y, x, pick = y[met], x[met], np.repeat(met, samples)
@@ -218,7 +228,7 @@ class _Canvas:
 
     def _albedo_at(self, seen: Seen) -> Values:
         x, y = seen.points_mm[:, 0], seen.points_mm[:, 1]
-        return self._scene.albedo(x, y, seen.on_object)
+        return self._scene.albedo(x, y, seen.on_object, seen.item)
 
     def _mean_albedo(self, seen: Seen, x: Whole, y: Whole) -> Values:
         """Return the mean albedo over each pixel, on the tangent plane of the point it sees."""
@@ -230,7 +240,7 @@ class _Canvas:
             depth = ((seen.points_mm - origins) * seen.normals).sum(axis=1)
             points = origins + (depth / np.where(steep, -1.0, fall))[:, None] * rays
             points[steep] = seen.points_mm[steep]
-            mean += self._scene.albedo(points[:, 0], points[:, 1], seen.on_object)
+            mean += self._scene.albedo(points[:, 0], points[:, 1], seen.on_object, seen.item)
         return mean / np.float32(len(_LATTICE_X))
 
 

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
+from simulator._scene.clutter import Ball, Box
 from simulator._scene.lens import Lens
 from simulator._scene.reflectance import Ggx, Lambert, OrenNayar
 from simulator._scene.rig_scenes import dome_lights
 from simulator._scene.scene_tables import Kinds
 from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
 from simulator._shapes.coin import Coin
+from simulator._shapes.grounds import Cork, Print, Weave, Wood
 from simulator._shapes.mesh import MeshBody
 from simulator._shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
 from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
@@ -210,6 +212,9 @@ BODIES: Kinds = {
     "step-gauge": StepGauge,
     "mesh": mesh,
 }
+# Objects that can be the relief of the board.
+RELIEFS: Kinds = {kind: BODIES[kind] for kind in ("noise", "textile", "leather", "ripples")}
+CLUTTER: Kinds = {"ball": Ball, "box": Box}
 PATTERNS: Kinds = {
     "even": Even,
     "checker": Checker,
@@ -217,5 +222,9 @@ PATTERNS: Kinds = {
     "paint": Paint,
     "colour-wheel": ColourWheel,
     "charuco": ChArUco,
+    "cork": Cork,
+    "wood": Wood,
+    "print": Print,
+    "weave": Weave,
 }
 MATERIALS: Kinds = {"lambert": Lambert, "oren-nayar": OrenNayar, "ggx": Ggx}

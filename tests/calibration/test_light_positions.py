@@ -161,9 +161,9 @@ def test_at_most_four_lights_are_named(count, says):
 @pytest.mark.parametrize(
     ("spheres", "bound_mm", "bound_deg"),
     [
-        pytest.param(TWO_R10, 1.5 * 4.9, 1.5 * 0.12, id="2xR10"),
+        pytest.param(TWO_R10, 1.5 * 4.9, 1.5 * 0.12, id="2xR10", marks=pytest.mark.slow),
         pytest.param(TWO_R20, 1.5 * 2.3, 1.5 * 0.065, id="2xR20"),
-        pytest.param(FOUR_R20, 1.5 * 1.3, 1.5 * 0.042, id="4xR20"),
+        pytest.param(FOUR_R20, 1.5 * 1.3, 1.5 * 0.042, id="4xR20", marks=pytest.mark.slow),
     ],
 )
 def test_noise_of_outlines_and_highlights(bench, dome_mm, spheres, bound_mm, bound_deg):
