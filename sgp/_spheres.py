@@ -139,10 +139,13 @@ def draw_spheres(
 ) -> None:
     """Write a picture of the spheres in the images ``(N, H, W)`` and of their lights."""
     from sgp._overview import source_title, write_overview
+    from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
     from sgp._panels.lights import lights_panel, spheres_panel
 
     panels = [
         spheres_panel("spheres and highlights", values, estimate),
         lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
     ]
+    errors = [ellipsoids_panel(estimate.lights), residuals_panel(estimate.lights)]
+    panels += [panel for panel in errors if panel is not None]
     write_overview(path, source_title(source, str(source.path)), panels, columns=2)
