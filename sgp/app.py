@@ -63,7 +63,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "Estimate the positions and intensities of the lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
         ),
-        {"calibrate": ("spheres", "intensities")},
+        {"calibrate": ("spheres",), "calibrate_intensities": ("intensities",)},
     ),
     "detail": (
         page(

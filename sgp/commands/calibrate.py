@@ -1,4 +1,4 @@
-"""``sgp calibrate``: positions and intensities of the lights."""
+"""``sgp calibrate spheres``: directions or positions of the lights."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import calibration
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._metrics import IntensitiesMetrics, SpheresMetrics
+from sgp._metrics import SpheresMetrics
 from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, numbers
 from sgp._output import check_file, provenance
 from sgp._result import Result, plain
@@ -115,7 +115,7 @@ def spheres(
         "gamma": gamma,
         "transfer": opened.transfer.record(),
     }
-    _write_lights(out, estimate.lights, "sgp calibrate spheres", parameters, result)
+    write_lights_with_record(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
 
     from sgp._overview import source_title, write_overview
@@ -126,98 +126,6 @@ def spheres(
         lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
     ]
     write_overview(outputs["picture"], source_title(opened, str(source)), panels, columns=2)
-    return result
-
-
-def intensities(
-    source: Input,
-    *,
-    lights: Input,
-    out: Path,
-    camera: OptionalInput = None,
-    mask: OptionalInput = None,
-    gamma: Gamma = "auto",
-    max_pixels: Pixels = rig.MAX_PIXELS,
-    force: bool = False,
-) -> Result:
-    """Estimate the intensities of the lights, and their angular falloff, from a matte card.
-
-    The card is in the working plane. Chrome spheres may be on it, so the recording from which the
-    positions were estimated can be used.
-
-    For example:
-
-        sgp calibrate intensities session/ --lights lights.json --out card.json
-
-    Parameters
-    ----------
-    source
-        Session or folder of images of the card, one image for each light.
-    lights
-        Lights file with positions.
-    out
-        lights.json file to write.
-    camera
-        Camera file of the images; default: the camera of the session.
-    mask
-        Mask image of the card; default: the complete frame, with everything except the card removed
-        as outliers. The mask of the source is not used, because it shows an object or a sphere.
-    gamma
-        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
-        table; see `sgp normals --help`.
-    max_pixels
-        Refuse images with more pixels than this, before decoding them.
-    force
-        Overwrite an existing file.
-    """
-    check_file(out, ".json", force=force)
-    opened, files = open_source(
-        source, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
-    )
-    if opened.camera is None:
-        raise acquisition.DataError(
-            f"{source}: the camera of these images is not known: give --camera"
-        )
-    stack = _undivided(opened)
-    positions = acquisition.read_lights(lights)
-    order, by_name = positions.match(stack.ids)
-    by_order = []
-    if not by_name:
-        text = "matched to the images by order, not by name"
-        by_order.append(rig.Notice("lights-matched-by-order", text, str(lights)))
-    card = np.ones(stack.values.shape[1:], np.bool_)
-    if mask is not None and opened.mask is not None:
-        card = opened.mask
-    estimate = calibration.calibrate_intensities(
-        stack.values, positions.take(order), opened.camera.points_on_plane(), card
-    )
-    strength = np.asarray(estimate.lights.intensities)[:, 0]
-    metrics: IntensitiesMetrics = {
-        "intensities": strength.tolist(),
-        "mu": estimate.mu,
-        "residual": estimate.residual,
-        "pixels": estimate.pixels,
-    }
-    result = Result(
-        outputs={"lights": out},
-        metrics=metrics,
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
-        summary=[
-            f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
-            f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
-            f"residual on the card {estimate.residual:.1%}"
-        ],
-        inputs=[*files, lights],
-    )
-    parameters = {
-        "source": source,
-        "lights": lights,
-        "camera": camera,
-        "mask": mask,
-        "gamma": gamma,
-        "transfer": opened.transfer.record(),
-    }
-    _write_lights(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 
@@ -243,7 +151,7 @@ def _undivided(source: acquisition.Source) -> calibration.Stack:
         return calibration.linear_stack(replace(source, lights=None), on_progress=progress)
 
 
-def _write_lights(
+def write_lights_with_record(
     out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
     """Write lights.json including its record, because the file is passed on without its folder."""
