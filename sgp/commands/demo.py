@@ -152,10 +152,8 @@ def _calibrate(
     radii = [sphere.radius_mm for sphere in scene.spheres]
     estimate = calibration.calibrate_spheres(stack, camera=camera, radius_mm=radii)
     estimate = calibration.record_setup(estimate, source)
-    card = np.ones(camera.size, np.bool_)
-    strong = calibration.calibrate_intensities(
-        stack.values, estimate.lights, camera.points_on_plane(), card
-    )
+    card = calibration.MatteSurface.card(stack.values, camera)
+    strong = calibration.calibrate_intensities(card, estimate.lights)
     return estimate, strong.lights, stack.values
 
 
