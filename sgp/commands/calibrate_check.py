@@ -43,7 +43,7 @@ def check(
     For example:
 
         sgp calibrate check before.json after.json
-        sgp calibrate check before.json after.json --limit-mm 3 --limit-percent 2
+        sgp calibrate check old.json new.json --limit-mm 3 --limit-percent 2
         sgp calibrate check lights.json --rig bench.toml
 
     Parameters
