@@ -72,6 +72,8 @@ from ._source.reduce import downscale as downscale
 from ._source.reduction import Reduction as Reduction
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
+from ._source.source_setup import setup_notices as setup_notices
+from ._source.source_setup import source_setup as source_setup
 from ._staging import staged as staged
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
@@ -90,10 +92,16 @@ from ._value_files.near_lights import read_near_lights as read_near_lights
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
+from ._values.light_errors import LightErrors as LightErrors
+from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
+from ._values.lights import led_of as led_of
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
+from ._values.setup import Calibrated as Calibrated
+from ._values.setup import Setup as Setup
+from ._values.setup import UsedSphere as UsedSphere
 from ._values.transfer_curve import LINEAR as LINEAR
 from ._values.transfer_curve import SRGB as SRGB
 from ._values.transfer_curve import TransferCurve as TransferCurve

@@ -69,6 +69,15 @@ def angular_error(
     ------
     DataError
         If the sizes differ or no pixel is left to compare.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, angular_error
+    >>> flat = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
+    >>> tilted = NormalMap.from_vectors(np.tile([0.0, 1.0, 1.0], (4, 5, 1)))
+    >>> round(angular_error(tilted, flat).mae_deg, 3)
+    45.0
     """
     check_normal_map("estimate", estimate)
     truth_map = truth if isinstance(truth, NormalMap) else NormalMap.from_vectors(truth)
@@ -159,6 +168,16 @@ def ssim(
     ------
     DataError
         If the sizes differ or the mask is empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, ssim
+    >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> hill = NormalMap.from_vectors(np.dstack([-x, -y, 0 * x + 2]))
+    >>> round(ssim(bowl, bowl), 6), ssim(bowl, hill) < 0.5
+    (1.0, True)
     """
     check_normal_map("a", a)
     check_normal_map("b", b)

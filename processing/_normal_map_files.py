@@ -98,6 +98,16 @@ def read_normals(
     DataError
         If a file cannot be read or has more than ``max_pixels``, the mask does not fit or is
         empty, or the image contains no normals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import write_png
+    >>> from processing import read_normals
+    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
+    >>> read = read_normals("flat.png")
+    >>> read.normal_map, [notice.code for notice in read.warnings]
+    (NormalMap(float32[4, 5, 3], 20 normals), ['normals-8-bit'])
     """
     file = _find_image(Path(path))
     pixels, alpha = _read_pixels(file, max_pixels)
@@ -173,6 +183,14 @@ def write_normals(
     -------
     dict[str, Path]
         Output name to path: ``normals``, ``normals_png``, ``mask``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, write_normals
+    >>> flat = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
+    >>> [path.name for path in write_normals("flat", flat).values()]
+    ['normals.exr', 'normals.png', 'mask.png']
     """
     check_normal_map("normal_map", normal_map)
     folder = Path(folder)

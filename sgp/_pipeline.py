@@ -108,12 +108,13 @@ def process(
     Raises
     ------
     DataError
-        If both a pixel size and a camera with a working distance are given, besides the errors of
-        the stages.
+        If both a pixel size and a camera with a working distance are given, or the images are
+        smaller than the window of the filter, besides the errors of the stages.
     """
     pixel_mm = _pixel_mm(source, surfaces)
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
+    separation.shape_filter().check_size(source.size)
     chosen = {"transfer": source.transfer.record()}
     parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
     merged = Result(inputs=files, parameters=chosen)
@@ -152,7 +153,7 @@ def _normals(
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(source, options)
+    stage = compute_normals(source, options.method, distant=options.distant)
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write("normals", lambda folder: write_normals_stage(folder, stage, maps, picture))

@@ -52,6 +52,15 @@ def read_image(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Image:
         If the file is a folder, empty, not an image, truncated or damaged, has more than
         ``max_pixels`` pixels or far more than a file of its size can hold, or has other sample
         types or channels than those above.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_image, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> image = read_image("card.png")
+    >>> image.dtype, image.shape
+    (dtype('uint16'), (4, 5))
     """
     return read_image_with_alpha(path, max_pixels=max_pixels)[0]
 
@@ -67,6 +76,15 @@ def read_image_with_alpha(
         The image that `read_image` returns, and alpha ``(H, W)`` of the same type, or None if the
         file has no alpha. Both are as stored; the file does not state whether its colours are
         multiplied by alpha.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_image_with_alpha, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16), alpha=np.eye(4, 5, dtype=bool))
+    >>> image, alpha = read_image_with_alpha("card.png")
+    >>> alpha[0]
+    array([65535,     0,     0,     0,     0], dtype=uint16)
     """
     path = Path(path)
     with opened_image(path, max_pixels) as (file, spec, channels, dtype):
@@ -139,6 +157,14 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
         If the folder does not exist or the file cannot be written.
     DataError
         If the array has another shape or type.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_image, write_tiff
+    >>> write_tiff("card.tif", np.full((4, 5), 700, np.uint16))
+    >>> int(read_image("card.tif")[0, 0])
+    700
     """
     _write(Path(path), pixels, "tiff", {"uint8", "uint16"}, {"compression": "none"})
 
@@ -164,6 +190,14 @@ def write_png(
         State in the file that the samples follow the sRGB curve; otherwise it states no curve.
     description
         Text of the file, stored under the keyword ``Description``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_image, write_png
+    >>> write_png("red.png", np.full((4, 5, 3), (255, 0, 0), np.uint8), srgb=True)
+    >>> read_image("red.png")[0, 0]
+    array([255,   0,   0], dtype=uint8)
     """
     attributes = {"compression": "rle", "oiio:ColorSpace": "sRGB" if srgb else "data"}
     if description:
@@ -175,6 +209,14 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
     """Write a lossless float32 EXR ``(H, W)`` or ``(H, W, 3)``; NaN and infinity are kept.
 
     Errors are those of `write_tiff`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_image, write_exr
+    >>> write_exr("height.exr", np.array([[0.5, np.nan]], np.float32))
+    >>> read_image("height.exr")
+    array([[0.5, nan]], dtype=float32)
     """
     _write(Path(path), array, "openexr", {"float32"}, {"compression": "rle"})
 

@@ -154,5 +154,12 @@ class Linearizer:
 
 
 def same_exposure(one_us: float, other_us: float) -> bool:
-    """Return whether two exposure times are equal but for rounding by the camera."""
+    """Return whether two exposure times are equal but for rounding by the camera.
+
+    Examples
+    --------
+    >>> from acquisition import same_exposure
+    >>> same_exposure(10_000.0, 10_000.4), same_exposure(10_000.0, 20_000.0)
+    (True, False)
+    """
     return abs(one_us / other_us - 1) < _SAME_EXPOSURE

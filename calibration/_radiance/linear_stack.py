@@ -118,6 +118,18 @@ def linear_stack(
         have one, or has a colour filter that is not a Bayer pattern. The message names the file.
     EstimateError
         If all samples of all images are saturated or black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights, read_source, write_png
+    >>> from calibration import linear_stack
+    >>> for i in range(2):
+    ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // 2, np.uint16))
+    >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1]], intensities=[1, 2])
+    >>> stack = linear_stack(read_source(".", lights=lights))
+    >>> stack, stack.values[:, 0, 0].round(3)
+    (Stack(float32[2, 4, 5], lights), array([0.5 , 0.25], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
@@ -170,6 +182,16 @@ def linear_images(
     ------
     FloatImage
         ``(H, W)`` or ``(H, W, 3)`` float32.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_source, write_png
+    >>> from calibration import linear_images
+    >>> for i in range(2):
+    ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // 2, np.uint16))
+    >>> [image.shape for image in linear_images(read_source("."))]
+    [(4, 5), (4, 5)]
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
@@ -186,7 +208,15 @@ def linear_images(
 
 
 def luma(colour: FloatImage) -> FloatImage:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``."""
+    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import luma
+    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
+    array([0.2989, 0.9999], dtype=float32)
+    """
     return np.asarray(colour @ _LUMA, np.float32)
 
 
@@ -343,6 +373,16 @@ def check_linear(name: str, values: object) -> None:
     ------
     TypeError
         If the array has a type that is not floating point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import check_linear
+    >>> check_linear("values", np.zeros((3, 4, 5), np.float32))
+    >>> check_linear("values", np.zeros((3, 4, 5), np.uint8))
+    Traceback (most recent call last):
+        ...
+    TypeError: values must be linear values of a floating-point type, not uint8: ...
     """
     kind = getattr(values, "dtype", None)
     if kind is not None and kind.kind != "f":

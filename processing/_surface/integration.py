@@ -140,6 +140,18 @@ def integrate(
         a pixel size and a working distance are given.
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate
+    >>> x = np.tile(np.arange(6.0), (4, 1))
+    >>> slope = NormalMap.from_vectors(np.dstack([0 * x - 1, 0 * x, 0 * x + 1]))  # 45 degrees
+    >>> surface = integrate(slope, pixel_mm=0.5)
+    >>> surface
+    HeightMap(float32[4, 6] in mm, pixel size 0.5 mm)
+    >>> surface.height[0].round(3)
+    array([-1.25, -0.75, -0.25,  0.25,  0.75,  1.25], dtype=float32)
     """
     check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
@@ -159,6 +171,12 @@ def integrate(
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
     if count == 0:
+        if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
+            rows, columns = normal_map.size
+            raise EstimateError(
+                f"no two pixels of the normal map of {columns} x {rows} are neighbours, so there "
+                "is nothing to integrate: use a larger map, or check its mask"
+            )
         raise EstimateError(
             "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
             "integrate: check the axes of the map (Z toward the camera) and its mask"
@@ -219,6 +237,17 @@ def surface_scale(
     ------
     DataError
         If a pixel size and a camera with a working distance are given: each states the scale.
+
+    Examples
+    --------
+    >>> from processing import surface_scale
+    >>> from simulator import bench_camera
+    >>> surface_scale(None, 0.1)
+    ('mm', 0.1)
+    >>> surface_scale(bench_camera(), 0.1)
+    Traceback (most recent call last):
+        ...
+    processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
     return _scale(camera, pixel_mm)[:2]
 

@@ -79,6 +79,16 @@ def height_mesh(
     DataError
         If the normals do not cover the height map, the colours have another size or type, or the
         map contains no triangle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, height_mesh, integrate
+    >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> mesh = height_mesh(integrate(bowl, pixel_mm=0.5))
+    >>> mesh.vertices.shape, mesh.faces.shape, mesh.unit
+    ((25, 3), (32, 3), 'mm')
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     mask = height_map.mask

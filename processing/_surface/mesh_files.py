@@ -68,6 +68,15 @@ def write_mesh(
         reasons given in `height_mesh`.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate, write_mesh
+    >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> [path.name for path in write_mesh("bowl.ply", integrate(bowl, pixel_mm=0.5), normals=bowl)]
+    ['bowl.ply']
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     path = Path(path)
