@@ -51,12 +51,12 @@ class TransferFidelity:
         """``(H, W)`` angle between the intended and the resulting detail, NaN outside."""
         return angle_map_deg(self.detail.normals, self.result.detail.normals, self.detail.mask)
 
-    @property
+    @cached_property
     def shape_mae_deg(self) -> float:
         """Mean shape error over every pixel that received detail."""
         return float(np.mean(self.shape_error_deg[self.detail.mask], dtype=np.float64))
 
-    @property
+    @cached_property
     def detail_mae_deg(self) -> float:
         """Mean detail error over every pixel that received detail."""
         return float(np.mean(self.detail_error_deg[self.detail.mask], dtype=np.float64))
