@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -100,14 +102,35 @@ def angular_error(
 def angle_map_deg(a: Float, b: npt.ArrayLike, mask: Mask) -> Float:
     """Return the angle between two ``(H, W, 3)`` maps, or a map and a vector; NaN outside a mask.
 
-    Row by row, because the intermediate values are in float64.
+    It is that of `angle_deg`, of vectors in float32.
     """
-    second = np.broadcast_to(np.asarray(b), a.shape)
+    first, second = (np.ascontiguousarray(vectors, np.float32) for vectors in (a, b))
     angles = np.full(mask.shape, np.nan, np.float32)
-    for row in np.flatnonzero(mask.any(axis=1)):
-        inside = mask[row]
-        angles[row, inside] = angle_deg(a[row], second[row])[inside]
+    _angles(first, second if second.ndim == 3 else second[None, None], mask, angles)
     return angles
+
+
+@numba.njit(cache=True)
+def _angles_of_row(a: Float, b: Float, mask: Mask, out: Float) -> None:
+    for c in range(mask.size):
+        if not mask[c]:
+            continue
+        d = c if len(b) > 1 else 0
+        ax, ay, az = np.float64(a[c, 0]), np.float64(a[c, 1]), np.float64(a[c, 2])
+        bx, by, bz = np.float64(b[d, 0]), np.float64(b[d, 1]), np.float64(b[d, 2])
+        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        sine = math.sqrt(x * x + y * y + z * z)
+        out[c] = math.degrees(math.atan2(sine, ax * bx + ay * by + az * bz))
+
+
+@numba.njit(parallel=True, cache=True)
+def _angles(a: Float, b: Float, mask: Mask, out: Float) -> None:
+    """Write the angles of the pixels of a mask; ``b`` has the size of ``a``, or one pixel."""
+    for r in numba.prange(len(mask)):
+        if len(b) > 1:
+            _angles_of_row(a[r], b[r], mask[r], out[r])
+        else:
+            _angles_of_row(a[r], b[0], mask[r], out[r])
 
 
 def ssim(

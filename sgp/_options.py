@@ -108,6 +108,7 @@ _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]
 OptionalInput = Annotated[Path | None, _INPUT]
+Inputs = Annotated[tuple[Path, ...], _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
@@ -142,6 +143,12 @@ class RecordingOptions:
         positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
+    spheres
+        Estimate the lights from chrome spheres that lie next to the object, and leave the spheres
+        out of its mask. lights.json and lights.png are written with the result.
+    radius_mm
+        With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
+        the lights have directions instead of positions.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -162,6 +169,8 @@ class RecordingOptions:
     lights: OptionalInput = None
     camera: OptionalInput = None
     mask: OptionalInput = None
+    spheres: bool = False
+    radius_mm: tuple[Positive, ...] = ()
     distant: bool = False
     gamma: Gamma = "auto"
     exclude: Names = ()

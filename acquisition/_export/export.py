@@ -312,4 +312,5 @@ def _as_exposed(lights: Lights, frames: Sequence[ExportedFrame]) -> Lights:
     if len(exposures_us) != len(lights) or not np.ptp(exposures_us):
         return lights
     strengths = np.asarray(lights.intensities) * (exposures_us / exposures_us.max())[:, None]
-    return replace(lights, intensities=strengths)
+    # Files with these intensities have no errors of the lights.
+    return replace(lights, intensities=strengths, errors=None)

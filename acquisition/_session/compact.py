@@ -10,7 +10,7 @@ from pathlib import Path
 
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.compact_tiff import deflate_tiff
-from acquisition._pixels.images import holds
+from acquisition._pixels.encoded_image import holds
 from acquisition._session.journal import COMPACTED, REOPENED, EventLine, Journal
 from acquisition._session.journal_file import JournalFile, utc_now
 from acquisition._session.layout import (

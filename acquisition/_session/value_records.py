@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
+from acquisition._values.lights import Array, Lights
 from acquisition._values.noise_model import NoiseModel
 from acquisition._values.transfer_curve import TransferCurve
 
@@ -105,7 +105,7 @@ class CameraModelRecord(Table):
 
 
 class LightsRecord(Table):
-    """Fields of `Lights`: one row per light, either directions or positions."""
+    """Fields of `Lights`: one row per light, directions or positions, without errors."""
 
     ids: tuple[str, ...]
     directions: tuple[_Vector, ...] | None = None
@@ -124,5 +124,15 @@ class LightsRecord(Table):
 
     def value(self) -> Lights:
         """Return the lights; raise DataError if the values are invalid."""
-        columns = self.model_dump(exclude={"ids"}, exclude_none=True)
-        return Lights(ids=self.ids, **{name: np.array(rows) for name, rows in columns.items()})
+
+        def array(rows: tuple[_Vector, ...] | None) -> Array | None:
+            return None if rows is None else np.array(rows)
+
+        return Lights(
+            array(self.directions),
+            array(self.positions_mm),
+            np.array(self.intensities),
+            np.array(self.axes),
+            np.array(self.mu),
+            self.ids,
+        )

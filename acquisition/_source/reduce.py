@@ -69,11 +69,12 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
     mask = None if source.mask is None else cut.all(source.mask)
     if mask is not None and not mask.any():
         raise DataError(f"{source.path}: {region} contains no pixel of the mask")
-    truth = source.normals_truth
+    truth, elsewhere = source.normals_truth, source.not_object
     return replace(
         source,
         reduction=region_of_frames,
         mask=mask,
+        not_object=None if elsewhere is None else cut.cut(elsewhere).copy(),
         camera=None if source.camera is None else source.camera.cropped(x, y, width, height),
         normals_truth=None if truth is None else cut.cut(truth).copy(),
     )
@@ -133,11 +134,12 @@ def downscale(source: Source, factor: int) -> Source:
             f"{source.path}: no block of {factor} x {factor} pixels is completely within the mask: "
             "give a smaller factor"
         )
-    truth = source.normals_truth
+    truth, elsewhere = source.normals_truth, source.not_object
     return replace(
         source,
         reduction=replace(old, factor=old.factor * factor),
         mask=mask,
+        not_object=None if elsewhere is None else ~blocks.all(~elsewhere),
         camera=None if source.camera is None else source.camera.downscaled(factor),
         normals_truth=None if truth is None else _mean_normals(blocks, truth),
     )

@@ -12,6 +12,8 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from acquisition._values.light_errors import LightErrors
+from acquisition._values.setup import Calibrated
 from rig import pluralize
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +37,14 @@ def led_id(led: int) -> str:
 
 
 def led_of(name: str) -> int | None:
-    """Return the LED number in the name of a light or frame, 5 for ``L05_E0_R1.tif``, or None."""
+    """Return the LED number in the name of a light or frame, or None.
+
+    Examples
+    --------
+    >>> from acquisition import led_of
+    >>> led_of("L05_E0_R1.tif")
+    5
+    """
     match = _OF_LED.fullmatch(light_id(name))
     return None if match is None else int(match[1])
 
@@ -85,12 +94,16 @@ class Lights:
         ``(N,)`` exponent of the radiation pattern ``cos(angle to the axis) ** mu``; 0 is isotropic.
     ids
         N names that link lights to frames: ``L07`` for LED 7, or the stem of an image file.
+    errors
+        Covariances, standard deviations and residuals; None if they are not known.
+    calibrated
+        When and with what the lights were calibrated; None if this is not known.
 
     Raises
     ------
     DataError
         If shapes do not match, a value is not finite, a direction is zero, a position is at the
-        origin, or an intensity is not positive. The message names the light.
+        origin, an intensity is not positive, or `errors` are invalid. The message names the light.
     """
 
     directions: Array | None = None
@@ -99,6 +112,8 @@ class Lights:
     axes: Array | None = None
     mu: Array | None = None
     ids: tuple[str, ...] = ()
+    errors: LightErrors | None = None
+    calibrated: Calibrated | None = None
 
     def __repr__(self) -> str:
         kind = "direction" if self.positions_mm is None else "position"
@@ -145,6 +160,8 @@ class Lights:
             raise DataError(f"{count} lights need {count} finite values mu >= 0")
         object.__setattr__(self, "mu", mu)
         object.__setattr__(self, "ids", ids)
+        if self.errors is not None:
+            object.__setattr__(self, "errors", self.errors.checked(ids, near=self.near))
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -165,7 +182,16 @@ class Lights:
 
     def distant(self) -> Lights:
         """Return the same lights with directions from the origin instead of positions."""
-        return Lights(directions=self.unit_directions, intensities=self.intensities, ids=self.ids)
+        errors = self.errors
+        if errors is not None and self.positions_mm is not None:
+            errors = errors.of_directions(self.positions_mm)
+        return Lights(
+            directions=self.unit_directions,
+            intensities=self.intensities,
+            ids=self.ids,
+            errors=errors,
+            calibrated=self.calibrated,
+        )
 
     def take(self, indices: Sequence[int]) -> Lights:
         """Return the lights with these indices, in this order."""
@@ -178,6 +204,7 @@ class Lights:
             axes=_known(self.axes)[pick],
             mu=_known(self.mu)[pick],
             ids=tuple(self.ids[i] for i in pick),
+            errors=None if self.errors is None else self.errors.take(pick),
         )
 
     def vectors_at(self, points_mm: npt.ArrayLike) -> Array:

@@ -130,18 +130,21 @@ def _names() -> _Findings:
                 "environment of its own (pipx, uv tool)",
             )
     scripts = Path(sysconfig.get_path("scripts"))
+    missing = []
     for program in ("sgp", "capture"):
         ours, first = shutil.which(program, path=str(scripts)), shutil.which(program)
         if ours is None:
             continue
         if first is None:
-            text = f"{program} is not on the path: add {scripts} to PATH"
+            missing.append(program)
         elif not os.path.samefile(first, ours):
-            text = f"{program} on the path is {first}: put {scripts} first in PATH"
-        else:
-            continue
+            clashes += 1
+            yield "warning", f"{program} on the path is {first}: put {scripts} first in PATH"
+    if missing:
         clashes += 1
-        yield "warning", text
+        what = " and ".join(missing)
+        is_are = "is" if len(missing) == 1 else "are"
+        yield "warning", f"{what} {is_are} not on the path: add {scripts} to PATH"
     if not clashes and complaint is None:
         yield "ok", "no other package or program has our names"
 

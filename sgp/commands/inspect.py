@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
+from rig import Notice
 from sgp._metrics import InspectMetrics
 from sgp._options import Input, RecordingOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
+from sgp._spheres import SphereLights
 from sgp._stages import compute_normals, open_recording
 
 _DEFAULTS = RecordingOptions()
@@ -31,9 +33,9 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
     options
         Lights, camera, mask and parts of the recording.
     """
-    opened, _ = open_recording(source, options)
+    opened = open_recording(source, options)
     # The tests compute the normals that they need: the quicker method is enough.
-    stage = compute_normals(opened, "ls", distant=options.distant)
+    stage = compute_normals(opened.source, "ls", distant=options.distant)
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
@@ -49,10 +51,14 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
         verdict = "no disagreement found"
     return Result(
         metrics=metrics,
-        warnings=list(stage.warnings),
+        warnings=[*_of_spheres(opened.lit_by), *stage.warnings],
         summary=[
             f"{metrics['images']} images, {metrics['lights']} lights, {metrics['pixels']} pixels",
             *quality_lines(stage.quality),
             verdict,
         ],
     )
+
+
+def _of_spheres(seen: SphereLights | None) -> tuple[Notice, ...]:
+    return () if seen is None else seen.estimate.warnings

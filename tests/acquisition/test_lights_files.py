@@ -113,7 +113,12 @@ def changed(**changes: object) -> str:
         pytest.param("", "JSON", id="empty"),
         pytest.param("{", "JSON", id="cut short"),
         pytest.param("[]", "valid dictionary|object", id="a list"),
-        pytest.param(changed().replace('"version": 1', '"version": 2'), "version", id="version"),
+        pytest.param(
+            changed().replace('"version": 1', '"version": 3'),
+            "version 3 of sgp-lights is unknown, this program reads 1 and 2",
+            id="version",
+        ),
+        pytest.param(changed().replace('"version": 1', '"version": true'), "True", id="no version"),
         pytest.param(changed().replace("sgp-lights", "lights"), "format", id="format"),
         pytest.param(changed(colour="red"), "unknown key 'lights.1.colour'", id="unknown key"),
         pytest.param(changed(position_mm=[0, 0, 0]), "light L00 is a zero vector", id="zero"),

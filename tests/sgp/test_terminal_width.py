@@ -145,7 +145,8 @@ def test_commands_fit_a_terminal(program: str, words: list[str], recording, tmp_
     given_words = [word.format(recording=recording) for word in words]
     lines = on_terminal(program, *given_words, folder=tmp_path)
     check(lines)
-    if "--frames" not in words:
+    # A list grows with what it lists: frames here, the ports and drivers of the computer there.
+    if "--frames" not in words and words != ["doctor"]:
         assert len(lines) <= ROWS, lines
 
 
