@@ -140,7 +140,7 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
     variance = 0.0
     for _ in range(4):
         count = int(np.clip(2 * np.pi * radius / 0.75, 24, 240))
-        angles = np.arange(count) * (2 * np.pi / count)
+        angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
         toward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         distances = _distances(image, centre, toward, level, 3 * radius + 4)
         (radius, *shift), variance = _robust_harmonics(angles, distances)
@@ -174,7 +174,8 @@ def _distances(image: Image, centre: Array, toward: Array, level: float, reach: 
     rows = np.arange(len(toward))
     before, after = profiles[rows, first - 1], profiles[rows, first]
     part = np.clip((before - level) / np.maximum(before - after, 1e-12), 0, 1)
-    return radii[first - 1] + part * _STEP_PX
+    distances: Array = radii[first - 1] + part * _STEP_PX
+    return distances
 
 
 def _robust_harmonics(angles: Array, distances: Array) -> tuple[Array, float]:

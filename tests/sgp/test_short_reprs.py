@@ -73,9 +73,9 @@ EXAMPLES: list[tuple[object, str]] = [
      "black_levels_dn=(1, 1, 1, 1), taken=2026-01-02 00:00:00+00:00)"),
     (calibration.Stack(np.zeros((3, 4, 5), np.float32), ("a", "b", "c"), LIGHTS),
      "Stack(float32[3, 4, 5], lights)"),
-    (calibration.IntensityCalibration(LIGHTS, 1.5, 0.01, 900, ()),
-     "IntensityCalibration(lights=Lights(3 directions, L00 to L02), mu=1.5, residual=0.01, "
-     "pixels=900)"),
+    (calibration.IntensityCalibration(LIGHTS, 1.5, MASK[0], MASK[1], 0.1, 2.0, 0.01, 900, None, ()),
+     "IntensityCalibration(Lights(3 directions, L00 to L02), mu 1.50, residual 1.00%, "
+     "900 pixels)"),
     (NORMALS, "NormalMap(float32[4, 5, 3], 20 normals)"),
     (processing.NormalMapFile(NORMALS, (), (Path("/n.exr"),)),
      f"NormalMapFile(normal_map={NORMALS!r}, files=1 item)"),
