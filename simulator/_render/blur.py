@@ -32,7 +32,7 @@ def blur(planes: Values, depth_mm: Array, circle_px: Values, sigma_px: float) ->
 
     Every pixel spreads its light over its own circle of confusion. Around each pixel, the nearer
     half of the depths covers the farther half as far as its circles reach; what a lens sees behind
-    an edge continues what is beside it.
+    an edge continues what is next to it.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def _defocus(
                         front += share * source[r, c]
                         covered += share
                     else:
-                        # What is hidden behind an edge continues what is seen beside it.
+                        # What is hidden behind an edge continues what is seen next to it.
                         share += np.float32(_SPARE) * table[widest[i], reach - dy, reach - dx]
                         back += share * source[r, c]
                         weight += share
