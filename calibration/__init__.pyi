@@ -4,8 +4,10 @@ from ._comparison.motion import Motion as Motion
 from ._comparison.rig_positions import compare_with_rig as compare_with_rig
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
-from ._intensities import IntensityCalibration as IntensityCalibration
-from ._intensities import calibrate_intensities as calibrate_intensities
+from ._intensities.calibrate import IntensityCalibration as IntensityCalibration
+from ._intensities.calibrate import calibrate_intensities as calibrate_intensities
+from ._intensities.surface import MatteSurface as MatteSurface
+from ._intensities.vignetting import Vignetting as Vignetting
 from ._radiance.linear_stack import Stack as Stack
 from ._radiance.linear_stack import check_linear as check_linear
 from ._radiance.linear_stack import linear_images as linear_images
@@ -15,6 +17,7 @@ from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres
+from ._spheres.record_setup import record_setup as record_setup
 from ._spheres.sphere_calibration import Sphere as Sphere
 from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
 from ._spheres.sphere_image import SphereImage as SphereImage

@@ -369,12 +369,43 @@ class SpheresMetrics(TypedDict):
 
 
 class IntensitiesMetrics(TypedDict):
-    """Figures of a calibration of intensities from a matte card."""
+    """Figures of a calibration of intensities from a matte card or ball."""
 
-    intensities: Annotated[list[float], "1", "intensity of each light, relative to their mean"]
-    mu: Annotated[float, "1", "exponent of the radiation pattern of the lights"]
+    intensities: Annotated[
+        list[float], "1", "intensity of each light, relative to their mean; mean of the channels"
+    ]
+    intensity_std: Annotated[
+        list[float], "1", "standard deviation of each intensity, that of the worst channel"
+    ]
+    intensities_rgb: NotRequired[
+        Annotated[
+            list[tuple[float, float, float]],
+            "1",
+            "`--channel rgb`: intensities of each light, relative to the mean of the channel",
+        ]
+    ]
+    mu: Annotated[float, "1", "mean exponent of the radiation patterns of the lights"]
+    mu_each: Annotated[list[float], "1", "exponent of each light"]
+    mu_std: Annotated[list[float], "1", "standard deviation of each exponent"]
+    mu_own: Annotated[
+        list[bool], "", "whether the card determines the exponent of each light; else it is shared"
+    ]
+    mu_spread: Annotated[float, "1", "standard deviation of the exponents among the lights"]
+    axis_std_deg: Annotated[list[float], "deg", "standard deviation of each axis"]
+    axis_own: Annotated[
+        list[bool], "", "whether the card determines the axis of each light; else it is the given"
+    ]
+    axis_spread_deg: Annotated[
+        float, "deg", "standard deviation among the lights of a component of their axes"
+    ]
     residual: Annotated[float, "1", "relative deviation of the card from the model"]
     pixels: Annotated[int, "px", "pixels of the card that were used"]
+    vignetting_corner: NotRequired[
+        Annotated[
+            float, "1", "`--even`: brightness of the corners relative to the middle of the image"
+        ]
+    ]
+    vignetting_corner_std: NotRequired[Annotated[float, "1", "`--even`: its standard deviation"]]
 
 
 class LightDifferenceMetrics(TypedDict):

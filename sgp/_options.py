@@ -108,6 +108,7 @@ _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]
 OptionalInput = Annotated[Path | None, _INPUT]
+Inputs = Annotated[tuple[Path, ...], _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]

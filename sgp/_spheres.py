@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +52,7 @@ def light_by_spheres(
     estimate = calibration.calibrate_spheres(
         stack, camera=source.camera, radius_mm=given_radii(radius_mm)
     )
+    estimate = calibration.record_setup(estimate, source)
     brightest = np.zeros(stack.values.shape[1:], np.float32)
     for image in stack.values:
         np.fmax(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
@@ -85,10 +86,14 @@ def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
     return radius_mm[0] if len(radius_mm) == 1 else radius_mm
 
 
-def undivided_stack(source: acquisition.Source) -> calibration.Stack:
+def undivided_stack(
+    source: acquisition.Source, channel: Literal["gray", "rgb"] = "gray"
+) -> calibration.Stack:
     """Read a stack as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
-        return calibration.linear_stack(replace(source, lights=None), on_progress=progress)
+        return calibration.linear_stack(
+            replace(source, lights=None), channel=channel, on_progress=progress
+        )
 
 
 def write_calibration(

@@ -64,7 +64,11 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "sgp calibrate spheres chrome/ --out lights.json",
             "sgp calibrate check before.json after.json --limit-mm 3",
         ),
-        {"calibrate": ("spheres", "intensities"), "calibrate_check": ("check",)},
+        {
+            "calibrate": ("spheres",),
+            "calibrate_intensities": ("intensities",),
+            "calibrate_check": ("check",),
+        },
     ),
     "detail": (
         page(

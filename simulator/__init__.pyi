@@ -24,6 +24,7 @@ from ._scene.clutter import Ball as Ball
 from ._scene.clutter import Box as Box
 from ._scene.lamps import Lamps as Lamps
 from ._scene.lens import Lens as Lens
+from ._scene.optics import Optics as Optics
 from ._scene.reflectance import Ggx as Ggx
 from ._scene.reflectance import Lambert as Lambert
 from ._scene.reflectance import Material as Material

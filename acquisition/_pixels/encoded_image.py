@@ -8,6 +8,7 @@ same bytes result as from the whole image.
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -147,7 +148,7 @@ def _bands(pixels: Pixels) -> Iterator[slice]:
 
 
 def _area(pixels: Pixels) -> int:
-    return int(pixels.shape[0] * pixels.shape[1])
+    return math.prod(pixels.shape[:2])
 
 
 def _shape(pixels: Pixels) -> tuple[int, int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,7 @@ from acquisition._plan.planned_shot import Role
 from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
@@ -121,6 +123,11 @@ class Source:
         `crop` and `downscale`.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
+    setup
+        Rig and camera with which it was recorded, as far as the recording states them; without
+        `Setup.intrinsics`, see `source_setup`.
+    recorded_utc
+        Start of the recording; None if it is not known.
     transfer
         The transfer curve of the samples, which `Linearizer` applies: light relative to white from
         samples relative to white, after the black level.
@@ -150,6 +157,8 @@ class Source:
     white_level: float = 1.0
     reduction: Reduction | None = None
     simulated: bool = False
+    setup: Setup = field(default_factory=Setup)
+    recorded_utc: datetime | None = None
     transfer: TransferCurve = LINEAR
     transfer_origin: str = ""
     files: tuple[Path, ...] = ()

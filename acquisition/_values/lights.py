@@ -37,7 +37,14 @@ def led_id(led: int) -> str:
 
 
 def led_of(name: str) -> int | None:
-    """Return the LED number in the name of a light or frame, 5 for ``L05_E0_R1.tif``, or None."""
+    """Return the LED number in the name of a light or frame, or None.
+
+    Examples
+    --------
+    >>> from acquisition import led_of
+    >>> led_of("L05_E0_R1.tif")
+    5
+    """
     match = _OF_LED.fullmatch(light_id(name))
     return None if match is None else int(match[1])
 

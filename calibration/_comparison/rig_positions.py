@@ -37,6 +37,16 @@ def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     ------
     DataError
         If the rig file has no positions, or a light is not one of its LEDs.
+
+    Examples
+    --------
+    >>> from acquisition import Lights
+    >>> from calibration import compare_with_rig
+    >>> from rig import RigConfig
+    >>> places = [[300, 0, 300], [0, 310, 300], [-280, 0, 300]]
+    >>> config = RigConfig(name="arc", driver="bench", leds=3, led_positions_mm=places)
+    >>> compare_with_rig(Lights(positions_mm=[places[n] for n in (0, 2, 1)]), config).exchanged
+    (('L01', 'L02'),)
     """
     check_type("lights", lights, Lights, "acquisition.read_lights(path) returns one")
     check_type("config", config, RigConfig, "rig.find_rig_config(name) returns one")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights, Source
+from acquisition import DataError, Lights, Source, setup_notices
 from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
@@ -85,10 +85,10 @@ def reconstruct(
     """Compute normals and height of a recorded object.
 
     The images are converted to linear radiance; a warning says if they fit the lights much better
-    under another transfer curve, and others if images, lights and normals do not agree (see
-    `image_quality`). Images without light on the object are left out.
-    Photometric stereo computes the normals, and their integration the height. Near lights are
-    evaluated at the points of the working plane.
+    under another transfer curve, others if images, lights and normals do not agree (see
+    `image_quality`), or if the lights were calibrated with another rig or camera. Images without
+    light on the object are left out. Photometric stereo computes the normals, and their integration
+    the height. Near lights are evaluated at the points of the working plane.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def reconstruct(
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, on_progress=on_progress)
-    warnings = [*source.warnings, *stack.warnings]
+    warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:

@@ -49,7 +49,7 @@ def glb(
 
     def add(array: npt.NDArray[Any], target: int, **form: object) -> int:
         flat = np.ascontiguousarray(array).reshape(-1)
-        views.append((memoryview(flat.view(np.uint8)), target))
+        views.append((flat.view(np.uint8).data, target))
         accessors.append({"bufferView": len(views) - 1, **form})
         return len(accessors) - 1
 

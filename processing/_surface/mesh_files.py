@@ -181,7 +181,7 @@ def _rows(table: npt.NDArray[np.generic]) -> Iterator[slice]:
 
 
 def _bytes(rows: npt.NDArray[np.void]) -> memoryview:
-    return memoryview(rows.view(np.uint8))
+    return rows.view(np.uint8).data
 
 
 def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:

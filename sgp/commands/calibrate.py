@@ -1,16 +1,13 @@
-"""``sgp calibrate``: positions and intensities of the lights."""
+"""``sgp calibrate spheres``: directions or positions of the lights."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 import acquisition
 import calibration
 import rig
 from sgp._exit import UsageError
-from sgp._metrics import IntensitiesMetrics
 from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, numbers
 from sgp._output import check_file
 from sgp._result import Result
@@ -105,6 +102,7 @@ def spheres(
     except calibration.EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
+    estimate = calibration.record_setup(estimate, opened)
     result = describe_spheres(estimate)
     result.outputs = outputs
     result.warnings = [*opened.warnings, *stack.warnings, *estimate.warnings]
@@ -122,98 +120,6 @@ def spheres(
     acquisition.write_lights(outputs["lp"], estimate.lights)
 
     draw_spheres(outputs["picture"], opened, stack.values, estimate)
-    return result
-
-
-def intensities(
-    source: Input,
-    *,
-    lights: Input,
-    out: Path,
-    camera: OptionalInput = None,
-    mask: OptionalInput = None,
-    gamma: Gamma = "auto",
-    max_pixels: Pixels = rig.MAX_PIXELS,
-    force: bool = False,
-) -> Result:
-    """Estimate the intensities of the lights, and their angular falloff, from a matte card.
-
-    The card is in the working plane. Chrome spheres may be on it, so the recording from which the
-    positions were estimated can be used.
-
-    For example:
-
-        sgp calibrate intensities session/ --lights lights.json --out card.json
-
-    Parameters
-    ----------
-    source
-        Session or folder of images of the card, one image for each light.
-    lights
-        Lights file with positions.
-    out
-        lights.json file to write.
-    camera
-        Camera file of the images; default: the camera of the session.
-    mask
-        Mask image of the card; default: the complete frame, with everything except the card removed
-        as outliers. The mask of the source is not used, because it shows an object or a sphere.
-    gamma
-        Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
-        table; see `sgp normals --help`.
-    max_pixels
-        Refuse images with more pixels than this, before decoding them.
-    force
-        Overwrite an existing file.
-    """
-    check_file(out, ".json", force=force)
-    opened, files = open_source(
-        source, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
-    )
-    if opened.camera is None:
-        raise acquisition.DataError(
-            f"{source}: the camera of these images is not known: give --camera"
-        )
-    stack = undivided_stack(opened)
-    positions = acquisition.read_lights(lights)
-    order, by_name = positions.match(stack.ids)
-    by_order = []
-    if not by_name:
-        text = "matched to the images by order, not by name"
-        by_order.append(rig.Notice("lights-matched-by-order", text, str(lights)))
-    card = np.ones(stack.values.shape[1:], np.bool_)
-    if mask is not None and opened.mask is not None:
-        card = opened.mask
-    estimate = calibration.calibrate_intensities(
-        stack.values, positions.take(order), opened.camera.points_on_plane(), card
-    )
-    strength = np.asarray(estimate.lights.intensities)[:, 0]
-    metrics: IntensitiesMetrics = {
-        "intensities": strength.tolist(),
-        "mu": estimate.mu,
-        "residual": estimate.residual,
-        "pixels": estimate.pixels,
-    }
-    result = Result(
-        outputs={"lights": out},
-        metrics=metrics,
-        warnings=[*opened.warnings, *stack.warnings, *by_order, *estimate.warnings],
-        summary=[
-            f"{rig.pluralize(len(strength), 'light')}, intensities {strength.min():.2f} to "
-            f"{strength.max():.2f} of their mean, mu {estimate.mu:.2f}; "
-            f"residual on the card {estimate.residual:.1%}"
-        ],
-        inputs=[*files, lights],
-    )
-    parameters = {
-        "source": source,
-        "lights": lights,
-        "camera": camera,
-        "mask": mask,
-        "gamma": gamma,
-        "transfer": opened.transfer.record(),
-    }
-    write_calibration(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
 
 

@@ -146,16 +146,14 @@ def _calibrate(
 ) -> tuple[calibration.SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
     """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
-        stack = calibration.linear_stack(
-            acquisition.read_source(session.folder), on_progress=progress
-        )
+        source = acquisition.read_source(session.folder)
+        stack = calibration.linear_stack(source, on_progress=progress)
     camera = simulator.bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
     estimate = calibration.calibrate_spheres(stack, camera=camera, radius_mm=radii)
-    card = np.ones(camera.size, np.bool_)
-    strong = calibration.calibrate_intensities(
-        stack.values, estimate.lights, camera.points_on_plane(), card
-    )
+    estimate = calibration.record_setup(estimate, source)
+    card = calibration.MatteSurface.card(stack.values, camera)
+    strong = calibration.calibrate_intensities(card, estimate.lights)
     return estimate, strong.lights, stack.values
 
 

@@ -113,6 +113,55 @@ class Shader:
             light += (tint * dim).astype(np.float32)
         return light, ambient.astype(np.float32), dark
 
+    def shade_partly(
+        self, led: int, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8], samples: Array
+    ) -> Values:
+        """Return the radiance of points that are partly in the shadow of one light.
+
+        Parameters
+        ----------
+        led
+            Index of the light.
+        seen, albedo, channel
+            The n points, as for `shade`; none of them seen via a sphere.
+        samples
+            ``(S, n, 3)`` points around each of them, for the lit share.
+
+        Returns
+        -------
+        Values
+            ``(n,)`` radiance, as from `shade`.
+        """
+        scene, one = self.scene, slice(led, led + 1)
+        lamps, near = self._lamps[one], scene.lights.near
+        light = irradiance(lamps, seen.points_mm, seen.normals, near=near)
+        count = len(samples)
+        visible = np.tile(light > 0, count).astype(np.float32)
+        self.occluders.occlude(
+            visible,
+            samples.reshape(-1, 3),
+            np.tile(seen.normals, (count, 1)),
+            np.ones(visible.shape[1], np.bool_),
+            self._parts[one],
+            near,
+        )
+        light *= visible.reshape(count, -1).mean(axis=0)
+        reflect(
+            (scene.material, *(item.material for item in scene.clutter)),
+            light,
+            lamps,
+            near,
+            np.asarray(scene.lights.intensities)[one],
+            seen.points_mm,
+            seen.normals,
+            scene.lens.eye_to(seen.points_mm),
+            albedo,
+            channel,
+            _materials(seen),
+        )
+        shaded: Values = light[0]
+        return shaded
+
 
 def _materials(seen: Seen) -> npt.NDArray[np.int64]:
     """Return the index of each point's material: 0 the object's, then those of the clutter.

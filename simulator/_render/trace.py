@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
@@ -40,6 +40,9 @@ class Seen:
         ``(n,)`` product of the reflectances of the spheres that the ray hits, 1 without spheres.
     item
         ``(n,)`` index of the clutter on which the ray ends, -1 if it ends elsewhere.
+    depth_mm
+        ``(n,)`` depth of what the ray sees below the camera. A sphere shows virtual images, less
+        than half its radius behind its surface; their depth is that of the tangential focus.
     """
 
     points_mm: Array
@@ -49,6 +52,11 @@ class Seen:
     lost: Mask
     weight: Array
     item: npt.NDArray[np.int64]
+    depth_mm: Array
+
+    def at(self, pick: npt.NDArray[np.int64] | Mask) -> Seen:
+        """Return some of the points."""
+        return Seen(**{part.name: getattr(self, part.name)[pick] for part in fields(self)})
 
     @property
     def direct(self) -> Mask:
@@ -89,11 +97,11 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
     count = len(rays)
     sphere, entry_mm = np.full(count, -1, np.int64), np.full(count, -math.inf)
     lost, weight = np.zeros(count, np.bool_), np.ones(count)
-    item = np.full(count, -1, np.int64)
+    item, behind_mm = np.full(count, -1, np.int64), np.zeros(count)
     if scene.spheres or scene.clutter:
         _follow(
             origins_mm, rays, scene.sphere_table, scene.clutter_table,
-            sphere, entry_mm, lost, points, normals, weight, item,
+            sphere, entry_mm, lost, points, normals, weight, item, behind_mm,
         )  # fmt: skip
     if scene.body is not None:
         hits = scene.body.trace(origins_mm, rays)
@@ -109,7 +117,9 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
         points[met], normals[met], item[met] = hits.points_mm[met], hits.normals[met], -1
     if scene.relief is not None:
         _meet_relief(scene, origins_mm, rays, ~on_object & (item < 0), sphere < 0, points, normals)
-    return Seen(points, normals, on_object, sphere, lost, weight, item)
+    ends = np.where(sphere < 0, points[:, 2], entry_mm - behind_mm)
+    depth = scene.lens.camera_z_mm - ends
+    return Seen(points, normals, on_object, sphere, lost, weight, item, depth)
 
 
 def _meet_relief(
@@ -222,13 +232,15 @@ def _follow(
     normals: Array,
     weight: Array,
     item: npt.NDArray[np.int64],
+    behind: Array,
 ) -> None:
     for i in numba.prange(len(rays)):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
         norm = math.sqrt(dx * dx + dy * dy + dz * dz)
         dx, dy, dz = dx / norm, dy / norm, dz / norm
-        share = 1.0
+        share, slant, cosine_in, curve = 1.0, 1.0, 1.0, 1.0
+        sx, sy, sz = px, py, pz
         for bounce in range(_BOUNCES + 1):
             best, hit = math.inf, -1
             for j in range(len(spheres)):
@@ -266,13 +278,22 @@ def _follow(
             ny = (py - spheres[hit, 1]) / spheres[hit, 3]
             nz = (pz - spheres[hit, 2]) / spheres[hit, 3]
             turn = 2.0 * (dx * nx + dy * ny + dz * nz)
+            if bounce == 0:
+                sx, sy, sz = px, py, pz
+                slant, cosine_in, curve = -dz, -turn / 2.0, spheres[hit, 3]
             dx, dy, dz = dx - turn * nx, dy - turn * ny, dz - turn * nz
         if first[i] >= 0:
             weight[i] = share
-            if item[i] >= 0:
-                continue
-            if dz > -1e-9:
+            away = math.inf
+            if item[i] < 0 and dz > -1e-9:
                 lost[i] = True
             else:
-                points[i, 0] = px - dx / dz * pz
-                points[i, 1] = py - dy / dz * pz
+                if item[i] < 0:
+                    points[i, 0] = px - dx / dz * pz
+                    points[i, 1] = py - dy / dz * pz
+                away = math.sqrt(
+                    (points[i, 0] - sx) ** 2 + (points[i, 1] - sy) ** 2 + (points[i, 2] - sz) ** 2
+                )
+            # The tangential focus of the first sphere, 1/image = 1/object + 2 / (R cos t).
+            focus = max(cosine_in, 1e-6) * curve / 2.0
+            behind[i] = slant / (1.0 / focus + 1.0 / max(away, 1e-6))

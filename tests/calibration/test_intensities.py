@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, Lights
-from calibration import EstimateError, calibrate_intensities
+from calibration import EstimateError, MatteSurface, calibrate_intensities
 
 SIZE = (60, 80)
 
@@ -29,12 +29,15 @@ def card(seed: int, mu: float):
     return Lights(positions_mm=positions), points, values, strength / strength.mean()
 
 
+def calibrate(values, lights, points, mask=None):
+    mask = np.ones(SIZE, np.bool_) if mask is None else mask
+    return calibrate_intensities(MatteSurface(values.astype(np.float32), points, mask), lights)
+
+
 @pytest.mark.parametrize("mu", [0.0, 1.0, 2.5])
 def test_noiseless_images_give_the_true_intensities(mu):
     lights, points, values, strength = card(1, mu)
-    result = calibrate_intensities(
-        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
-    )
+    result = calibrate(values, lights, points)
     np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=1e-4)
     np.testing.assert_allclose(result.lights.intensities.mean(), 1.0)
     assert abs(result.mu - mu) < 1e-3
@@ -49,9 +52,7 @@ def test_noise_shadows_highlights_and_saturation_have_little_effect():
     values[:, 10:25, 10:25] = random.uniform(0.01, 3, (12, 15, 15))  # a mirror ball on the card
     values[4, :, 60:] *= 0.2  # a shadow
     values[7, :20] = np.nan
-    result = calibrate_intensities(
-        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
-    )
+    result = calibrate(values, lights, points)
     np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=5e-3)
     assert abs(result.mu - 1.0) < 0.05
 
@@ -59,18 +60,14 @@ def test_noise_shadows_highlights_and_saturation_have_little_effect():
 def test_a_surface_that_is_not_a_plane_is_reported():
     lights, points, values, _ = card(4, 1.0)
     bumpy = values * np.random.default_rng(5).uniform(0.7, 1.3, values.shape)
-    result = calibrate_intensities(
-        bumpy.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
-    )
+    result = calibrate(bumpy, lights, points)
     assert "matte" in str(result.warnings[0])
 
 
 def test_pixels_without_a_point_do_not_count():
     lights, points, values, strength = card(7, 1.0)
     points[3:9, 4:20] = np.nan
-    result = calibrate_intensities(
-        values.astype(np.float32), lights, points, np.ones(SIZE, np.bool_)
-    )
+    result = calibrate(values, lights, points)
     np.testing.assert_allclose(result.lights.intensities[:, 0], strength, rtol=1e-4)
     assert result.pixels == np.prod(SIZE) - 6 * 16
 
@@ -80,23 +77,22 @@ def test_a_light_that_cannot_reach_the_plane_is_named():
     below = lights.positions_mm.copy()
     below[5, 2] = -5.0
     with pytest.raises(EstimateError, match="light L05 cannot reach the lit pixels"):
-        calibrate_intensities(
-            values.astype(np.float32), Lights(positions_mm=below), points, np.ones(SIZE, np.bool_)
-        )
+        calibrate(values, Lights(positions_mm=below), points)
 
 
 def test_refusals():
     lights, points, values, _ = card(6, 1.0)
-    values = values.astype(np.float32)
-    with pytest.raises(DataError, match="positions"):
-        calibrate_intensities(values, lights.distant(), points, np.ones(SIZE, np.bool_))
-    with pytest.raises(DataError, match="match each other"):
-        calibrate_intensities(values[:5], lights, points, np.ones(SIZE, np.bool_))
-    with pytest.raises(DataError, match="at least 2 lights"):
-        calibrate_intensities(values[:1], lights.take([0]), points, np.ones(SIZE, np.bool_))
-    with pytest.raises(EstimateError, match="0 pixels"):
-        calibrate_intensities(values * np.nan, lights, points, np.ones(SIZE, np.bool_))
     few = np.zeros(SIZE, np.bool_)
     few[:3, :3] = True
+    with pytest.raises(DataError, match="positions"):
+        calibrate(values, lights.distant(), points)
+    with pytest.raises(DataError, match="5 images of a card for 12 lights"):
+        calibrate(values[:5], lights, points)
+    with pytest.raises(DataError, match="match each other"):
+        calibrate(values[:, :5], lights, points)
+    with pytest.raises(DataError, match="at least 2 lights"):
+        calibrate(values[:1], lights.take([0]), points)
+    with pytest.raises(EstimateError, match="0 pixels"):
+        calibrate(values * np.nan, lights, points)
     with pytest.raises(EstimateError, match="9 pixels"):
-        calibrate_intensities(values, lights, points, few)
+        calibrate(values, lights, points, few)

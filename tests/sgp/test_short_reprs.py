@@ -73,9 +73,9 @@ EXAMPLES: list[tuple[object, str]] = [
      "black_levels_dn=(1, 1, 1, 1), taken=2026-01-02 00:00:00+00:00)"),
     (calibration.Stack(np.zeros((3, 4, 5), np.float32), ("a", "b", "c"), LIGHTS),
      "Stack(float32[3, 4, 5], lights)"),
-    (calibration.IntensityCalibration(LIGHTS, 1.5, 0.01, 900, ()),
-     "IntensityCalibration(lights=Lights(3 directions, L00 to L02), mu=1.5, residual=0.01, "
-     "pixels=900)"),
+    (calibration.IntensityCalibration(LIGHTS, 1.5, MASK[0], MASK[1], 0.1, 2.0, 0.01, 900, None, ()),
+     "IntensityCalibration(Lights(3 directions, L00 to L02), mu 1.50, residual 1.00%, "
+     "900 pixels)"),
     (NORMALS, "NormalMap(float32[4, 5, 3], 20 normals)"),
     (processing.NormalMapFile(NORMALS, (), (Path("/n.exr"),)),
      f"NormalMapFile(normal_map={NORMALS!r}, files=1 item)"),
@@ -94,7 +94,8 @@ EXAMPLES: list[tuple[object, str]] = [
                                (ONES, ONES), ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),
-    (simulator.Lens(camera=CAMERA), f"Lens(camera={CAMERA!r}, vignetting=0, psf_sigma_px=0.7)"),
+    (simulator.Lens(camera=CAMERA),
+     f"Lens(camera={CAMERA!r}, vignetting=0, psf_sigma_px=0.7, optics=Optics(...), sharp=True)"),
     (simulator.Truth(NORMALS.normals, ONES, ONES, MASK, MASK[None], np.eye(1, 3), np.ones(1),
                      np.zeros((3, 1, 2)), LIGHTS, simulator.Lens(camera=CAMERA), NOISE, 1.0),
      "Truth(float32[4, 5, 3], 3 lights, 1 sphere)"),

@@ -42,7 +42,7 @@ CASES = {
     ),
     "mask of raw values": (lambda: processing.object_mask(BYTES), f"values {RAW}"),
     "spheres in raw values": (lambda: calibration.calibrate_spheres(BYTES), f"stack {RAW}"),
-    "raw card": (lambda: calibration.calibrate_intensities(BYTES, LIGHTS, FACING, MASK), RAW),
+    "raw card": (lambda: calibration.MatteSurface(BYTES, FACING, MASK), RAW),
     "write directions": (lambda: acquisition.write_lights("x.json", np.eye(3)), "lights must be a"),
     "write a matrix": (lambda: acquisition.write_camera("x.json", np.eye(3)), "camera must be a"),
     "LED True": (lambda: rig.check_led(True), "an LED number must be an int, not True"),

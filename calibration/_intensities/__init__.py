@@ -1,0 +1,1 @@
+"""Intensities, axes and radiation patterns of near lights from matte surfaces."""

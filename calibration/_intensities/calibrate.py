@@ -1,0 +1,200 @@
+"""Intensities, axes and radiation patterns of near lights from images of matte surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, LightErrors, Lights, tangent_basis
+from calibration._intensities.blocks import blocks_of
+from calibration._intensities.fit import Fit, covariance_of
+from calibration._intensities.model import Geometry, position_slopes
+from calibration._intensities.surface import Array, MatteSurface
+from calibration._intensities.vignetting import Vignetting, fit_vignetting
+from rig import Notice, check_type, pluralize
+
+_POOR_FIT = 0.03
+
+
+@dataclass(frozen=True)
+class IntensityCalibration:
+    """Lights with their intensities and patterns, and the quality of the fit.
+
+    Parameters
+    ----------
+    lights
+        The lights with relative intensities (mean 1 in each channel), axes and `mu`, and their
+        standard deviations in `Lights.errors`.
+    mu
+        Mean exponent of the radiation pattern, at least 0.
+    own_mu, own_axis
+        ``(N,)`` whether a light has its own value. Otherwise it has the `mu` that such lights
+        share, or the axis of the given lights, and the spread as standard deviation.
+    mu_spread, axis_spread_deg
+        Standard deviation of `mu` and of a component of the axis among the lights.
+    residual
+        Robust relative deviation of the surface from the model; 0.01 is 1 %. Pixels are averaged
+        over blocks.
+    pixels
+        Number of pixels used.
+    vignetting
+        Fall of brightness toward the corners of the image; None if it is not determined.
+    warnings
+        Doubts about the fit.
+    """
+
+    lights: Lights
+    mu: float
+    own_mu: npt.NDArray[np.bool_]
+    own_axis: npt.NDArray[np.bool_]
+    mu_spread: float
+    axis_spread_deg: float
+    residual: float
+    pixels: int
+    vignetting: Vignetting | None
+    warnings: tuple[Notice, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"IntensityCalibration({self.lights!r}, mu {self.mu:.2f}, residual "
+            f"{self.residual:.2%}, {pluralize(self.pixels, 'pixel')})"
+        )
+
+
+def calibrate_intensities(
+    surfaces: MatteSurface | Sequence[MatteSurface], lights: Lights, *, even: bool = False
+) -> IntensityCalibration:
+    """Estimate relative intensities and radiation patterns from images of matte surfaces.
+
+    The value of a pixel is ``intensity * albedo * n.l / r^2 * (cos t / cos t0)^mu``, the LED model
+    of Queau et al. (2018). The albedo of each pixel and channel is free, so that surfaces may have
+    any pattern, and vignetting and the exposure of a recording cancel. Shadows, highlights and
+    objects on a surface are outliers with a low weight (Cauchy). `mu` and axis differ between
+    lights by a normal distribution whose width is estimated (MacKay, Bayesian interpolation,
+    1992). Standard deviations are those of a sandwich estimate (Huber, 1981) plus the propagated
+    covariances of the positions, if `Lights.errors` has them. They do not include deviations of
+    the surface from the model.
+
+    Parameters
+    ----------
+    surfaces
+        Cards or balls, each under all lights in the order of ``lights``; all gray or all RGB.
+    lights
+        N near lights; their intensities and `mu` are ignored. Their axes are the shared ones.
+    even
+        Whether the albedo of each surface is the same everywhere, to determine the vignetting.
+
+    Returns
+    -------
+    IntensityCalibration
+        Lights and quality of the fit. Intensities are relative to their mean over the lights, in
+        each channel: the colour of the lights as a whole is not determined.
+
+    Raises
+    ------
+    DataError
+        If shapes differ, the lights are distant, or there is only one light.
+    EstimateError
+        If fewer than 100 pixels are lit, a light does not reach as many, or a channel is dead.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import CameraModel, Lights
+    >>> camera = CameraModel(np.array([[90, 0, 31.5], [0, 90, 23.5], [0, 0, 1]]), 64, 48, 500)
+    >>> lamps = Lights(
+    ...     positions_mm=np.array([[200, 0, 300], [0, 250, 300], [-200, 0, 300], [0, -250, 300]])
+    ... )
+    >>> irradiance = lamps.vectors_at(camera.points_on_plane())[..., 2]
+    >>> images = (np.array([2, 1, 1, 4])[:, None, None] * irradiance).astype(np.float32)
+    >>> found = calibrate_intensities(MatteSurface.card(images, camera), lamps)
+    >>> found.lights.intensities[:, 0].round(3)
+    array([1. , 0.5, 0.5, 2. ])
+    """
+    check_type("lights", lights, Lights, "Lights(positions_mm=positions)")
+    parts = [surfaces] if isinstance(surfaces, MatteSurface) else list(surfaces)
+    for part in parts:
+        check_type("surfaces", part, MatteSurface, "MatteSurface.card(values, camera)")
+    _check(parts, lights)
+    blocks = blocks_of(parts, lights)
+    fit = Fit(blocks.values, Geometry.of(lights, blocks.points_mm, blocks.normals))
+    fit.run()
+    calibrated = _lights(lights, fit)
+    slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
+    known = None if lights.errors is None else lights.errors.covariances
+    covariance = covariance_of(fit, slopes, known)
+    errors = _errors(fit, covariance, np.asarray(calibrated.intensities), lights.errors)
+    warnings: tuple[Notice, ...] = ()
+    if fit.scale > _POOR_FIT:
+        text = (
+            f"the plane deviates from the model by {fit.scale:.1%}: check that it is matte and in "
+            "the working plane"
+        )
+        warnings = (Notice("plane-deviates", text),)
+    return IntensityCalibration(
+        replace(calibrated, errors=errors),
+        float(fit.mu.mean()),
+        fit.own_mu,
+        fit.own_tilt,
+        fit.spreads[0],
+        float(np.degrees(fit.spreads[1])),
+        fit.scale,
+        blocks.pixels,
+        fit_vignetting(fit, blocks, covariance) if even else None,
+        warnings,
+    )
+
+
+def _check(surfaces: list[MatteSurface], lights: Lights) -> None:
+    if not lights.near:
+        raise DataError("intensities require lights with positions: calibrate the positions first")
+    if len(lights) < 2:
+        raise DataError("intensities are relative: at least 2 lights are required")
+    if not surfaces:
+        raise DataError("no surface: give images of at least one card or ball")
+    for surface in surfaces:
+        if len(surface.values) != len(lights):
+            raise DataError(
+                f"{pluralize(len(surface.values), 'image')} of a card for "
+                f"{pluralize(len(lights), 'light')}: every light needs one image"
+            )
+        if surface.values.ndim != surfaces[0].values.ndim:
+            raise DataError("the images of one surface are gray, of another RGB: use one of them")
+
+
+def _lights(lights: Lights, fit: Fit) -> Lights:
+    """Return the lights with the fitted strengths and patterns."""
+    intensities = np.exp(fit.strength - fit.strength.mean(axis=1, keepdims=True)).T
+    intensities = intensities / intensities.mean(axis=0)
+    axes = np.asarray(lights.axes)
+    turned = axes + np.einsum("jk,kji->ki", fit.tilt, tangent_basis(axes))
+    return replace(
+        lights,
+        intensities=np.repeat(intensities, 3 // intensities.shape[1], axis=1),
+        axes=turned,
+        mu=fit.mu,
+        errors=None,
+    )
+
+
+def _errors(
+    fit: Fit, covariance: Array, intensities: Array, given: LightErrors | None
+) -> LightErrors:
+    channels, lights = fit.strength.shape
+    deviations = np.zeros((lights, 3))
+    for c in range(3):
+        own = slice((c % channels) * lights, (c % channels + 1) * lights)
+        # The intensities are divided by their mean, whose error is subtracted.
+        strength = intensities[:, c]
+        change = np.diag(strength) @ (np.eye(lights) - strength / lights)
+        deviations[:, c] = np.sqrt(np.diag(change @ covariance[own, own] @ change.T))
+    variance = np.diag(covariance)[channels * lights :].reshape(3, lights)
+    return replace(
+        LightErrors() if given is None else given,
+        intensity_std=deviations,
+        mu_std=np.sqrt(variance[0]),
+        axis_std_deg=np.degrees(np.sqrt(variance[1:].mean(axis=0))),
+    )

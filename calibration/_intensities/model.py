@@ -1,0 +1,80 @@
+"""Logarithm of the irradiance from near lights, and its derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquisition import Lights, tangent_basis
+from calibration._intensities.surface import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """K lights over P points: what does not depend on the radiation patterns.
+
+    The pattern of light k is ``(cos t / cos t0)^mu`` (Queau et al., 2018), where t is the angle to
+    its axis, here the given axis plus ``tilt[0] e1 + tilt[1] e2`` in the basis of
+    `acquisition.tangent_basis`, and t0 the angle of the origin.
+
+    Parameters
+    ----------
+    fall_off
+        ``(K, P)`` logarithm of ``n.l / r^2``, relative to a surface at the origin that faces it.
+    ahead
+        ``(3, K, P)`` components along axis, e1 and e2 of the unit vectors to the points.
+    origin
+        ``(3, K)`` the same for the origin.
+    """
+
+    fall_off: Array
+    ahead: Array
+    origin: Array
+
+    @classmethod
+    def of(cls, lights: Lights, points: Array, normals: Array) -> Geometry:
+        """Return the geometry; samples that a light cannot reach are NaN."""
+        position = np.asarray(lights.positions_mm)
+        axes = np.asarray(lights.axes)
+        frame = np.concatenate([axes[:, None], tangent_basis(axes)], axis=1)  # (K, 3, 3)
+        toward = position[:, None] - points
+        distance = np.linalg.norm(toward, axis=2)
+        reference = np.linalg.norm(position, axis=1)
+        facing = np.sum(toward * normals, axis=2) / distance
+        fall_off = np.log(np.where(facing > 0, facing, np.nan))
+        fall_off -= 2 * np.log(distance / reference[:, None])
+        ahead = -np.einsum("kpi,kji->jkp", toward / distance[..., None], frame)
+        origin = -np.einsum("ki,kji->jk", position / reference[:, None], frame)
+        return cls(fall_off, ahead, origin)
+
+    def pattern(self, tilt: Array) -> tuple[Array, Array]:
+        """Return ``log(cos t / cos t0)`` ``(K, P)`` and its derivatives by the tilts ``(2, K, P)``.
+
+        The length of the tilted axis cancels in the ratio.
+        """
+        cosine = self.ahead[0] + np.einsum("jk,jkp->kp", tilt, self.ahead[1:])
+        at_origin = self.origin[0] + np.sum(tilt * self.origin[1:], axis=0)
+        cosine = np.where(cosine > 1e-3, cosine, np.nan)
+        ratio = np.log(cosine / at_origin[:, None])
+        slope = self.ahead[1:] / cosine - (self.origin[1:] / at_origin)[..., None]
+        return ratio, slope
+
+
+def position_slopes(lights: Lights, points: Array, normals: Array) -> Array:
+    """Return the derivatives of the logarithm by the positions, ``(3, K, P)`` per mm.
+
+    The axes stay parallel.
+    """
+    position, axes = np.asarray(lights.positions_mm), np.asarray(lights.axes)
+    toward = position[:, None] - points
+    square = np.sum(toward**2, axis=2, keepdims=True)
+    home = np.sum(position**2, axis=1)[:, None, None]
+    mu = np.asarray(lights.mu)[:, None, None]
+    slope = normals / np.sum(toward * normals, axis=2, keepdims=True) - 3 * toward / square
+    slope = slope + 2 * position[:, None] / home
+    along = np.sum(toward * axes[:, None], axis=2, keepdims=True)
+    along_home = np.sum(position * axes, axis=1)[:, None, None]
+    slope = slope + mu * (axes[:, None] / along - toward / square)
+    slope = slope - mu * (axes[:, None] / along_home - position[:, None] / home)
+    return np.moveaxis(slope, 2, 0)
