@@ -1,7 +1,7 @@
 """Compare errors of light positions with their covariances, over seeds of simulated observations.
 
 Each seed draws spheres, the edge points of their outlines and the highlights of 36 lights: edge
-errors of 0.3 px smoothed along the outline by 4 px, systematic errors of 0.05 px of position and
+errors of 0.3 px smoothed along the outline by 4 px, systematic errors of 0.03 px of position and
 radius of each outline, and highlight errors with standard deviations between 0.03 and 0.3 px. The
 columns are the mean error, the reduced chi-square along X, Y and Z, that of all three, and the
 number of seeds whose worst of 36 lights exceeds the 99.9 % quantile of the largest of 36.
@@ -30,7 +30,7 @@ from calibration._spheres.placed import place
 
 Array = npt.NDArray[np.float64]
 
-EDGE_PX, ALONG_PX, SYSTEMATIC_PX = 0.3, 4.0, 0.05
+EDGE_PX, ALONG_PX, SYSTEMATIC_PX = 0.3, 4.0, 0.03
 HIGHLIGHT_PX = (0.03, 0.3)
 QUANTILE = 0.999
 

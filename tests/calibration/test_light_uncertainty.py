@@ -137,5 +137,5 @@ def test_the_covariance_of_a_circle_includes_correlated_errors():
     points = circle.point(TURN, 1 + error / 127.0)
     # Without correlation, the variance of a centre is twice that of the points over their number.
     plain = 2 * error.var() / 800
-    sigma_px = np.sqrt(np.diag(circle_covariance(points, circle)) - 0.05**2)
+    sigma_px = np.sqrt(np.diag(circle_covariance(points, circle)) - 0.03**2)
     assert np.all(sigma_px[:2] > 2 * np.sqrt(plain))
