@@ -72,12 +72,15 @@ from ._source.reduce import downscale as downscale
 from ._source.reduction import Reduction as Reduction
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
+from ._source.source_setup import setup_notices as setup_notices
+from ._source.source_setup import source_setup as source_setup
 from ._staging import staged as staged
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
 from ._storage import remove_part_files as remove_part_files
 from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably
+from ._storage import write_pieces as write_pieces
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
 from ._value_files.lights import read_lights as read_lights
@@ -93,6 +96,7 @@ from ._values.light_errors import LightErrors as LightErrors
 from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
+from ._values.lights import led_of as led_of
 from ._values.lights import light_id as light_id
 from ._values.noise_model import NoiseModel as NoiseModel
 from ._values.setup import Calibrated as Calibrated

@@ -39,7 +39,15 @@ def is_hidden(path: Path) -> bool:
 
 
 def is_part_file(path: Path) -> bool:
-    """Return whether a file has the name of a part file, a temporary file of a write."""
+    """Return whether a file has the name of a part file, a temporary file of a write.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import is_part_file
+    >>> is_part_file(Path("owl.png"))
+    False
+    """
     return path.name.startswith(_PART)
 
 

@@ -8,7 +8,14 @@ SOFTWARE = "surface-geometry-processing"
 
 
 def software_version() -> str:
-    """Return the installed version, or ``unknown`` if the package is not installed."""
+    """Return the installed version, or ``unknown`` if the package is not installed.
+
+    Examples
+    --------
+    >>> from acquisition import software_version
+    >>> isinstance(software_version(), str)
+    True
+    """
     try:
         return version(SOFTWARE)
     except PackageNotFoundError:

@@ -38,6 +38,16 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
     ------
     StorageError
         If the disk refuses a write, or another process is writing files into the same folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import staged
+    >>> with staged(Path("result")) as folder:
+    ...     _ = (folder / "a.txt").write_text("first")
+    ...     _ = (folder / "b.txt").write_text("second")
+    >>> sorted(path.name for path in Path("result").iterdir())
+    ['a.txt', 'b.txt']
     """
     make_folder(folder)
     place = folder / _STAGING

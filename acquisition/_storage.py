@@ -12,7 +12,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -44,7 +44,16 @@ _HINTS = {
 
 
 def storage_error(path: Path, action: str, error: OSError) -> StorageError:
-    """Return a StorageError that names path, action, reason and remedy of an OSError."""
+    """Return a StorageError that names path, action, reason and remedy of an OSError.
+
+    Examples
+    --------
+    >>> import errno
+    >>> from pathlib import Path
+    >>> from acquisition import storage_error
+    >>> str(storage_error(Path("owl.png"), "write", OSError(errno.ENOSPC, "disk is full")))
+    'owl.png: cannot write: disk is full; free space on this disk, then try again'
+    """
     hint = _HINTS.get(error.errno or 0, "check the disk and the folder")
     return StorageError(f"{path}: cannot {action}: {error.strerror or error}; {hint}")
 
@@ -83,7 +92,7 @@ def published(path: Path) -> Iterator[Part]:
 
 
 def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
-    """Write a complete file, or leave the old one unchanged.
+    r"""Write a complete file, or leave the old one unchanged.
 
     Parameters
     ----------
@@ -96,7 +105,20 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
     ------
     StorageError
         If the disk refuses the write.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import write_durably
+    >>> write_durably(Path("notes.txt"), b"first line\n", b"second line\n")
+    >>> Path("notes.txt").read_bytes()
+    b'first line\nsecond line\n'
     """
+    write_pieces(path, pieces)
+
+
+def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
+    """Write a file like `write_durably`, whose pieces may be made one after the other."""
     with published(path) as part, disk(path, "write"):
         for piece in pieces:
             write_whole(part.descriptor, piece)
@@ -109,6 +131,12 @@ def remove_part_files(folder: Path) -> None:
     ------
     StorageError
         If the disk refuses to remove one.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import remove_part_files
+    >>> remove_part_files(Path("."))
     """
     with disk(folder, "remove temporary files"):
         for path in folder.iterdir():
@@ -189,7 +217,16 @@ def write_whole(descriptor: int, data: bytes | memoryview) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder and its parents durably; do nothing if it exists."""
+    """Create a folder and its parents durably; do nothing if it exists.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import make_folder
+    >>> make_folder(Path("recordings/owl"))
+    >>> Path("recordings/owl").is_dir()
+    True
+    """
     with disk(folder, "create the folder"):
         new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         folder.mkdir(parents=True, exist_ok=True)

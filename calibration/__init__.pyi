@@ -1,3 +1,7 @@
+from ._comparison.compare import LightComparison as LightComparison
+from ._comparison.compare import compare_lights as compare_lights
+from ._comparison.motion import Motion as Motion
+from ._comparison.rig_positions import compare_with_rig as compare_with_rig
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._intensities.calibrate import IntensityCalibration as IntensityCalibration
@@ -9,9 +13,11 @@ from ._radiance.linear_stack import check_linear as check_linear
 from ._radiance.linear_stack import linear_images as linear_images
 from ._radiance.linear_stack import linear_stack as linear_stack
 from ._radiance.linear_stack import luma as luma
+from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres
+from ._spheres.record_setup import record_setup as record_setup
 from ._spheres.sphere_calibration import Sphere as Sphere
 from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
 from ._spheres.sphere_image import SphereImage as SphereImage

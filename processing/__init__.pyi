@@ -57,8 +57,8 @@ from ._surface.height_profile import height_profile as height_profile
 from ._surface.integrability import Integrability as Integrability
 from ._surface.integrability import integrability as integrability
 from ._surface.integration import HeightMap as HeightMap
-from ._surface.integration import check_scale as check_scale
 from ._surface.integration import integrate as integrate
+from ._surface.integration import surface_scale as surface_scale
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh

@@ -52,7 +52,7 @@ class ObjectMask:
     __repr__ = short_repr
 
 
-def object_mask(values: npt.ArrayLike) -> ObjectMask:
+def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> ObjectMask:
     """Find the object: the pixels that are much brighter than the background under some light.
 
     Parameters
@@ -61,6 +61,9 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
         ``(N, H, W)`` linear radiance under N lights, divided by their intensities. Samples that
         are not finite count as the brightest: they are saturated. Single dead pixels are filtered
         out.
+    outside
+        ``(H, W)`` bool, pixels that do not belong to the object and are not examined, such as
+        calibration spheres next to it.
 
     Returns
     -------
@@ -72,33 +75,49 @@ def object_mask(values: npt.ArrayLike) -> ObjectMask:
     Raises
     ------
     DataError
-        If the stack is not ``(N, H, W)``.
+        If the stack is not ``(N, H, W)``, or ``outside`` has another size or covers the frame.
     EstimateError
         If no object stands out: it fills the frame, the background is bright, or all images are
         black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import object_mask
+    >>> values = np.full((3, 40, 40), 0.001, np.float32)
+    >>> values[:, 10:30, 10:30] = 0.5
+    >>> object_mask(values).mask[20, 8:12]
+    array([False, False,  True,  True])
     """
     check_linear("values", values)
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
         raise DataError(f"an object mask requires a stack (N, H, W), not {stack.shape}")
+    examined = np.ones(stack.shape[1:], np.bool_) if outside is None else ~np.asarray(outside)
+    if examined.shape != stack.shape[1:] or examined.dtype != np.bool_ or not examined.any():
+        raise DataError(
+            f"outside must be bool {stack.shape[1:]} and leave pixels to examine, not "
+            f"{examined.dtype} {examined.shape}"
+        )
     brightness, saturated = _brightest(stack)
     # Up to 1 % of the pixels may be highlights.
-    reference = float(np.quantile(brightness, 0.99))
+    reference = float(np.quantile(brightness[examined], 0.99))
     if not reference > 0:
         raise EstimateError("no object found: all images are black or saturated; check the images")
     brightness[saturated] = reference
-    level, separability = _otsu(np.log(np.maximum(brightness, _FLOOR * reference)))
-    bright = brightness > np.exp(level)
+    level, separability = _otsu(np.log(np.maximum(brightness[examined], _FLOOR * reference)))
+    bright = (brightness > np.exp(level)) & examined
     # In a uniform image, all pixels are on one side of the threshold.
-    inside, outside = (brightness[side] if side.any() else brightness for side in (bright, ~bright))
-    contrast = float(np.median(inside) / max(np.median(outside), 1e-6 * reference))
+    sides = (bright, ~bright & examined)
+    near, far = (float(np.median(brightness[side if side.any() else examined])) for side in sides)
+    contrast = near / max(far, 1e-6 * reference)
     if separability < _MIN_SEPARABILITY or contrast < _MIN_CONTRAST:
         raise EstimateError(
             f"no object stands out from the background (contrast {contrast:.2g}, required "
             f"{_MIN_CONTRAST:g}; separability {separability:.2f}, required "
             f"{_MIN_SEPARABILITY:g}): give a mask"
         )
-    return ObjectMask(mask=_clean(bright), contrast=contrast, separability=separability)
+    return ObjectMask(mask=_clean(bright) & examined, contrast=contrast, separability=separability)
 
 
 def _brightest(stack: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], Mask]:

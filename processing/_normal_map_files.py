@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -96,6 +98,16 @@ def read_normals(
     DataError
         If a file cannot be read or has more than ``max_pixels``, the mask does not fit or is
         empty, or the image contains no normals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import write_png
+    >>> from processing import read_normals
+    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
+    >>> read = read_normals("flat.png")
+    >>> read.normal_map, [notice.code for notice in read.warnings]
+    (NormalMap(float32[4, 5, 3], 20 normals), ['normals-8-bit'])
     """
     file = _find_image(Path(path))
     pixels, alpha = _read_pixels(file, max_pixels)
@@ -168,6 +180,14 @@ def write_normals(
     -------
     dict[str, Path]
         Output name to path: ``normals``, ``normals_png``, ``mask``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, write_normals
+    >>> flat = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
+    >>> [path.name for path in write_normals("flat", flat).values()]
+    ['normals.exr', 'normals.png', 'mask.png']
     """
     check_normal_map("normal_map", normal_map)
     folder = Path(folder)
@@ -178,9 +198,12 @@ def write_normals(
         "mask": folder / "mask.png",
     }
     on_progress(f"writing {name}", 0, 10)
-    write_exr(outputs[name], normal_map.normals)
-    on_progress(f"writing {name}", 2, 10)
-    write_png(outputs[f"{name}_png"], _encoded(normal_map, green), alpha=normal_map.mask)
+    # At the same time, because encoding and checking each keep one core busy.
+    with ThreadPoolExecutor(1) as pool:
+        exr = pool.submit(write_exr, outputs[name], normal_map.normals)
+        write_png(outputs[f"{name}_png"], _encoded(normal_map, green), alpha=normal_map.mask)
+        on_progress(f"writing {name}", 8, 10)
+        exr.result()
     on_progress(f"writing {name}", 9, 10)
     write_mask(outputs["mask"], normal_map.mask)
     on_progress(f"writing {name}", 10, 10)
@@ -191,14 +214,19 @@ def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
     scale = np.array([0.5, -0.5 if green == "down" else 0.5, 0.5])
     samples = np.zeros(normal_map.normals.shape, np.uint16)
     # In bands, because a float64 copy of a large map would need four times the memory of the PNG.
-    for top in range(0, len(samples), _BAND):
-        band = slice(top, top + _BAND)
+    for band in _bands(samples):
         encoded = normal_map.normals[band] * scale
         encoded[~normal_map.mask[band], 2] = 0.5
         encoded += 0.5
         encoded *= 65535
         samples[band] = np.rint(encoded, out=encoded)
     return samples
+
+
+def _bands(pixels: Pixels) -> Iterator[slice]:
+    """Yield the rows of an image in bands that fit into the cache."""
+    for top in range(0, len(pixels), _BAND):
+        yield slice(top, top + _BAND)
 
 
 def _find_image(path: Path) -> Path:
@@ -232,7 +260,11 @@ def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
 def _not_finite(pixels: Pixels) -> Mask:
     if pixels.dtype.kind != "f":
         return np.zeros(pixels.shape[:2], np.bool_)
-    return np.asarray(~np.isfinite(pixels).all(axis=2), np.bool_)
+    bad = np.zeros(pixels.shape[:2], np.bool_)
+    for band in _bands(pixels):
+        x, y, z = (np.isfinite(pixels[band, :, k]) for k in range(3))
+        bad[band] = ~(x & y & z)
+    return bad
 
 
 def _share(alpha: Pixels) -> Float:
@@ -276,16 +308,22 @@ def _decode(pixels: Pixels) -> tuple[Float, bool]:
         # A table, because the samples of an image in float64 take much memory.
         table = (np.arange(most + 1) * (2.0 / most) - 1.0).astype(np.float32)
         return table[pixels], True
-    with np.errstate(over="ignore"):
-        stored = pixels.astype(np.float32)
-    # Larger components cannot belong to a unit vector, and their squares would overflow.
-    usable = np.abs(stored).max(axis=2) < _LONGEST  # False for NaN
-    if not usable.all():
-        stored[~usable] = 0
+    stored = np.zeros(pixels.shape, np.float32)
     # A pixel of zeros is background in either reading and must not influence the choice.
-    drawn = stored.any(axis=2)
-    vectors = stored.reshape(-1, 3) if drawn.all() else stored[drawn]
-    vectors = vectors[:: 1 + len(vectors) // _MOST_COMPARED]
+    drawn = np.zeros(pixels.shape[:2], np.bool_)
+    # In bands and by channel: NumPy is slow along short axes.
+    for band in _bands(pixels):
+        with np.errstate(over="ignore"):
+            stored[band] = pixels[band]
+        # Larger components cannot belong to a unit vector, and their squares would overflow.
+        x, y, z = (np.abs(stored[band, :, k]) < _LONGEST for k in range(3))  # False for NaN
+        usable = x & y & z
+        if not usable.all():
+            stored[band][~usable] = 0
+        x, y, z = (stored[band, :, k] != 0 for k in range(3))
+        drawn[band] = x | y | z
+    some = np.flatnonzero(drawn)
+    vectors = stored.reshape(-1, 3)[some[:: 1 + len(some) // _MOST_COMPARED]]
     if _distance_to_unit(vectors) <= _distance_to_unit(vectors * 2 - 1):
         return stored, False
     return stored * 2 - 1, True

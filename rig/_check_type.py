@@ -23,6 +23,14 @@ def check_type(name: str, value: object, kind: type, hint: str = "") -> None:
     ------
     TypeError
         If it is not; the message names the parameter, both types and the hint.
+
+    Examples
+    --------
+    >>> from rig import check_type
+    >>> check_type("name", 3, str)
+    Traceback (most recent call last):
+        ...
+    TypeError: name must be a str, not a int
     """
     if not isinstance(value, kind):
         given, needed = type(value).__name__, kind.__name__
@@ -36,6 +44,15 @@ def check_led(led: object) -> None:
     ------
     TypeError
         If it is neither an integer nor None.
+
+    Examples
+    --------
+    >>> from rig import check_led
+    >>> check_led(7)
+    >>> check_led(True)
+    Traceback (most recent call last):
+        ...
+    TypeError: an LED number must be an int, not True
     """
     if led is not None and (isinstance(led, bool) or not isinstance(led, Integral)):
         raise TypeError(f"an LED number must be an int, not {led!r}")

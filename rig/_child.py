@@ -34,6 +34,12 @@ def module_command(module: str, *arguments: object) -> list[str]:
     -------
     list[str]
         Arguments for `subprocess.Popen`.
+
+    Examples
+    --------
+    >>> from rig import module_command
+    >>> module_command("simulator.board", "--leds", 4)[-2:]
+    ['--leds', '4']
     """
     path = "\n".join(_search_path())
     return [sys.executable, "-P", "-c", _RUN, path, module, *map(str, arguments)]

@@ -84,7 +84,7 @@ class RigConfig(BaseModel):
 
 
 def read_rig_config(path: Path) -> RigConfig:
-    """Read a rig file.
+    r"""Read a rig file.
 
     Raises
     ------
@@ -92,6 +92,14 @@ def read_rig_config(path: Path) -> RigConfig:
         If there is no such file.
     RigConfigError
         If it cannot be read, is not TOML, or contains an unknown key or an invalid value.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import read_rig_config
+    >>> _ = Path("desk.toml").write_text('name = "desk"\ndriver = "simulated"\nleds = 4\n')
+    >>> read_rig_config(Path("desk.toml"))
+    RigConfig(desk, driver simulated, 4 LEDs)
     """
     try:
         content = parse_toml(read_bounded(path, MAX_TOML_BYTES))

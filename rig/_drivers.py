@@ -11,12 +11,19 @@ DRIVERS = "sgp.rigs"
 
 
 def rig_names() -> tuple[str, ...]:
-    """Return the names of the installed rigs."""
+    """Return the names of the installed rigs.
+
+    Examples
+    --------
+    >>> from rig import rig_names
+    >>> "simulated" in rig_names()
+    True
+    """
     return tuple(sorted(entry_points(group=DRIVERS).names))
 
 
 def find_rig_file(name_or_path: str) -> Path | None:
-    """Return the path of a rig file; None for the name of an installed rig.
+    r"""Return the path of a rig file; None for the name of an installed rig.
 
     Parameters
     ----------
@@ -27,6 +34,14 @@ def find_rig_file(name_or_path: str) -> Path | None:
     ------
     RigNotFoundError
         If there is no such name or file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import find_rig_file
+    >>> _ = Path("desk.toml").write_text('name = "desk"\ndriver = "simulated"\nleds = 4\n')
+    >>> find_rig_file("desk.toml").name
+    'desk.toml'
     """
     if name_or_path in rig_names():
         return None

@@ -90,6 +90,14 @@ def read_bounded(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
         If there is no such file.
     UnreadableError
         If it cannot be read, is not a regular file (and might never end), or has more bytes.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import read_bounded
+    >>> _ = Path("notes.txt").write_text("owl")
+    >>> read_bounded(Path("notes.txt"), most_bytes=100)
+    b'owl'
     """
     data, size = read_head(path, most_bytes)
     if size > most_bytes:
@@ -101,7 +109,16 @@ def read_bounded(path: Path, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
 
 
 def read_head(path: Path, count: int) -> tuple[bytes, int]:
-    """Return the first bytes of a regular file and its size; raises as `read_bounded`."""
+    """Return the first bytes of a regular file and its size; raises as `read_bounded`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import read_head
+    >>> _ = Path("notes.txt").write_text("an owl")
+    >>> read_head(Path("notes.txt"), 2)
+    (b'an', 6)
+    """
     try:
         # Opening a pipe for reading would wait for its writer.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
@@ -132,6 +149,15 @@ def check_text(text: str) -> None:
     UnreadableError
         If brackets or dotted keys are nested too deeply or a number has too many digits; the
         message names the line.
+
+    Examples
+    --------
+    >>> from rig import check_text
+    >>> check_text("leds = [[0, 1], [2, 3]]")
+    >>> check_text("[" * 10_000)
+    Traceback (most recent call last):
+        ...
+    rig.UnreadableError: line 1: nested more than 32 levels deep: is it the right file?
     """
     depth = dots = 0
     for token in _TOKEN.finditer(text):
@@ -164,6 +190,12 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     ------
     UnreadableError
         If they are not UTF-8 or not TOML, or if `check_text` refuses them.
+
+    Examples
+    --------
+    >>> from rig import parse_toml
+    >>> parse_toml(b"leds = 36")
+    {'leds': 36}
     """
     with convert_parser_errors("is not TOML"):
         text = data.decode("utf-8")
@@ -172,7 +204,14 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
 
 def parse_json(data: bytes | str) -> Any:
-    """Parse a JSON text; raises as `parse_toml`."""
+    """Parse a JSON text; raises as `parse_toml`.
+
+    Examples
+    --------
+    >>> from rig import parse_json
+    >>> parse_json('{"leds": 36}')
+    {'leds': 36}
+    """
     with convert_parser_errors("is not JSON"):
         text = data if isinstance(data, str) else data.decode("utf-8")
         check_text(text)
@@ -199,6 +238,15 @@ def check_pixels(
     ------
     UnreadableError
         If there are no pixels, more than ``max_pixels``, or far more than the file can hold.
+
+    Examples
+    --------
+    >>> from rig import check_pixels
+    >>> check_pixels(640, 480, 24, file_bytes=300_000)
+    >>> check_pixels(60_000, 60_000, 24, file_bytes=300_000)
+    Traceback (most recent call last):
+        ...
+    rig.UnreadableError: an image of 60000 x 60000 pixels, 200000000 are allowed: ...
     """
     if width < 1 or height < 1:
         raise UnreadableError(f"an image of {width} x {height} pixels: its header is damaged")
@@ -227,6 +275,15 @@ def convert_parser_errors(what: str, *own: type[Exception]) -> Iterator[None]:
         Beginning of the message, for instance ``is not TOML``; the parser's reason follows.
     own
         Exception classes of the parser.
+
+    Examples
+    --------
+    >>> from rig import convert_parser_errors
+    >>> with convert_parser_errors("is not a list of numbers"):
+    ...     [int(word) for word in "1 2 x".split()]
+    Traceback (most recent call last):
+        ...
+    rig.UnreadableError: is not a list of numbers: invalid literal for int() with base 10: 'x'
     """
     try:
         yield

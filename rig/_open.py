@@ -15,7 +15,7 @@ BENCH = "bench"
 
 
 def open_rig(name_or_path: str) -> Rig:
-    """Open a rig.
+    r"""Open a rig.
 
     Parameters
     ----------
@@ -31,13 +31,25 @@ def open_rig(name_or_path: str) -> Rig:
         If the file is invalid.
     RigError
         If the rig does not open.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import open_rig
+    >>> options = '[options]\nwidth = 64\nheight = 52\ncamera = "inside"\n'
+    >>> desk = 'name = "desk"\ndriver = "simulated"\nleds = 4\n'
+    >>> _ = Path("desk.toml").write_text(desk + options)
+    >>> with open_rig("desk.toml") as rig:  # or the name of an installed rig: open_rig("simulated")
+    ...     shot = rig.shoot(2, exposure_us=10_000.0)
+    >>> shot.led
+    2
     """
     config = find_rig_config(name_or_path)
     return _driver(config)(config)
 
 
 def open_board(name_or_path: str) -> OpenBoard:
-    """Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
+    r"""Open a rig for its LEDs only: with the driver ``bench`` only the board, without its camera.
 
     Parameters
     ----------
@@ -48,13 +60,24 @@ def open_board(name_or_path: str) -> OpenBoard:
     ------
     RigError
         As `open_rig`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import open_board
+    >>> options = "[options]\nwidth = 64\nheight = 52\n"
+    >>> desk = 'name = "desk"\ndriver = "simulated"\nleds = 4\n'
+    >>> _ = Path("desk.toml").write_text(desk + options)
+    >>> with open_board("desk.toml") as opened:
+    ...     opened.board.identity.leds
+    4
     """
     config = find_rig_config(name_or_path)
     return open_bench_board(config) if config.driver == BENCH else _driver(config)(config)
 
 
 def find_rig_config(name_or_path: str) -> RigConfig:
-    """Return the configuration of a rig without opening it.
+    r"""Return the configuration of a rig without opening it.
 
     Parameters
     ----------
@@ -67,6 +90,14 @@ def find_rig_config(name_or_path: str) -> RigConfig:
         If there is no such name or file.
     RigConfigError
         If the file is invalid.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import find_rig_config
+    >>> _ = Path("desk.toml").write_text('name = "desk"\ndriver = "simulated"\nleds = 4\n')
+    >>> find_rig_config("desk.toml")
+    RigConfig(desk, driver simulated, 4 LEDs)
     """
     path = find_rig_file(name_or_path)
     if path is None:

@@ -22,4 +22,10 @@ class Progress(Protocol):
 
 
 def no_progress(stage: str, done: int, total: int, /) -> None:
-    """Report nothing; the default of functions that take a `Progress`."""
+    """Report nothing; the default of functions that take a `Progress`.
+
+    Examples
+    --------
+    >>> from rig import no_progress
+    >>> no_progress("reading", 3, 12)
+    """

@@ -21,6 +21,18 @@ def short_repr(self: object) -> str:
 
     Arrays show their type and shape, collections their length, and values that use this function
     themselves only their class. Fields that are None or empty are left out.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> import numpy as np
+    >>> from rig import short_repr
+    >>> @dataclass
+    ... class Tile:
+    ...     pixels: np.ndarray
+    ...     __repr__ = short_repr
+    >>> Tile(np.zeros((4, 5), np.uint16))
+    Tile(pixels=uint16[4, 5])
     """
     if is_dataclass(self):
         names = [field.name for field in fields(self) if field.repr]

@@ -30,6 +30,18 @@ def validation_message(
     str
         Up to three complaints, each with the field (``lights.1.id`` if nested), what is wrong with
         it, and its value if that is short; then the number of further complaints.
+
+    Examples
+    --------
+    >>> from pydantic import BaseModel, ValidationError
+    >>> from rig import validation_message
+    >>> class Lamp(BaseModel):
+    ...     watts: float
+    >>> try:
+    ...     Lamp(watts="many")
+    ... except ValidationError as error:
+    ...     print(validation_message(error))
+    key 'watts': Input should be a valid number, unable to parse string as a number, not 'many'
     """
     errors = error.errors(include_url=False)
     # A list with invalid items is also reported as too short: the items are enough.

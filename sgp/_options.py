@@ -131,8 +131,8 @@ Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000,
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions:
-    """Options for estimating normals from a recording.
+class RecordingOptions:
+    """Options for reading a recording with its lights.
 
     Parameters
     ----------
@@ -143,8 +143,12 @@ class SourceOptions:
         positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
-    method
-        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
+    spheres
+        Estimate the lights from chrome spheres that lie next to the object, and leave the spheres
+        out of its mask. lights.json and lights.png are written with the result.
+    radius_mm
+        With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
+        the lights have directions instead of positions.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -165,13 +169,28 @@ class SourceOptions:
     lights: OptionalInput = None
     camera: OptionalInput = None
     mask: OptionalInput = None
-    method: processing.Method = "cauchy"
+    spheres: bool = False
+    radius_mm: tuple[Positive, ...] = ()
     distant: bool = False
     gamma: Gamma = "auto"
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1
     max_pixels: Pixels = rig.MAX_PIXELS
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(RecordingOptions):
+    """Options for estimating normals from a recording.
+
+    Parameters
+    ----------
+    method
+        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
+    """
+
+    method: processing.Method = "cauchy"
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

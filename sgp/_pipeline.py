@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 from sgp._console import Stages
-from sgp._metrics import StagesMetrics
+from sgp._metrics import NormalsMetrics, SeparationMetrics, StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import Panel
@@ -41,18 +41,51 @@ from sgp._write import (
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+_Write = Callable[[str, Callable[[Path], Result]], None]
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """All results of the pipeline for one source; `result` has no figures so far."""
+    """What the pipeline leaves for one source; `result` has no figures so far.
 
-    normals: processing.Reconstruction
-    parts: processing.Separation
+    The pictures are made while the stages run, so that their maps need not stay in memory: of a
+    large recording these are several GB.
+
+    Parameters
+    ----------
+    normal_map
+        The normals.
+    surface
+        The height.
+    crop
+        The rectangle that all pictures show, with its scale if it is known.
+    panels
+        The overview pictures that can be drawn for any recording.
+    metrics
+        Figures by stage.
+    result
+        Files, warnings and lines of all stages.
+    """
+
+    normal_map: processing.NormalMap
     surface: processing.HeightMap
+    crop: Crop
+    panels: list[Panel]
     metrics: StagesMetrics
     result: Result
+
+
+@dataclass(frozen=True, eq=False)
+class _Normals:
+    """What the stages after the first need of it."""
+
+    normal_map: processing.NormalMap
+    colours: npt.NDArray[np.uint8]
+    crop: Crop
+    panels: list[Panel]
+    errors: list[Panel]
+    metrics: NormalsMetrics
 
 
 def process(
@@ -65,21 +98,23 @@ def process(
     maps: MapOptions = _MAPS,
     separation: SeparationOptions = _SEPARATION,
     surfaces: SurfaceOptions = _SURFACES,
+    true_lights: acquisition.Lights | None = None,
 ) -> Outcome:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
     Each folder gets its own record. Outputs and figures of the stages are merged under the
-    stage's name.
+    stage's name. The overview also shows ``true_lights``, if they are known.
 
     Raises
     ------
     DataError
-        If both a pixel size and a camera with a working distance are given, besides the errors of
-        the stages.
+        If both a pixel size and a camera with a working distance are given, or the images are
+        smaller than the window of the filter, besides the errors of the stages.
     """
-    if surfaces.pixel_mm is not None and source.camera is not None:
-        # Before the normals, which take long.
-        processing.check_scale(source.camera, surfaces.pixel_mm)
+    pixel_mm = _pixel_mm(source, surfaces)
+    # Before the normals, which take long.
+    unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
+    separation.shape_filter().check_size(source.size)
     chosen = {"transfer": source.transfer.record()}
     parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
     merged = Result(inputs=files, parameters=chosen)
@@ -95,40 +130,81 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        stage = compute_normals(source, options)
-        write("normals", lambda folder: write_normals_stage(folder, stage, maps))
-    normal_map = stage.stereo.normal_map
+        seen = _normals(source, options, maps, write, (unit, pixel_size), true_lights)
     with watch.stage("detail"):
-        with Stages() as progress:
-            parts = processing.separate(
-                normal_map, shape_filter=separation.shape_filter(), on_progress=progress
-            )
-        write("detail", lambda folder: write_separation(folder, parts, maps))
+        part_metrics, part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):
-        with Stages() as progress:
-            surface = processing.integrate(
-                normal_map,
-                camera=source.camera,
-                pixel_mm=_pixel_mm(source, surfaces),
-                on_progress=progress,
-            )
-        colours = processing.albedo_picture(stage.albedo, normal_map.mask).pixels
-        write(
-            "surface",
-            lambda folder: write_surface(folder, surface, normal_map, surfaces, colours=colours),
-        )
-    metrics: StagesMetrics = {
-        "normals": normals_metrics(stage),
-        "detail": separation_metrics(parts),
+        surface, surface_panels = _surface(seen, source, pixel_mm, surfaces, write)
+    figures: StagesMetrics = {
+        "normals": seen.metrics,
+        "detail": part_metrics,
         "surface": surface_metrics(surface),
     }
-    return Outcome(stage, parts, surface, metrics, merged)
+    panels = [*seen.panels, *part_panels, *surface_panels, *seen.errors]
+    return Outcome(seen.normal_map, surface, seen.crop, panels, figures, merged)
 
 
-def _albedo(stage: processing.Reconstruction) -> npt.NDArray[np.float32]:
-    """Return the albedo for a picture, NaN outside the object."""
-    outside = ~stage.mask if stage.albedo.ndim == 2 else ~stage.mask[..., None]
-    return np.where(outside, np.float32(np.nan), stage.albedo)
+def _normals(
+    source: acquisition.Source,
+    options: SourceOptions,
+    maps: MapOptions,
+    write: _Write,
+    scale: tuple[str, float],
+    true_lights: acquisition.Lights | None,
+) -> _Normals:
+    """Compute, write and draw the normals, and keep what the other stages need."""
+    stage = compute_normals(source, options.method, distant=options.distant)
+    normal_map = stage.stereo.normal_map
+    picture = processing.albedo_picture(stage.albedo, normal_map.mask)
+    write("normals", lambda folder: write_normals_stage(folder, stage, maps, picture))
+    crop = Crop.around(stage.mask, scale[1] if scale[0] == "mm" else None)
+    return _Normals(
+        normal_map=normal_map,
+        colours=picture.pixels,
+        crop=crop,
+        panels=_normals_panels(stage, crop, true_lights),
+        errors=_error(stage.error, crop),
+        metrics=normals_metrics(stage),
+    )
+
+
+def _detail(
+    seen: _Normals, separation: SeparationOptions, maps: MapOptions, write: _Write
+) -> tuple[SeparationMetrics, list[Panel]]:
+    with Stages() as progress:
+        parts = processing.separate(
+            seen.normal_map, shape_filter=separation.shape_filter(), on_progress=progress
+        )
+    write("detail", lambda folder: write_separation(folder, parts, maps))
+    panels = [
+        normals_panel("shape component", parts.shape, seen.crop),
+        detail_panel("detail component", parts.detail, seen.crop),
+    ]
+    return separation_metrics(parts), panels
+
+
+def _surface(
+    seen: _Normals,
+    source: acquisition.Source,
+    pixel_mm: float | None,
+    options: SurfaceOptions,
+    write: _Write,
+) -> tuple[processing.HeightMap, list[Panel]]:
+    with Stages() as progress:
+        surface = processing.integrate(
+            seen.normal_map, camera=source.camera, pixel_mm=pixel_mm, on_progress=progress
+        )
+    write(
+        "surface",
+        lambda folder: write_surface(
+            folder, surface, seen.normal_map, options, colours=seen.colours
+        ),
+    )
+    shaded = "surface, lit from the upper left"
+    return surface, [
+        map_panel("height", surface.height, surface.unit, seen.crop),
+        shaded_panel(shaded, surface.height, seen.crop, surface.pixel_size),
+    ]
 
 
 def _pixel_mm(source: acquisition.Source, options: SurfaceOptions) -> float | None:
@@ -142,44 +218,36 @@ def _recorded(*groups: DataclassInstance) -> dict[str, object]:
     return {name: value for group in groups for name, value in asdict(group).items()}
 
 
-def crop_of(outcome: Outcome) -> Crop:
-    """Return the rectangle that all pictures of an outcome show, with its scale if it is known."""
-    surface = outcome.surface
-    return Crop.around(outcome.normals.mask, surface.pixel_size if surface.unit == "mm" else None)
-
-
-def overview_panels(outcome: Outcome, true_lights: acquisition.Lights | None = None) -> list[Panel]:
-    """Return the overview pictures that can be drawn for any recording."""
-    stage, surface = outcome.normals, outcome.surface
-    solved, names, crop = stage.stereo, stage.lights.ids, crop_of(outcome)
-    normal_map = solved.normal_map
+def _normals_panels(
+    stage: processing.Reconstruction, crop: Crop, true_lights: acquisition.Lights | None
+) -> list[Panel]:
+    solved, names = stage.stereo, stage.lights.ids
     lights_title = "lights" if true_lights is None else "lights (red: truth)"
     return [
         image_panel(f"light {names[0]}", stage.previews[0], crop),
         image_panel(f"light {names[-1]}", stage.previews[1], crop),
         lights_panel(f"{lights_title}, rings in degrees", stage.lights, true_lights),
-        normals_panel("normals (right red, up green)", normal_map, crop),
-        image_panel("albedo", _albedo(stage), crop),
+        normals_panel("normals (right red, up green)", solved.normal_map, crop),
+        image_panel("albedo", stage.albedo, crop, stage.mask),
         *_doubts(solved, len(names), crop),
-        normals_panel("shape component", outcome.parts.shape, crop),
-        detail_panel("detail component", outcome.parts.detail, crop),
-        map_panel("height", surface.height, surface.unit, crop),
-        shaded_panel("surface, lit from the upper left", surface.height / surface.pixel_size, crop),
-        *_error(stage.error, crop),
     ]
 
 
 def _doubts(solved: processing.PhotometricStereoResult, count: int, crop: Crop) -> list[Panel]:
     """Return maps of the residual relative to the signal, and of the number of samples."""
     mask = solved.normal_map.mask
-    with np.errstate(divide="ignore", invalid="ignore"):
-        percent = np.where(mask, 100 * solved.residual / solved.albedo, np.nan)
-    used = _inside(solved.used, mask)
-    middle, least, most = float(np.nanmedian(percent)), np.nanmin(used), np.nanmax(used)
-    counts = f"{most:.0f}" if least == most else f"{least:.0f} to {most:.0f}"
+    percent = np.divide(
+        solved.residual, solved.albedo, out=np.zeros_like(solved.albedo), where=mask
+    )
+    percent *= 100
+    middle = float(np.nanmedian(percent[mask], overwrite_input=True))
+    used = solved.used[mask]
+    least, most = int(used.min()), int(used.max())
+    counts = f"{most}" if least == most else f"{least} to {most}"
+    unit, title = "% of the albedo", f"samples used, {counts} of {count}"
     return [
-        map_panel(f"residual, median {middle:.2g} %", percent, "% of the albedo", crop, error=True),
-        map_panel(f"samples used, {counts} of {count}", used, "samples", crop, limits=(0, count)),
+        map_panel(f"residual, median {middle:.2g} %", percent, unit, crop, error=True, mask=mask),
+        map_panel(title, solved.used, "samples", crop, limits=(0, count), mask=mask),
     ]
 
 
@@ -188,7 +256,3 @@ def _error(error: processing.AngularError | None, crop: Crop) -> list[Panel]:
         return []
     title = f"normal error, mean {error.mae_deg:.2f} deg"
     return [map_panel(title, error.map_deg, "deg", crop, error=True)]
-
-
-def _inside(values: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
-    return np.where(mask, values, np.nan).astype(np.float32)

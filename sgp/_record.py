@@ -22,6 +22,10 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
+class _OpenTable(_Table):
+    model_config = ConfigDict(extra="ignore")
+
+
 class Software(_Table):
     """The program that computed a result."""
 
@@ -86,9 +90,9 @@ def read_record(path: str | Path) -> ResultRecord:
     MissingPathError
         If there is no such file.
     DataError
-        If the file is not a record, is of another version, or a key or a figure is missing,
-        unknown or invalid; the message names the file. The figures of a command that this program
-        does not know are not checked.
+        If the file is not a record, is of another version, has an unknown key, or a key or a
+        figure is missing or invalid; the message names the file. Figures that this program does
+        not know, and those of a command that it does not know, are kept without a check.
     """
     path = Path(path)
     try:
@@ -115,19 +119,25 @@ def read_record(path: str | Path) -> ResultRecord:
     return record
 
 
-def check_metrics(command: str, metrics: Mapping[str, JsonValue]) -> None:
+def check_metrics(
+    command: str, metrics: Mapping[str, JsonValue], *, declared_only: bool = False
+) -> None:
     """Check the figures of a command against its declared ones; other commands may have any.
+
+    Later programs of the same version may add optional figures, so that unknown ones are accepted
+    unless ``declared_only``.
 
     Raises
     ------
     ValidationError
-        If a figure is missing, unknown or invalid.
+        If a figure is missing or invalid, or unknown with ``declared_only``.
     """
     if command not in COMMANDS:
         return
     # Of the records of `sgp run`, this is the one with the most figures in common.
     declared = max(COMMANDS[command], key=lambda kind: len(metrics.keys() & kind.__annotations__))
-    model = create_model("Figures", __base__=_Table, metrics=(declared, ...))
+    base = _Table if declared_only else _OpenTable
+    model = create_model("Figures", __base__=base, metrics=(declared, ...))
     # Names of files may contain bytes that are not UTF-8.
     text = json.dumps({"metrics": metrics}, ensure_ascii=False).encode(errors="replace")
     model.model_validate_json(text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acquisition
@@ -13,7 +13,8 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import SourceOptions, transfer_files, transfer_of
+from sgp._options import RecordingOptions, transfer_files, transfer_of
+from sgp._spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3
 
@@ -55,17 +56,42 @@ def open_source(
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
 
 
-def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Source, list[Path]]:
-    """Read a source as its options say; return the part to process and all its files.
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A recording as the options say.
+
+    Parameters
+    ----------
+    source
+        The part to process.
+    files
+        All files that were read, for hashing.
+    lit_by
+        The spheres from which the lights were estimated; None if the lights were known.
+    """
+
+    source: acquisition.Source
+    files: list[Path]
+    lit_by: SphereLights | None = None
+
+
+def open_recording(path: Path, options: RecordingOptions) -> Recording:
+    """Read a recording as its options say.
 
     Raises
     ------
     UsageError
-        If fewer than 3 images are left.
+        If fewer than 3 images are left, or both lights and spheres are given.
     MissingPathError, DataError
         If a file is missing, cannot be read, or does not match the images, or the options name an
         image or a region that does not exist.
+    EstimateError
+        If the spheres do not give lights.
     """
+    if options.spheres and options.lights is not None:
+        raise UsageError("--lights and --spheres both give the lights: give only one of them")
+    if options.radius_mm and not options.spheres:
+        raise UsageError("--radius-mm is the radius of spheres: give --spheres as well")
     source, files = open_source(
         path,
         lights=options.lights,
@@ -74,6 +100,9 @@ def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Sour
         gamma=options.gamma,
         max_pixels=options.max_pixels,
     )
+    lit_by = None
+    if options.spheres:
+        source, lit_by = light_by_spheres(source, options.radius_mm)
     if options.exclude:
         total = len(source.light_ids)
         source = acquisition.exclude(source, options.exclude)
@@ -85,21 +114,29 @@ def open_recording(path: Path, options: SourceOptions) -> tuple[acquisition.Sour
             )
     if options.crop is not None:
         source = acquisition.crop(source, *options.crop)
-    return acquisition.downscale(source, options.downscale), files
+    return Recording(acquisition.downscale(source, options.downscale), files, lit_by)
 
 
 def compute_normals(
-    source: acquisition.Source, options: SourceOptions
+    source: acquisition.Source, method: processing.Method, *, distant: bool
 ) -> processing.Reconstruction:
-    """Run `processing.reconstruct` up to the normals and show its progress."""
+    """Run `processing.reconstruct` up to the normals and show its progress.
+
+    A notice that an option answers names the option.
+    """
     with Stages() as progress:
-        return processing.reconstruct(
-            source,
-            method=options.method,
-            distant=options.distant,
-            surface=False,
-            on_progress=progress,
+        stage = processing.reconstruct(
+            source, method=method, distant=distant, surface=False, on_progress=progress
         )
+    # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
+    other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
+    warnings = tuple(
+        replace(notice, text=f"{notice.text} (--gamma {other})")
+        if notice.code == "transfer-curve-doubtful"
+        else notice
+        for notice in stage.warnings
+    )
+    return replace(stage, warnings=warnings)
 
 
 def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:

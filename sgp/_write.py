@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,20 @@ from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 
+_WRITERS = 2  # files that are encoded at the same time
 _MAPS, _SURFACE = MapOptions(), SurfaceOptions()
 
 
 def write_normals_stage(
-    folder: Path, stage: processing.Reconstruction, maps: MapOptions = _MAPS
+    folder: Path,
+    stage: processing.Reconstruction,
+    maps: MapOptions = _MAPS,
+    picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures."""
+    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures.
+
+    ``picture`` is that of the albedo, if it is known.
+    """
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
     with Stages() as progress:
@@ -34,10 +42,16 @@ def write_normals_stage(
         "residual": solved.residual,
         "used": solved.used.astype(np.float32),
     }
-    for name in shown("writing maps", list(values)):
-        result.outputs[name] = folder / f"{name}.exr"
-        acquisition.write_exr(result.outputs[name], values[name])
-    picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
+    result.outputs |= {name: folder / f"{name}.exr" for name in values}
+    with ThreadPoolExecutor(_WRITERS) as pool:
+        written = [
+            pool.submit(acquisition.write_exr, result.outputs[name], values[name])
+            for name in values
+        ]
+        for done in shown("writing maps", written):
+            done.result()
+    if picture is None:
+        picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
     result.outputs["albedo_png"] = folder / "albedo.png"
     acquisition.write_png(
         result.outputs["albedo_png"],

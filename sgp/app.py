@@ -60,10 +60,15 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate the positions and intensities of the lights.",
+            "Estimate the positions and intensities of the lights, and compare calibrations.",
             "sgp calibrate spheres chrome/ --out lights.json",
+            "sgp calibrate check before.json after.json --limit-mm 3",
         ),
-        {"calibrate": ("spheres",), "calibrate_intensities": ("intensities",)},
+        {
+            "calibrate": ("spheres",),
+            "calibrate_intensities": ("intensities",),
+            "calibrate_check": ("check",),
+        },
     ),
     "detail": (
         page(

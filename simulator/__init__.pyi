@@ -20,8 +20,11 @@ from ._render.render import Rendering as Rendering
 from ._render.render import render as render
 from ._render.truth import Truth as Truth
 from ._render.truth_files import save_truth as save_truth
+from ._scene.clutter import Ball as Ball
+from ._scene.clutter import Box as Box
 from ._scene.lamps import Lamps as Lamps
 from ._scene.lens import Lens as Lens
+from ._scene.optics import Optics as Optics
 from ._scene.reflectance import Ggx as Ggx
 from ._scene.reflectance import Lambert as Lambert
 from ._scene.reflectance import Material as Material
@@ -42,6 +45,10 @@ from ._shapes.carved import StepGauge as StepGauge
 from ._shapes.carved import Textile as Textile
 from ._shapes.carved import WoodCarving as WoodCarving
 from ._shapes.coin import Coin as Coin
+from ._shapes.grounds import Cork as Cork
+from ._shapes.grounds import Print as Print
+from ._shapes.grounds import Weave as Weave
+from ._shapes.grounds import Wood as Wood
 from ._shapes.mesh import MeshBody as MeshBody
 from ._shapes.patterns import ChArUco as ChArUco
 from ._shapes.patterns import Checker as Checker

@@ -111,6 +111,16 @@ def open_rig(config: RigConfig) -> Rig:
         If an option is invalid or the scene cannot be built.
     RigError
         If the rig does not start.
+
+    Examples
+    --------
+    >>> from rig import RigConfig
+    >>> from simulator import open_rig
+    >>> options = {"scene": "coin", "width": 64, "height": 52, "camera": "inside"}
+    >>> with open_rig(RigConfig(name="desk", driver="simulated", leds=4, options=options)) as rig:
+    ...     shot = rig.shoot(2, exposure_us=10_000.0)
+    >>> shot.led, shot.frame.pixels.shape
+    (2, (52, 64))
     """
     try:
         options = RigOptions.model_validate(config.options)
@@ -191,6 +201,15 @@ def open_rig_seeing(
         not support the options.
     RigError
         If the rig does not start.
+
+    Examples
+    --------
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     shot = rig.shoot(2, exposure_us=10_000.0)
+    >>> shot.led, shot.frame.pixels.shape
+    (2, (52, 64))
     """
     leds = len(rendering.planes)
     if config is None:

@@ -76,7 +76,15 @@ class OwnedFolder:
 
 
 def remove_abandoned(prefix: str, where: Path) -> None:
-    """Remove the folders of a kind whose owners have ended; skip those that cannot be removed."""
+    """Remove the folders of a kind whose owners have ended; skip those that cannot be removed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from simulator import remove_abandoned
+    >>> remove_abandoned("my-bench-", Path(tempfile.gettempdir()))
+    """
     if fcntl is None:
         return
     with suppress(OSError), _opened(where) as place:

@@ -69,6 +69,19 @@ def simulated_rig(
         If the requested camera does not support the options.
     RigError
         If the board's process or the rig does not start; all processes have ended then.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rig import RigConfig
+    >>> from simulator import ImageFormation, bench_sensor, simulated_rig
+    >>> planes = {None: np.zeros((52, 64), np.float32), 0: np.ones((52, 64), np.float32)}
+    >>> config = RigConfig(name="desk", driver="simulated", leds=1)
+    >>> even = {"formation": ImageFormation(bench_sensor()), "realtime": False, "camera": "inside"}
+    >>> with simulated_rig(planes.get, config, size=(52, 64), **even) as rig:
+    ...     shot = rig.shoot(0, exposure_us=10_000.0)
+    >>> shot.led
+    0
     """
     seen = _mounted((wiring or Wiring()).planes(planes), config)
     height, width, *_ = config.mounting.upright_shape(size)

@@ -84,6 +84,17 @@ def record(
     KeyboardInterrupt, the LEDs are turned off first, then the frames taken so far are written, and
     then the error is raised. The session stays intact but incomplete, with an ``interrupted`` or
     ``failed`` event if the disk still accepts one; `resume` completes it.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, Labels, record
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     session = record(rig, plan, "coin", Labels(operator="me"))
+    >>> session
+    Session(coin, 5 frames, complete)
     """
     _check_events(events, folder)
     plan, left_out = plan.without(rig.config.dead_leds)
@@ -146,6 +157,19 @@ def resume(
         If a frame is damaged; in this case the missing shots have been taken.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, Labels, record, resume
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     session = record(rig, plan, "coin", Labels())
+    ...     session.frames[2].path.unlink()
+    ...     session = resume(rig, "coin", retake_damaged=True)
+    >>> session
+    Session(coin, 5 frames, complete)
     """
     folder = Path(folder)
     _check_events(events, folder)
@@ -197,6 +221,19 @@ def check_resume(
     ------
     MissingPathError, DataError
         As `resume`.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, Labels, check_resume, damaged_frames, record
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     session = record(rig, plan, "coin", Labels())
+    ...     session.frames[2].path.unlink()
+    ...     _, _, shots = check_resume(rig, "coin", damaged=damaged_frames("coin"))
+    >>> [shot.file for shot in shots]
+    ['L01_E0.tif']
     """
     session, recorded = _fitting(rig, Path(folder), plan, retake_damaged=damaged is not None)
     missing = session.missing_without(one.frame for one in damaged or ())

@@ -43,6 +43,17 @@ def rehearse(
         If board or camera fail.
     DataError
         If a shot has no exposure.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, rehearse
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     seconds = rehearse(rig, plan)
+    >>> 0 < seconds < 10
+    True
     """
     began_s = time.monotonic()
     chosen = plan.shots() if shots is None else shots

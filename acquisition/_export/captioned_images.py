@@ -14,7 +14,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import StorageError
 from acquisition._export.caption import Caption
-from acquisition._pixels.images import encode_image, store_image
+from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.png_chunks import SIGNATURE
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 
@@ -111,7 +111,8 @@ def write_captioned_exr(
             spec.attribute(name, value)
     if caption.exposure_us is not None:
         spec.attribute("ExposureTime", caption.exposure_us / 1e6)
-    store_image(path, encode_image(path, "openexr", spec, image), pixels)
+    with encoded_image(path, "openexr", spec, image) as data:
+        store_image(path, data, pixels)
 
 
 def _curve_chunks(transfer: TransferCurve) -> list[bytes]:

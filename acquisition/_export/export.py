@@ -211,6 +211,17 @@ def prepare_export(
     DataError
         If the folder is not a session or is damaged, the layout needs lights and none are known,
         no light was recorded with that bracket, or the lights do not match the frames.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import import_frames, prepare_export, read_source, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> session = import_frames(read_source("card.png"), "session")
+    >>> export = prepare_export(session.folder, "exr")
+    >>> sorted(path.name for path in export.write(Path("exported")))
+    ['L00_E0.exr', 'recording.json']
     """
     session = Session.open(folder)
     source = read_source(folder, lights=lights, mask_path=mask_path)

@@ -56,6 +56,14 @@ def read_import(
 
     Parameters and errors are those of `read_source`. In addition, a DataError is raised if the
     source is an export of floats, which a session cannot hold.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_import, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> read_import("card.png")
+    Source(card.png, images, 1 frame of 5 x 4 px)
     """
     path = Path(path)
     notes = read_recording_notes(_folder(path)) if path.exists() else None
@@ -117,6 +125,15 @@ def import_frames(
     -----
     After an error midway an incomplete session remains, as a note of the error states; the images
     are unchanged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Labels, import_frames, read_source, write_png
+    >>> for i in range(3):
+    ...     write_png(f"card.{i}.png", np.full((4, 5), 700, np.uint16))
+    >>> import_frames(read_source("."), "session", Labels(object_name="card"))
+    Session(session, 3 frames, complete)
     """
     if source.kind == "session":
         raise DataError(f"{source.path}: is already a session: copy the folder")

@@ -14,7 +14,8 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
 from acquisition._pixels.image_head import check_image_head
-from acquisition._pixels.images import Image, open_image, read_image
+from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.opened_image import open_image
 from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
 from acquisition._text_files import text_of
 from rig import MAX_PIXELS, UnreadableError, convert_parser_errors

@@ -106,6 +106,18 @@ def watch_folder(
         earlier watch was for other shots, or if no image appeared at all.
     StorageError
         If the session cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import Watch, lights_in_order, make_folder, watch_folder, write_png
+    >>> make_folder(Path("tethered"))
+    >>> for i in range(2):
+    ...     write_png(f"tethered/IMG_{i}.png", np.full((4, 5), 700, np.uint16))
+    >>> watch = Watch(Path("tethered"), lights_in_order(2), settle_s=0.1, timeout_s=10)
+    >>> watch_folder(watch, "session").session.complete
+    True
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")

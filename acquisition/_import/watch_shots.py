@@ -55,7 +55,14 @@ class Watch:
 
 
 def lights_in_order(leds: int | Iterable[int]) -> tuple[PlannedShot, ...]:
-    """Return one shot with unknown exposure for each LED: of so many from 0, or of those listed."""
+    """Return one shot with unknown exposure for each LED: of so many from 0, or of those listed.
+
+    Examples
+    --------
+    >>> from acquisition import lights_in_order
+    >>> [shot.file for shot in lights_in_order([4, 2])]
+    ['L04_E0.tif', 'L02_E0.tif']
+    """
     numbers = range(leds) if isinstance(leds, int) else leds
     return tuple(PlannedShot("light", led, 0, 0, None) for led in numbers)
 

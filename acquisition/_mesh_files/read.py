@@ -25,7 +25,7 @@ _LONG_NUMBER = re.compile(rb"\d{300}")
 
 
 def read_mesh_file(path: str | Path) -> MeshFile:
-    """Read a triangle mesh or a point cloud.
+    r"""Read a triangle mesh or a point cloud.
 
     Parameters
     ----------
@@ -43,6 +43,14 @@ def read_mesh_file(path: str | Path) -> MeshFile:
         If the file does not exist.
     DataError
         If the file is of another kind, damaged or truncated, or has coordinates above 1e30.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import read_mesh_file
+    >>> _ = Path("corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    >>> read_mesh_file("corner.obj")
+    MeshFile(vertices=float64[3, 3], faces=int64[1, 3])
     """
     file = Path(path)
     with convert_read_errors(file):

@@ -63,6 +63,17 @@ def meter(
         If two brackets of an LED would have the same exposure time.
     RigError
         If board or camera fail, or no LED gives any light.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, meter
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(100.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     metered = meter(rig, plan)
+    >>> all(abs(light.level - 0.7) < 0.1 for light in metered.lights)
+    True
     """
     goal = goal or MeteringGoal()
     if plan.max_clipped_fraction < goal.max_clipped_fraction:

@@ -24,6 +24,16 @@ def read_mask(
     -------
     npt.NDArray[np.bool_]
         ``(H, W)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_mask, write_mask
+    >>> write_mask("mask.png", np.eye(3, dtype=bool))
+    >>> read_mask("mask.png")
+    array([[ True, False, False],
+           [False,  True, False],
+           [False, False,  True]])
     """
     mask: npt.NDArray[np.bool_] = read_mask_shares(path, size, max_pixels=max_pixels) > 0.5
     return mask
@@ -43,6 +53,14 @@ def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
     ------
     StorageError
         If the disk refuses the write.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_mask, write_mask
+    >>> write_mask("mask.png", np.eye(3, dtype=bool))
+    >>> int(read_mask("mask.png").sum())
+    3
     """
     write_png(path, mask.astype(np.uint8) * np.uint8(255))
 
@@ -77,6 +95,14 @@ def read_mask_shares(
         If the file is not an image, has another size or more than ``max_pixels`` pixels, has no
         pixel that is more than half inside, or if its colours and its alpha give two different
         masks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_mask_shares, write_png
+    >>> write_png("mask.png", np.array([[0, 51, 255]], np.uint8))
+    >>> read_mask_shares("mask.png")
+    array([[0. , 0.2, 1. ]])
     """
     path = Path(path)
     if size is not None:

@@ -22,6 +22,13 @@ def write_normals_mat(path: Path, normals: npt.NDArray[np.float32]) -> None:
     ------
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import write_normals_mat
+    >>> write_normals_mat(Path("Normal_gt.mat"), np.tile(np.float32([0, 0, 1]), (4, 5, 1)))
     """
     # SciPy's writers take as long to import as the rest of this package.
     from scipy.io import savemat

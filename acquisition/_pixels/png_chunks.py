@@ -3,34 +3,45 @@
 from __future__ import annotations
 
 import zlib
+from typing import BinaryIO
 
 from acquisition._errors import DataError
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PART = 1 << 18
 
 
-def check_png(data: bytes, name: str) -> None:
+def check_png(file: BinaryIO, name: str) -> None:
     """Check the CRC of every chunk of a PNG file up to its end chunk.
 
     The decoder accepts a file that stops after its last pixels, and the encoder does not notice a
     full disk; this check finds both. Bytes after the end chunk are allowed.
+
+    Parameters
+    ----------
+    file
+        The file, at its begin. It is read in parts, because it may be large.
+    name
+        Its name, for messages.
 
     Raises
     ------
     DataError
         If a chunk is truncated or altered, or the end chunk is missing.
     """
-    position = len(SIGNATURE)
-    view = memoryview(data)
+    position = len(file.read(len(SIGNATURE)))
     while True:
-        length = int.from_bytes(view[position : position + 4])
-        kind = view[position + 4 : position + 8]
-        end = position + 8 + length
-        crc = view[end : end + 4]
-        if len(crc) < 4:
-            raise DataError(f"{name}: PNG cut short at byte {len(data)}: copy it again")
-        if zlib.crc32(view[position + 4 : end]) != int.from_bytes(crc):
+        head = file.read(8)
+        left, crc = int.from_bytes(head[:4]), zlib.crc32(head[4:])
+        size = len(head)
+        while left and (part := file.read(min(left, _PART))):
+            left, crc, size = left - len(part), zlib.crc32(part, crc), size + len(part)
+        stored = file.read(4)
+        if len(head) < 8 or len(stored) < 4:
+            end = position + size + len(stored)
+            raise DataError(f"{name}: PNG cut short at byte {end}: copy it again")
+        if crc != int.from_bytes(stored):
             raise DataError(f"{name}: PNG damaged in the chunk at byte {position}: copy it again")
-        if bytes(kind) == b"IEND":
+        if head[4:] == b"IEND":
             return
-        position = end + 4
+        position += size + 4

@@ -73,6 +73,12 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
     DataError
         If LibRaw cannot decode the file, the sensor has no colour filter mosaic or more than
         ``max_pixels`` pixels, or the black level is not below the white level.
+
+    Examples
+    --------
+    >>> from acquisition import read_raw
+    >>> frame = read_raw("owl.CR2")  # doctest: +SKIP
+    >>> frame.pixels.shape, frame.cfa, frame.black_level_dn  # doctest: +SKIP
     """
     path = Path(path)
     with _opened(path) as (raw, file_bytes):

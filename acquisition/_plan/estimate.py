@@ -42,6 +42,13 @@ def estimate_plan(
         Size of a frame of 16-bit samples, pixels.
     frame_s
         Overhead of a frame in addition to its exposure, seconds: settling, readout, commands.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, estimate_plan
+    >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
+    >>> estimate_plan(plan, width=640, height=512)
+    PlanEstimate(shots=37, exposure_s=0.37, seconds=0.37, bytes=24248320)
     """
     shots = plan.shots()
     exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6

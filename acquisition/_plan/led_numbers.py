@@ -23,6 +23,12 @@ def led_numbers(text: str) -> tuple[int, ...]:
     ------
     ValueError
         If the text has another form, lists more than 65,536 LEDs, or one above 65,535.
+
+    Examples
+    --------
+    >>> from acquisition import led_numbers
+    >>> led_numbers("0-2,7,5-3")
+    (0, 1, 2, 7, 5, 4, 3)
     """
     leds: list[int] = []
     for part in text.split(","):

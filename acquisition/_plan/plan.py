@@ -266,7 +266,7 @@ class CapturePlan(BaseModel):
 
 
 def read_plan(path: Path) -> CapturePlan:
-    """Read a plan from a TOML file whose keys are the fields of `CapturePlan`.
+    r"""Read a plan from a TOML file whose keys are the fields of `CapturePlan`.
 
     Raises
     ------
@@ -274,5 +274,13 @@ def read_plan(path: Path) -> CapturePlan:
         If the file does not exist.
     DataError
         If it is not TOML, or a key is unknown or missing, or a value is out of range.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import read_plan
+    >>> _ = Path("plan.toml").write_text('leds = "0-35"\nexposures_us = [10000.0]\n')
+    >>> read_plan(Path("plan.toml"))
+    CapturePlan(36 LEDs, 1 bracket, 37 shots)
     """
     return read_toml(CapturePlan, path)

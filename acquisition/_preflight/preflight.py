@@ -94,6 +94,17 @@ def preflight(
     Preflight
         A rig error becomes a failed check and is not raised; the checks that need the rig are then
         ``not done``.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, preflight
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     result = preflight(rig, plan, "coin", self_test=False)
+    >>> [check.name for check in result.checks][:3]
+    ['disk', 'board', 'camera']
     """
     trial_frames = _TrialFrames(rig, plan, white_level_dn)
     steps = [
@@ -141,6 +152,17 @@ def preflight_resume(
     -------
     Preflight
         As `preflight`.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, preflight_resume
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     result = preflight_resume(rig, plan, "coin", shots=2)
+    >>> [check.name for check in result.checks]
+    ['disk', 'board', 'camera', 'brightness']
     """
     on_disk = check_disk(Path(folder), _bytes(rig, shots))
     return _carried_out(_rig_steps(rig, plan), on_disk, on_progress)

@@ -120,6 +120,17 @@ def check_leds(rig: Rig, plan: CapturePlan, *, metered: bool = True) -> Check:
         Plan of the recording; a fault of LEDs that it does not use gives a warning.
     metered
         Whether the exposure times of the plan are final.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, check_leds
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("white-plane", width=160, height=128, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     check = check_leds(rig, plan)
+    >>> check.state
+    'ok'
     """
     tested = selftest(rig)
     values: dict[str, float | int | str | None] = {

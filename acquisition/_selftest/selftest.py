@@ -70,6 +70,16 @@ def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
     ------
     RigError
         If board or camera fail, which is not a finding.
+
+    Examples
+    --------
+    >>> from acquisition import selftest
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("white-plane", width=160, height=128, leds=4))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     result = selftest(rig)
+    >>> result.ok
+    True
     """
     config = rig.config
     leds = tuple(led for led in range(config.leds) if led not in config.dead_leds)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.compact_tiff import deflate_tiff
-from acquisition._pixels.images import holds
+from acquisition._pixels.encoded_image import holds
 from acquisition._session.journal import COMPACTED, REOPENED, EventLine, Journal
 from acquisition._session.journal_file import JournalFile, utc_now
 from acquisition._session.layout import (
@@ -99,6 +99,16 @@ def compact_session(
     StorageError
         If another process records into the session, or the disk refuses. The recorded frames are
         intact in either case.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import compact_session, import_frames, read_source, write_png
+    >>> write_png("card.png", np.full((64, 80), 700, np.uint16))
+    >>> session = import_frames(read_source("card.png"), "session")
+    >>> compaction = compact_session(session.folder)
+    >>> compaction.compacted, compaction.bytes_after < compaction.bytes_before
+    (1, True)
     """
     folder = Path(folder)
     lock = lock_session(folder)

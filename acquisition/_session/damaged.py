@@ -34,6 +34,16 @@ def damaged_frames(
         If the folder does not exist.
     DataError
         If it is not a session, or has damage other than single frames.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import damaged_frames, import_frames, read_source, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> session = import_frames(read_source("card.png"), "session")
+    >>> session.frames[0].path.unlink()
+    >>> [damage.frame for damage in damaged_frames("session")]
+    [SessionFrame(L00_E0.tif, light, LED 0, shape (4, 5))]
     """
     examination = examine(Path(folder))
     session = examination.sound(but_for_frames=True)

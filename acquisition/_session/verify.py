@@ -88,6 +88,15 @@ def verify_session(folder: str | Path) -> Verification:
         If the folder does not exist.
     DataError
         If it is not a session.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import import_frames, read_source, verify_session, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> session = import_frames(read_source("card.png"), "session")
+    >>> verify_session(session.folder).ok
+    True
     """
     folder = Path(folder)
     examination = examine(folder)

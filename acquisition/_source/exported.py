@@ -9,6 +9,7 @@ from acquisition._source.recording_json import RECORD_FILE, RecordingNotes, read
 from acquisition._source.source import Source
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
+from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR
 from rig import Notice, pluralize
 
@@ -34,7 +35,7 @@ def with_export_notes(source: Source) -> Source:
     if notes is None:
         return source
     if source.frames[0].path.suffix.lower() == ".exr":
-        source = replace(_with_curve(source, notes), simulated=notes.camera.simulated)
+        source = replace(_with_facts(source, notes), simulated=notes.camera.simulated)
         if source.transfer == LINEAR:
             return source
         black, white = notes.camera.black_level_dn, notes.camera.white_dn
@@ -70,7 +71,7 @@ def with_export_notes(source: Source) -> Source:
         camera = read_camera(folder / notes.camera_file)
     ours = (RECORD_FILE, *present)
     return replace(
-        _with_curve(source, notes),
+        _with_facts(source, notes),
         frames=tuple(
             replace(frame, exposure_us=noted[frame.path.name].exposure_us)
             for frame in source.frames
@@ -87,8 +88,14 @@ def with_export_notes(source: Source) -> Source:
     )
 
 
-def _with_curve(source: Source, notes: RecordingNotes) -> Source:
-    """Return the source with the transfer curve of the notes, unless the caller gave one."""
+def _with_facts(source: Source, notes: RecordingNotes) -> Source:
+    """Return the source with camera, time and transfer curve of the notes.
+
+    A transfer curve that the caller gave stays.
+    """
+    camera = notes.camera
+    setup = Setup("", camera.vendor, camera.model, camera.serial)
+    source = replace(source, setup=setup, recorded_utc=notes.started_utc)
     if source.transfer_origin == "given":
         return source
     curve = LINEAR if notes.transfer is None else notes.transfer.value()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Iterator
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -18,7 +20,7 @@ FloatImage = npt.NDArray[np.float32]
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
 _GREY_VALUES = 65536
-_ROWS = 64
+_ROWS = 32
 
 
 class Linearizer:
@@ -76,11 +78,25 @@ class Linearizer:
         pixels = self._read(frame)
         return self._above_references(frame, pixels), pixels >= self._source.white_level
 
-    def _above_references(self, frame: Frame, pixels: Image) -> FloatImage:
+    def bands(self, frame: Frame) -> Iterator[tuple[slice, FloatImage, npt.NDArray[np.bool_]]]:
+        """Yield `signal_and_saturation` in bands of rows that fit into the cache, with their rows.
+
+        Everything about one band should be done before the next: the signal of a large frame in
+        colour takes twelve times as much memory as its pixels.
+        """
+        pixels = self._read(frame)
+        for top in range(0, len(pixels), _ROWS):
+            rows = slice(top, min(top + _ROWS, len(pixels)))
+            signal = self._above_references(frame, pixels[rows], rows)
+            yield rows, signal, pixels[rows] >= self._source.white_level
+
+    def _above_references(
+        self, frame: Frame, pixels: Image, rows: slice = slice(None)
+    ) -> FloatImage:
         signal = self._linear(pixels)
         offset = self._offset(frame.exposure_us)
         if offset is not None:
-            signal -= offset
+            signal -= offset[rows]
         return signal
 
     def _read(self, frame: Frame) -> Image:
@@ -90,6 +106,9 @@ class Linearizer:
         return pixels
 
     def _linear(self, pixels: Image) -> FloatImage:
+        if len(self._light) and pixels.dtype == np.uint8:
+            table = self._light[:256]
+            return np.asarray(cv2.LUT(pixels, table), np.float32).reshape(pixels.shape)
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
             light = np.zeros(pixels.shape, np.float32)
             # In parts, because NumPy copies indices to 64 bits.
@@ -135,5 +154,12 @@ class Linearizer:
 
 
 def same_exposure(one_us: float, other_us: float) -> bool:
-    """Return whether two exposure times are equal but for rounding by the camera."""
+    """Return whether two exposure times are equal but for rounding by the camera.
+
+    Examples
+    --------
+    >>> from acquisition import same_exposure
+    >>> same_exposure(10_000.0, 10_000.4), same_exposure(10_000.0, 20_000.0)
+    (True, False)
+    """
     return abs(one_us / other_us - 1) < _SAME_EXPOSURE

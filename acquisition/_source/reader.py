@@ -72,6 +72,18 @@ def read_source(
         If the path is not a recording of these kinds, its export was interrupted, or its parts do
         not match: counts of images and lights, sizes of images, mask, camera and true normals,
         transfer curves of images; or if an image has more than ``max_pixels`` pixels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights, read_source, write_png
+    >>> for i in range(3):
+    ...     write_png(f"cat.{i}.png", np.full((4, 5), 700, np.uint16))
+    >>> source = read_source(".", lights=Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1]]))
+    >>> source
+    Source(., images, 3 frames of 5 x 4 px, lights)
+    >>> source.light_ids
+    ('cat.0', 'cat.1', 'cat.2')
     """
     path = Path(path)
     if not path.exists():

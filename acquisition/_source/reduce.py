@@ -45,8 +45,11 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
 
     Examples
     --------
-    >>> from acquisition import crop, downscale, read_source
-    >>> source = downscale(crop(read_source("owl"), 200, 100, 640, 480), 2)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from acquisition import crop, read_source, write_png
+    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
+    >>> crop(read_source("card.png"), 10, 5, 30, 20).size
+    (20, 30)
     """
     check_type("source", source, Source, "read_source(path) returns one")
     x, y, width, height = map(operator.index, (x, y, width, height))
@@ -66,11 +69,12 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
     mask = None if source.mask is None else cut.all(source.mask)
     if mask is not None and not mask.any():
         raise DataError(f"{source.path}: {region} contains no pixel of the mask")
-    truth = source.normals_truth
+    truth, elsewhere = source.normals_truth, source.not_object
     return replace(
         source,
         reduction=region_of_frames,
         mask=mask,
+        not_object=None if elsewhere is None else cut.cut(elsewhere).copy(),
         camera=None if source.camera is None else source.camera.cropped(x, y, width, height),
         normals_truth=None if truth is None else cut.cut(truth).copy(),
     )
@@ -103,6 +107,14 @@ def downscale(source: Source, factor: int) -> Source:
         the mask.
     TypeError
         If the factor is not whole.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import downscale, read_source, write_png
+    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
+    >>> downscale(read_source("card.png"), 4).size
+    (10, 15)
     """
     check_type("source", source, Source, "read_source(path) returns one")
     factor = operator.index(factor)
@@ -122,11 +134,12 @@ def downscale(source: Source, factor: int) -> Source:
             f"{source.path}: no block of {factor} x {factor} pixels is completely within the mask: "
             "give a smaller factor"
         )
-    truth = source.normals_truth
+    truth, elsewhere = source.normals_truth, source.not_object
     return replace(
         source,
         reduction=replace(old, factor=old.factor * factor),
         mask=mask,
+        not_object=None if elsewhere is None else ~blocks.all(~elsewhere),
         camera=None if source.camera is None else source.camera.downscaled(factor),
         normals_truth=None if truth is None else _mean_normals(blocks, truth),
     )

@@ -16,6 +16,7 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
+from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Mounting, Notice, pluralize
 
@@ -97,6 +98,13 @@ def read_session(
         black_level=device.black_level_dn,
         white_level=device.white_dn,
         simulated=session.manifest.simulated,
+        setup=Setup(
+            "" if session.manifest.rig is None else session.manifest.rig.name,
+            device.vendor,
+            device.model,
+            device.serial,
+        ),
+        recorded_utc=session.manifest.started_utc,
         transfer=transfer or session.transfer,
         transfer_origin="given" if transfer else MANIFEST,
         files=(

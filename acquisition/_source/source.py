@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +17,7 @@ from acquisition._plan.planned_shot import Role
 from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
@@ -103,6 +105,9 @@ class Source:
         to a session, an export, a DiLiGenT folder or an .lp file, and shows the object.
         ``folder``: the mask is in a plain folder of images, and may show a chrome sphere instead
         of an object. ``alpha``: the alpha channels of the images. None without a mask.
+    not_object
+        ``(H, W)`` bool, True where the images certainly show something else than the object, such
+        as calibration spheres next to it; None if there is no such region.
     camera
         Camera model with the size of the images; None if not known.
     normals_truth
@@ -114,10 +119,15 @@ class Source:
         float images is infinite: no sample counts as saturated, and values are not limited.
     reduction
         Region and resolution at which the frames are used; None for complete frames. `size`,
-        `mask`, `camera` and `normals_truth` are those of the reduced images. See `crop` and
-        `downscale`.
+        `mask`, `not_object`, `camera` and `normals_truth` are those of the reduced images. See
+        `crop` and `downscale`.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
+    setup
+        Rig and camera with which it was recorded, as far as the recording states them; without
+        `Setup.intrinsics`, see `source_setup`.
+    recorded_utc
+        Start of the recording; None if it is not known.
     transfer
         The transfer curve of the samples, which `Linearizer` applies: light relative to white from
         samples relative to white, after the black level.
@@ -139,6 +149,7 @@ class Source:
     mask: npt.NDArray[np.bool_] | None = None
     mask_path: Path | None = None
     mask_origin: MaskOrigin | None = None
+    not_object: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
     normals_truth: npt.NDArray[np.float32] | None = None
     cfa: str | None = None
@@ -146,6 +157,8 @@ class Source:
     white_level: float = 1.0
     reduction: Reduction | None = None
     simulated: bool = False
+    setup: Setup = field(default_factory=Setup)
+    recorded_utc: datetime | None = None
     transfer: TransferCurve = LINEAR
     transfer_origin: str = ""
     files: tuple[Path, ...] = ()

@@ -64,6 +64,14 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     DataError
         If the file is invalid, has no image size and ``size`` is not given, or has another image
         size than ``size``.
+
+    Examples
+    --------
+    >>> from acquisition import read_camera, write_camera
+    >>> from simulator import bench_camera
+    >>> write_camera("camera.json", bench_camera())
+    >>> read_camera("camera.json")
+    CameraModel(640 x 512 px, focal length 1307.2 px, working distance 600 mm)
     """
     path = Path(path)
     text = "" if path.suffix.lower() == ".mat" else read_text(path)
@@ -96,6 +104,14 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
         If the file has another suffix.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from acquisition import read_camera, write_camera
+    >>> from simulator import bench_camera
+    >>> write_camera("camera.yml", bench_camera())  # also .json
+    >>> read_camera("camera.yml").working_distance_mm
+    600.0
     """
     check_type("camera", camera, CameraModel, "CameraModel(K, width, height)")
     path = Path(path)

@@ -21,7 +21,7 @@ from rig import check_type
 
 
 def read_lights(path: str | Path) -> Lights:
-    """Read lights.
+    r"""Read lights.
 
     Parameters
     ----------
@@ -43,6 +43,15 @@ def read_lights(path: str | Path) -> Lights:
     DataError
         If the file is invalid; the message names the file, and the line or light. Files of near
         lights from elsewhere are read by `read_near_lights`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import read_lights
+    >>> _ = Path("cat.lp").write_text("2\ncat.0.png 0 0 1\ncat.1.png 0 1 1\n")
+    >>> lights = read_lights("cat.lp")
+    >>> lights.ids, lights.unit_directions[1].round(3)
+    (('cat.0.png', 'cat.1.png'), array([0.   , 0.707, 0.707]))
     """
     path = Path(path)
     if path.is_dir():
@@ -84,6 +93,13 @@ def write_lights(
         If the file has another suffix.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> from acquisition import Lights, read_lights, write_lights
+    >>> write_lights("lights.json", Lights(directions=[[1, 0, 1], [0, 1, 1]]))
+    >>> read_lights("lights.json")
+    Lights(2 directions, L00 to L01)
     """
     check_type("lights", lights, Lights, "Lights(directions)")
     path = Path(path)

@@ -53,7 +53,16 @@ class NearLights:
 
 
 def is_near_lights(path: Path) -> bool:
-    """Return whether a file is a calibration of near lights, by its name and its first line."""
+    r"""Return whether a file is a calibration of near lights, by its name and its first line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import is_near_lights
+    >>> _ = Path("lamps.csv").write_text("x y z mu\n100 0 300 1\n0 100 300 1\n")
+    >>> is_near_lights(Path("lamps.csv"))
+    True
+    """
     suffix = path.suffix.casefold()
     if suffix == ".mat":
         return True
@@ -65,7 +74,7 @@ def is_near_lights(path: Path) -> bool:
 def read_near_lights(
     path: str | Path, camera: CameraModel | None, *, axes: LightAxes | None = None
 ) -> NearLights:
-    """Read a calibration of near lights and convert it to the house frame.
+    r"""Read a calibration of near lights and convert it to the house frame.
 
     Parameters
     ----------
@@ -96,6 +105,15 @@ def read_near_lights(
     DataError
         If a value is missing or invalid, lights do not shine toward the origin in these axes, or a
         camera with a working distance is needed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import read_near_lights
+    >>> _ = Path("lamps.csv").write_text("x y z mu\n100 0 300 1\n0 100 300 1\n")
+    >>> read_near_lights("lamps.csv", None, axes="house").lights.positions_mm
+    array([[100.,   0., 300.],
+           [  0., 100., 300.]])
     """
     path = Path(path)
     values = _variables(path)

@@ -13,7 +13,7 @@ _SHOWN = 40
 
 
 def read_transfer(path: str | Path) -> TransferCurve:
-    """Read a transfer curve from a table in a text file.
+    r"""Read a transfer curve from a table in a text file.
 
     Parameters
     ----------
@@ -28,6 +28,15 @@ def read_transfer(path: str | Path) -> TransferCurve:
         If the file does not exist.
     DataError
         If it is not such a table; the message names the file and the line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import read_transfer
+    >>> _ = Path("curve.csv").write_text("sample,light\n0,0\n128,0.2\n255,1\n")
+    >>> read_transfer("curve.csv").light(np.array([0, 128 / 255, 1]))
+    array([0. , 0.2, 1. ])
     """
     path = Path(path)
     points: list[tuple[float, float]] = []

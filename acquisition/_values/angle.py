@@ -22,6 +22,12 @@ def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
     -------
     Double
         ``(...)`` float64 in 0..180, by ``atan2(|a x b|, a . b)``; 0 if a vector is zero.
+
+    Examples
+    --------
+    >>> from acquisition import angle_deg
+    >>> angle_deg([[0, 0, 1], [0, 2, 2]], [0, 0, 1])
+    array([ 0., 45.])
     """
     first, second = np.asarray(a), np.asarray(b)
     shape = np.broadcast_shapes(first.shape, second.shape)[:-1]

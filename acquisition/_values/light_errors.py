@@ -120,6 +120,13 @@ def tangent_basis(directions: npt.ArrayLike) -> Array:
     ----------
     directions
         ``(N, 3)`` vectors of any length but zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import tangent_basis
+    >>> np.cross(*tangent_basis([[1.0, 2.0, 2.0]])[0]).round(3)
+    array([0.333, 0.667, 0.667])
     """
     vectors = np.asarray(directions, np.float64)
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

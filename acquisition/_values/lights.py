@@ -25,12 +25,26 @@ _TOUCHING_MM = 1e-9
 
 
 def led_id(led: int) -> str:
-    """Return the light id of an LED: ``L07`` for LED 7."""
+    """Return the light id of an LED: ``L07`` for LED 7.
+
+    Examples
+    --------
+    >>> from acquisition import led_id
+    >>> led_id(7)
+    'L07'
+    """
     return f"L{led:02d}"
 
 
 def led_of(name: str) -> int | None:
-    """Return the LED number in the name of a light or frame, 5 for ``L05_E0_R1.tif``, or None."""
+    """Return the LED number in the name of a light or frame, or None.
+
+    Examples
+    --------
+    >>> from acquisition import led_of
+    >>> led_of("L05_E0_R1.tif")
+    5
+    """
     match = _OF_LED.fullmatch(light_id(name))
     return None if match is None else int(match[1])
 
@@ -40,6 +54,12 @@ def light_id(name: str) -> str:
 
     Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` all give ``chrome.0``.
     Only suffixes of images and camera RAW are removed: ``scan.left`` is unchanged.
+
+    Examples
+    --------
+    >>> from acquisition import light_id
+    >>> light_id("scan/CHROME.0.TGA")
+    'chrome.0'
     """
     stem = re.split(r"[\\/]", name.rstrip("\\/"))[-1].casefold()
     while True:

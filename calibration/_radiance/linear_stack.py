@@ -118,6 +118,18 @@ def linear_stack(
         have one, or has a colour filter that is not a Bayer pattern. The message names the file.
     EstimateError
         If all samples of all images are saturated or black.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights, read_source, write_png
+    >>> from calibration import linear_stack
+    >>> for i in range(2):
+    ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // 2, np.uint16))
+    >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1]], intensities=[1, 2])
+    >>> stack = linear_stack(read_source(".", lights=lights))
+    >>> stack, stack.values[:, 0, 0].round(3)
+    (Stack(float32[2, 4, 5], lights), array([0.5 , 0.25], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
@@ -134,13 +146,20 @@ def linear_stack(
     first = develop(*tasks[0])
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
+    brightest = [_brightest(first)]
+    threads = _threads(first)
+    del first
     on_progress("reading", 1, len(ids))
-    with ThreadPoolExecutor(_threads(first)) as pool:
-        rest = pool.map(lambda task: develop(*task), tasks[1:])
-        for i, image in enumerate(rest, start=1):
-            values[i] = image
+
+    def fill(i: int) -> np.float32:
+        develop(*tasks[i], out=values[i])
+        return _brightest(values[i])
+
+    with ThreadPoolExecutor(threads) as pool:
+        for i, found in enumerate(pool.map(fill, range(1, len(ids))), start=1):
+            brightest.append(found)
             on_progress("reading", i + 1, len(ids))
-    _check_usable(values, ids, source)
+    _check_usable(brightest, ids, source)
     return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
 
 
@@ -163,6 +182,16 @@ def linear_images(
     ------
     FloatImage
         ``(H, W)`` or ``(H, W, 3)`` float32.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_source, write_png
+    >>> from calibration import linear_images
+    >>> for i in range(2):
+    ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // 2, np.uint16))
+    >>> [image.shape for image in linear_images(read_source("."))]
+    [(4, 5), (4, 5)]
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
@@ -179,7 +208,15 @@ def linear_images(
 
 
 def luma(colour: FloatImage) -> FloatImage:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``."""
+    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import luma
+    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
+    array([0.2989, 0.9999], dtype=float32)
+    """
     return np.asarray(colour @ _LUMA, np.float32)
 
 
@@ -231,8 +268,15 @@ class _Developer:
                 )
                 self.warnings.append(Notice("dark-frames-missing", text))
 
-    def __call__(self, frames: list[Frame], intensity: npt.NDArray[np.float64]) -> FloatImage:
-        """Return the merged image of one light: ``(H, W)`` or ``(H, W, 3)``."""
+    def __call__(
+        self,
+        frames: list[Frame],
+        intensity: npt.NDArray[np.float64],
+        out: FloatImage | None = None,
+    ) -> FloatImage:
+        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`."""
+        if len(frames) == 1 and self._source.cfa is None and self._source.reduction is None:
+            return self._in_bands(frames[0], intensity, out)
         # Group by bracket: exposure times reported by a camera may differ slightly between repeats.
         brackets: dict[int, list[Frame]] = {}
         for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
@@ -243,7 +287,24 @@ class _Developer:
             if not np.isnan(merged).any():
                 break
             merged = np.where(np.isnan(merged), self._mean(repeats), merged)
-        return self._colour(merged, intensity, frames[0])
+        image = self._colour(merged, intensity, frames[0])
+        if out is None:
+            return image
+        out[...] = image
+        return out
+
+    def _in_bands(
+        self, frame: Frame, intensity: npt.NDArray[np.float64], out: FloatImage | None
+    ) -> FloatImage:
+        """Return the image of a light with one frame, whose pixels are independent."""
+        for rows, signal, saturated in self._linear.bands(frame):
+            image = self._colour(self._exposed(frame, signal, saturated), intensity, frame)
+            if out is None:
+                out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
+            out[rows] = image
+        if out is None:
+            raise AssertionError("a frame has rows")
+        return out
 
     def _mean(self, repeats: list[Frame]) -> FloatImage:
         image = self._radiance(repeats[0])
@@ -253,7 +314,11 @@ class _Developer:
         return image
 
     def _radiance(self, frame: Frame) -> FloatImage:
-        radiance, saturated = self._linear.signal_and_saturation(frame)
+        return self._exposed(frame, *self._linear.signal_and_saturation(frame))
+
+    def _exposed(
+        self, frame: Frame, radiance: FloatImage, saturated: npt.NDArray[np.bool_]
+    ) -> FloatImage:
         radiance /= np.float32((frame.exposure_us or self._longest) / self._longest)
         radiance[saturated] = np.nan
         return radiance
@@ -274,9 +339,14 @@ class _Developer:
         return image if self._channel == "rgb" else luma(image)
 
 
-def _check_usable(values: FloatImage, ids: tuple[str, ...], source: Source) -> None:
+def _brightest(image: FloatImage) -> np.float32:
+    """Return the largest sample that is not NaN; NaN without any."""
+    return np.float32(np.fmax.reduce(image, axis=None))
+
+
+def _check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source) -> None:
     # fmax skips images without any sample; max could return their NaN.
-    brightest = np.fmax.reduce([np.fmax.reduce(image, axis=None) for image in values])
+    brightest = np.fmax.reduce(images)
     if np.isnan(brightest):
         raise EstimateError(
             f"{source.path}: every sample of {_all(len(ids))} is saturated: "
@@ -303,6 +373,16 @@ def check_linear(name: str, values: object) -> None:
     ------
     TypeError
         If the array has a type that is not floating point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import check_linear
+    >>> check_linear("values", np.zeros((3, 4, 5), np.float32))
+    >>> check_linear("values", np.zeros((3, 4, 5), np.uint8))
+    Traceback (most recent call last):
+        ...
+    TypeError: values must be linear values of a floating-point type, not uint8: ...
     """
     kind = getattr(values, "dtype", None)
     if kind is not None and kind.kind != "f":

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Lights, angle_deg, led_id
+from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, led_id
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack, check_linear
-from calibration._spheres.cone import Cone, fit_cone
+from calibration._spheres.cone import Cone
+from calibration._spheres.direction_errors import direction_covariances
+from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
-from calibration._spheres.placed import off_the_plane, one_radius_each, place
+from calibration._spheres.outline_noise import circle_covariance, viewing_cone
+from calibration._spheres.placed import off_the_plane, one_radius_each, place, systematic
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
 from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres
@@ -91,6 +94,15 @@ def calibrate_spheres(
     EstimateError
         If no sphere is found, a light has no highlight, or a light is visible on fewer than two
         spheres although positions are requested. The message names the light or the spheres.
+
+    Examples
+    --------
+    >>> from calibration import calibrate_spheres
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("spheres", width=160, height=128, leds=3))
+    >>> masks = list(rendering.truth.sphere_masks)
+    >>> calibrate_spheres(rendering.planes, masks=masks).lights
+    Lights(3 directions, L00 to L02)
     """
     check_linear("stack", stack)
     values, names = _values(stack)
@@ -116,16 +128,25 @@ def calibrate_spheres(
     warnings = [*left_out, *missing_highlights_warning(images), *saturation_warning(images)]
     warnings += partial_outline_warning(images)
     if camera is None:
-        rays = np.stack(
-            [orthographic_directions(image.outline, image.highlights.pixels) for image in images],
-            axis=1,
-        )
-        return _directions(names, seen_spheres(images), highlights, rays, warnings)
-    cones = [fit_cone(camera.rays(image.points_px), 1 / camera.focal_px)[0] for image in images]
+        outlines = [image.outline for image in images]
+
+        def orthographic(pixels: Array, change: Array) -> Array:
+            pairs = zip(outlines, np.moveaxis(pixels, 1, 0), change, strict=True)
+            rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
+            return np.stack(rays, axis=1)
+
+        covariances = [circle_covariance(image.points_px, image.outline) for image in images]
+        return _directions(names, seen_spheres(images), images, orthographic, covariances, warnings)
+    cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
+
+    def perspective(pixels: Array, change: Array) -> Array:
+        centres = np.array([cone.axis / cone.sine for cone in cones]) + change
+        return reflected_rays(camera.rays(pixels), centres, 1.0)[1]
+
     if radii is None:
-        axes, sines = np.array([c.axis for c in cones]), np.array([c.sine for c in cones])
-        _, rays = reflected_rays(camera.rays(highlights), axes, sines)
-        return _directions(names, seen_spheres(images), highlights, rays, warnings)
+        spheres = seen_spheres(images)
+        covariances = [cone.covariance + systematic(cone, camera) for cone in cones]
+        return _directions(names, spheres, images, perspective, covariances, warnings)
     radii = one_radius_each(radii, images, found=found)
     placed = place(cones, radii, camera)
     warnings += off_the_plane(placed, camera)
@@ -138,9 +159,20 @@ def calibrate_spheres(
         )
     text = "one sphere gives only directions: positions require two spheres"
     warnings.append(Notice("one-sphere", text))
-    _, rays = observed_rays(camera, placed, highlights)
     spheres = placed_spheres(images, placed.centres_mm, radii)
-    return _directions(names, spheres, highlights, rays, warnings)
+    covariances = [placed.covariance_mm2 / radii[0] ** 2]
+    return _directions(names, spheres, images, perspective, covariances, warnings)
+
+
+def _changed(outline: Ellipse, change: Array) -> Ellipse:
+    """Return an outline with changed centre x, centre y and radius, in pixels."""
+    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
+    scale = 1 + float(change[2]) / outline.radius_px
+    return replace(
+        outline,
+        centre_px=(x + float(change[0]), y + float(change[1])),
+        semi_axes_px=(a * scale, b * scale),
+    )
 
 
 def _values(
@@ -191,11 +223,15 @@ def _check_seen(highlights: Array, names: tuple[str, ...], images: list[SphereIm
 def _directions(
     names: tuple[str, ...],
     spheres: tuple[Sphere, ...],
-    highlights: Array,
-    rays: Array,
+    images: list[SphereImage],
+    rays_of: Callable[[Array, Array], Array],
+    outline_covariances: list[Array],
     warnings: list[Notice],
 ) -> SphereCalibration:
-    """Average the directions ``(N, K, 3)`` measured on the spheres."""
+    """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
+    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
+    rays = rays_of(highlights, np.zeros((len(images), 3)))
     seen = np.isfinite(rays[..., 0])
     if not seen.any(axis=1).all():
         name = names[int(np.argmin(seen.any(axis=1)))]
@@ -212,7 +248,11 @@ def _directions(
             "are near; give a camera and a radius to get positions"
         )
         warnings.append(Notice("lights-near", text))
-    lights = Lights(directions=directions, ids=names)
+    errors = LightErrors(
+        direction_covariances(rays_of, highlights, sigma_px, np.array(outline_covariances)),
+        spheres=seen.sum(axis=1),
+    )
+    lights = Lights(directions=directions, ids=names, errors=errors)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
 
 
@@ -229,8 +269,10 @@ def _positions(
     """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
     placed = place(cones, radii, camera)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    saturated = np.stack([image.highlights.saturated for image in images], axis=1)
-    positions, centres, used = locate_lights(camera, placed, highlights, saturated, names)
+    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
+    located = locate_lights(camera, placed, highlights, sigma_px, names)
+    positions, centres = located.refined.positions_mm, located.refined.centres_mm
+    used = located.used
     seen = np.isfinite(highlights[..., 0])
     share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     worst = int(np.argmin(share))
@@ -263,7 +305,12 @@ def _positions(
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
         warnings.append(Notice("highlights-left-out", text))
-    lights = Lights(positions_mm=positions, ids=names)
+    errors = LightErrors(
+        located.refined.covariance_mm2,
+        residual_px=located.residuals_px,
+        spheres=used.sum(axis=1),
+    )
+    lights = Lights(positions_mm=positions, ids=names, errors=errors)
     spheres = placed_spheres(images, centres, radii)
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
 

@@ -9,12 +9,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
+from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
+from calibration._spheres.mirrors import Mirror, find_mirror
 from calibration._spheres.outline import outline_image, refine_outline
+from calibration._spheres.ratio_outline import refine_in_ratios
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
+from calibration._spheres.spots import SpotCluster, reduce_stack, spot_clusters
+from calibration._spheres.surroundings import MirroredPlane
 
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
@@ -23,21 +28,25 @@ _CENTRES = 60
 _CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
+_CLEAR_COVERAGE = 0.8
+_CLEAR_SCATTER_PX = 0.15
 
 
 def find_spheres(
     values: npt.NDArray[np.float32],
     radii_px: Sequence[float] = (),
     excluded: Sequence[SphereImage] = (),
+    camera: CameraModel | None = None,
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
-    Edges of the mean image vote for centres along their gradients (Hough transform). The radii
-    follow from the edges that face a centre, from 8 px in the reduced image to 0.6 of its shorter
-    side. A candidate counts if more than a third of its outline is visible, it shows a compact
-    highlight under at least half of the lights, and the highlight moves with the light, by 1 px and
-    2 % of the radius. Of overlapping candidates (a sphere mirrors circles inside itself) the
-    largest well-covered one is the outline.
+    Bright spots of different lights at one place show where a sphere may be. Of all balls around
+    such a place, the one that mirrors the plane around it best is the sphere (`MirroredPlane`);
+    then its outline is refined. If no ball mirrors a plane, because there is none or it is black,
+    the round edges of the mean image around that place are examined: one of them is the outline if
+    more than a third of it is visible, it shows a compact highlight under at least half of the
+    lights, and the highlight moves with the light, by 1 px and 2 % of the radius. Of overlapping
+    edges (a sphere mirrors circles inside itself), the largest well-covered one is the outline.
 
     Parameters
     ----------
@@ -47,24 +56,103 @@ def find_spheres(
         Expected radii of the spheres in the image, to 15 %. Default: any radius.
     excluded
         Spheres that are already known; candidates that overlap them are skipped.
+    camera
+        Camera of the images. Default: unknown.
 
     Returns
     -------
     list of SphereImage
         The spheres, sorted by x; empty if none was found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import find_spheres
+    >>> find_spheres(np.full((3, 48, 64), 0.2, np.float32))  # no sphere in even images
+    []
     """
+    reduced = reduce_stack(values)
+    plane = MirroredPlane(values, reduced, camera)
+    spheres: list[SphereImage] = []
+    undecided: list[SpotCluster] = []
+    for cluster in spot_clusters(reduced):
+        if any(_inside(cluster, known.outline) for known in (*excluded, *spheres)):
+            continue
+        mirror = find_mirror(plane, cluster)
+        if mirror is None:
+            undecided.append(cluster)
+        elif _expected(mirror.outline, radii_px):
+            sphere = _mirror_sphere(values, mirror)
+            if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
+                spheres.append(sphere)
+    if undecided:
+        known = [*excluded, *spheres]
+        spheres += _by_edges(values, undecided, radii_px, known)
+    return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
+
+
+def _mirror_sphere(values: npt.NDArray[np.float32], mirror: Mirror) -> SphereImage:
+    """Refine the outline of a sphere that is known to 1 % of its radius."""
+    guess = mirror.outline
+    outline, points, coverage = guess, guess.point(np.linspace(0, 2 * np.pi, 90)), 0.0
+    for refine in (_refine_in_mean, refine_in_ratios):
+        try:
+            refined, seen, share = refine(values, guess)
+        except EstimateError:
+            continue
+        moved = np.hypot(*(np.array(refined.centre_px) - guess.centre_px))
+        if moved + abs(refined.radius_px - guess.radius_px) > max(2.0, 0.04 * guess.radius_px):
+            continue
+        outline, points, coverage = refined, seen, share
+        # On a plain board the mean is less noisy than the ratios.
+        scatter = 1.4826 * float(np.median(np.abs(refined.distance_px(seen))))
+        if share > _CLEAR_COVERAGE and scatter < _CLEAR_SCATTER_PX:
+            break
+    highlights = find_highlights(values, outline)
+    return SphereImage(outline, points, coverage, highlights, mirrors=True)
+
+
+def _refine_in_mean(
+    values: npt.NDArray[np.float32], guess: Ellipse
+) -> tuple[Ellipse, Array, float]:
+    """Refine an outline that is known to 1 % of its radius in the mean image."""
+    centre, reach = np.array(guess.centre_px), 1.1 * guess.radius_px + 12
+    low = np.maximum((centre - reach).astype(int), 0)
+    high = (centre + reach).astype(int) + 2
+    image = outline_image(values[:, low[1] : high[1], low[0] : high[0]])
+    x, y = (float(v) for v in centre - low)
+    near = Ellipse((x, y), guess.semi_axes_px, guess.angle_deg)
+    refined, points, coverage = refine_outline(image, near, max(2.5, 0.02 * guess.radius_px))
+    x, y = (float(v) for v in np.array(refined.centre_px) + low)
+    return Ellipse((x, y), refined.semi_axes_px, refined.angle_deg), points + low, coverage
+
+
+def _by_edges(
+    values: npt.NDArray[np.float32],
+    clusters: Sequence[SpotCluster],
+    radii_px: Sequence[float],
+    known: Sequence[SphereImage],
+) -> list[SphereImage]:
+    """Find spheres around clusters of highlights by the round edges of the mean image."""
     image = outline_image(values)
     circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
     spheres: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
-        if any(overlap(circle, sphere.outline) for sphere in (*excluded, *spheres)):
+        if not any(_inside(cluster, circle) for cluster in clusters):
+            continue
+        if any(overlap(circle, sphere.outline) for sphere in (*known, *spheres)):
             continue
         sphere = _verify(values, image, circle)
         if sphere is None or not _expected(sphere.outline, radii_px):
             continue
-        if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
+        if not any(overlap(sphere.outline, s.outline) for s in (*known, *spheres)):
             spheres.append(sphere)
-    return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
+    return spheres
+
+
+def _inside(cluster: SpotCluster, outline: Ellipse) -> bool:
+    """Return whether most spots of a cluster are inside an outline."""
+    return float(np.median(np.linalg.norm(outline.unit(cluster.spots_px), axis=1))) < 0.9
 
 
 def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:

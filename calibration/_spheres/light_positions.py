@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,35 +10,19 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._spheres.reflection import mirror_points, reflected_rays
+from calibration._spheres.joint_refinement import (
+    KnownSpheres,
+    Refined,
+    predicted_highlights,
+    refine,
+)
+from calibration._spheres.reflection import reflected_rays
 from calibration._spheres.robust import Array
+from rig import short_repr
 
-_ROUNDS = 8
-# Standard deviation of a highlight, and of the centre of a saturated highlight.
-_HIGHLIGHT_SIGMA_PX = 0.05
-_SATURATED_SIGMA_PX = 0.5
 _INLIER_PX = 1.5
 _INLIER_RATIO = 5.0
-_WORST_SHARE = 0.25
-
-
-@dataclass(frozen=True, eq=False)
-class KnownSpheres:
-    """K spheres in the house frame.
-
-    Parameters
-    ----------
-    centres_mm
-        ``(K, 3)``.
-    radii_mm
-        ``(K,)``.
-    covariance_mm2
-        ``(3 K, 3 K)`` covariance of the centres from the outlines.
-    """
-
-    centres_mm: Array
-    radii_mm: Array
-    covariance_mm2: Array
+_INLIER_SIGMAS = 4.0
 
 
 def observed_rays(
@@ -69,30 +52,41 @@ def observed_rays(
     return points + eye, directions
 
 
-def predicted_highlights(
-    camera: CameraModel, centres_mm: Array, radii_mm: Array, lights_mm: Array
-) -> Array:
-    """Return the pixels ``(N, K, 2)`` of the highlights of N lights on K spheres."""
-    points = mirror_points(camera.centre_mm, lights_mm[:, None], centres_mm[None], radii_mm[None])
-    return camera.project(points)
+@dataclass(frozen=True, eq=False)
+class LocatedLights:
+    """Positions of N lights from highlights on K spheres.
+
+    Parameters
+    ----------
+    refined
+        Positions, sphere centres and covariances.
+    used
+        ``(N, K)`` highlights that agree with the position of their light.
+    residuals_px
+        ``(N,)`` rms distance between the used highlights and those predicted.
+    """
+
+    refined: Refined
+    used: npt.NDArray[np.bool_]
+    residuals_px: Array
+
+    __repr__ = short_repr
 
 
 def locate_lights(
     camera: CameraModel,
     spheres: KnownSpheres,
     highlights_px: Array,
-    saturated: npt.NDArray[np.bool_],
+    sigma_px: Array,
     ids: tuple[str, ...],
-) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+) -> LocatedLights:
     """Estimate the positions of lights with highlights on two or more spheres.
 
     Every pair of reflected rays gives a candidate position for a light. The candidate whose
     predicted highlights have the least median error decides which spheres agree, so one false
-    highlight among three or more is harmless: a highlight agrees if its error is at most 1.5 px, or
-    five times the median error. All positions are then refined together with the sphere centres:
-    the refinement minimises the sum of the squared highlight errors, relative to a standard
-    deviation of 0.05 px, or 0.5 px if saturated, and of the squared deviations of the centres from
-    those given by the outlines, relative to their covariance.
+    highlight among three or more is harmless: a highlight agrees if its error is at most 1.5 px,
+    five times the median error, or four standard deviations. All positions are then refined
+    together with the sphere centres by `refine`.
 
     Parameters
     ----------
@@ -102,19 +96,10 @@ def locate_lights(
         K spheres.
     highlights_px
         ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
-    saturated
-        ``(N, K)`` highlights that are only known as the centre of a saturated blob.
+    sigma_px
+        ``(N, K)`` standard deviations of each coordinate of the highlights.
     ids
         N names of the lights, for messages.
-
-    Returns
-    -------
-    positions_mm
-        ``(N, 3)`` positions of the lights, house frame.
-    centres_mm
-        ``(K, 3)`` refined centres of the spheres.
-    used
-        ``(N, K)`` highlights that agree with the position.
 
     Raises
     ------
@@ -147,11 +132,15 @@ def locate_lights(
         best = int(np.argmin(np.median(errors, axis=1)))
         limit = max(_INLIER_PX, _INLIER_RATIO * float(np.median(errors[best])))
         positions[i] = proposals[best]
-        used[i, at] = errors[best] <= limit
-    sigma_px = np.where(saturated, _SATURATED_SIGMA_PX, _HIGHLIGHT_SIGMA_PX)
-    weight = np.where(used, sigma_px**-2, 0.0)
-    positions, centres = _refine(camera, spheres, positions, highlights_px, weight, ids)
-    return positions, centres, used
+        used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * sigma_px[i, at])
+    sigma_px = np.where(used, sigma_px, np.inf)
+    refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids)
+    predicted = predicted_highlights(
+        camera, refined.centres_mm, spheres.radii_mm, refined.positions_mm
+    )
+    square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
+    residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
+    return LocatedLights(refined, used, residuals_px)
 
 
 def _pair_positions(points: Array, directions: Array) -> Array:
@@ -168,82 +157,6 @@ def _pair_positions(points: Array, directions: Array) -> Array:
         if s > 0 and t > 0:
             proposals.append(0.5 * (points[a] + s * directions[a] + points[b] + t * directions[b]))
     return np.array(proposals).reshape(-1, 3)
-
-
-def _refine(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    positions: Array,
-    highlights_px: Array,
-    weight: Array,
-    ids: tuple[str, ...],
-) -> tuple[Array, Array]:
-    """Refine all lights and sphere centres by Gauss-Newton with a Schur complement."""
-    n, k = weight.shape
-    centres = spheres.centres_mm.copy()
-    information = np.linalg.inv(spheres.covariance_mm2)
-    weight = np.repeat(weight[..., None], 2, axis=-1)
-    observed = np.where(weight > 0, highlights_px, 0.0)
-
-    def residuals(lights: Array, at: Array) -> Array:
-        predicted = predicted_highlights(camera, at, spheres.radii_mm, lights)
-        return predicted - observed
-
-    for _ in range(_ROUNDS):
-        error = residuals(positions, centres)
-        by_light, by_centre = _slopes(residuals, positions, centres)
-        of_light = np.einsum("nkia,nki,nkib->nab", by_light, weight, by_light)
-        cross = np.einsum("nkia,nki,nkib->nakb", by_light, weight, by_centre)
-        of_centre = information.copy()
-        blocks = np.einsum("nkia,nki,nkib->kab", by_centre, weight, by_centre)
-        for j in range(k):
-            of_centre[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] += blocks[j]
-        pull_light = np.einsum("nkia,nki->na", by_light, weight * error)
-        pull_centre = np.einsum("nkia,nki->ka", by_centre, weight * error).ravel()
-        pull_centre += information @ (centres - spheres.centres_mm).ravel()
-        cross = cross.reshape(n, 3, 3 * k)
-        _check_determined(of_light, positions, ids)
-        inverse = np.linalg.inv(of_light)
-        schur = of_centre - np.einsum("nap,nab,nbq->pq", cross, inverse, cross)
-        right = pull_centre - np.einsum("nap,nab,nb->p", cross, inverse, pull_light)
-        move_centre = -np.linalg.solve(schur, right)
-        move_light = -np.einsum("nab,nb->na", inverse, pull_light + cross @ move_centre)
-        # Limit the step to a fifth of the distance, where the linear model is valid.
-        longest = 0.2 * np.linalg.norm(positions, axis=1)
-        length = np.linalg.norm(move_light, axis=1)
-        positions = (
-            positions + move_light * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
-        )
-        centres = centres + move_centre.reshape(k, 3)
-    return positions, centres
-
-
-def _slopes(
-    residuals: Callable[[Array, Array], Array], positions: Array, centres: Array
-) -> tuple[Array, Array]:
-    """Return the numerical derivatives ``(N, K, 2, 3)`` by light and by sphere centre."""
-    step = 1e-3
-    by_light, by_centre = [], []
-    for axis in np.eye(3) * step:
-        by_light.append(residuals(positions + axis, centres) - residuals(positions - axis, centres))
-        by_centre.append(
-            residuals(positions, centres + axis) - residuals(positions, centres - axis)
-        )
-    scale = 1 / (2 * step)
-    return np.stack(by_light, axis=-1) * scale, np.stack(by_centre, axis=-1) * scale
-
-
-def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:
-    """Raise `EstimateError` if the uncertainty of a position is large relative to its distance."""
-    values = np.linalg.eigvalsh(of_light)
-    deviation = 1 / np.sqrt(np.maximum(values[:, 0], 1e-30))
-    share = deviation / np.linalg.norm(positions, axis=1)
-    worst = int(np.argmax(share))
-    if not share[worst] < _WORST_SHARE:
-        raise EstimateError(
-            f"the distance of light {ids[worst]} is not determined, because its reflected rays are "
-            "nearly parallel: move the spheres apart, or leave out the radius to get directions"
-        )
 
 
 def _names(ids: list[str]) -> str:

@@ -43,13 +43,23 @@ def edge_offsets(profiles: Array) -> Array:
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    shifts, complements = _complements()
-    errors = np.stack(
+    return offsets_of(edge_costs(profiles))
+
+
+def edge_costs(profiles: Array) -> Array:
+    """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
+    _, complements = _complements()
+    return np.stack(
         [np.sum((profiles @ complement) ** 2, axis=1) for complement in complements], axis=1
     )
-    best = np.clip(np.argmin(errors, axis=1), 1, len(shifts) - 2)
-    row = np.arange(len(profiles))
-    before, least, after = errors[row, best - 1], errors[row, best], errors[row, best + 1]
+
+
+def offsets_of(costs: Array) -> Array:
+    """Return the shift ``(M,)`` with the least cost in ``(M, shifts)``, interpolated."""
+    shifts, _ = _complements()
+    best = np.clip(np.argmin(costs, axis=1), 1, len(shifts) - 2)
+    row = np.arange(len(costs))
+    before, least, after = costs[row, best - 1], costs[row, best], costs[row, best + 1]
     curve = before - 2 * least + after
     part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
     offsets: Array = shifts[best] + _SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)

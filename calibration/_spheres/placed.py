@@ -8,12 +8,12 @@ from scipy.linalg import block_diag
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
 from calibration._spheres.cone import Cone
-from calibration._spheres.light_positions import KnownSpheres
+from calibration._spheres.joint_refinement import KnownSpheres
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
 
-_OUTLINE_SIGMA_PX = 0.05
 # Spheres are placed near the working plane. If their computed distance from it exceeds this
 # fraction of the working distance, the radius is probably wrong. A wrong radius also scales the
 # positions of the lights, which no residual would show.
@@ -45,15 +45,21 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     eye = camera.centre_mm
     pairs = list(zip(cones, radii, strict=True))
     centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
-    # The scatter of the points does not include a systematic error of the outline.
-    pixel_angle = _OUTLINE_SIGMA_PX / camera.focal_px
-    covariances = []
-    for cone, radius in pairs:
-        sideways = pixel_angle * radius / cone.sine
-        in_depth = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
-        systematic = np.eye(3) * sideways**2 + np.outer(in_depth, in_depth)
-        covariances.append(radius**2 * cone.covariance + systematic)
+    covariances = [
+        radius**2 * (cone.covariance + systematic(cone, camera)) for cone, radius in pairs
+    ]
     return KnownSpheres(centres, radii, block_diag(*covariances))
+
+
+def systematic(cone: Cone, camera: CameraModel) -> Array:
+    """Return the covariance of a centre in radii from systematic errors of the outline.
+
+    The scatter of the points does not include them: `OUTLINE_SIGMA_PX` of position and radius.
+    """
+    sideways = OUTLINE_SIGMA_PX / camera.focal_px / cone.sine
+    in_depth = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
+    covariance: Array = np.eye(3) * sideways**2 + np.outer(in_depth, in_depth)
+    return covariance
 
 
 def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[Notice]:

@@ -102,7 +102,8 @@ def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Arr
         low, high = np.where(f < 0, phi, low), np.where(f < 0, high, phi)
         slope = _incidence_slope(a, phi, radius) + _incidence_slope(b, psi - phi, radius)
         newton = phi - f / slope
-        step = np.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        # The converged value is one end of its bracket.
+        step = np.where((newton >= low) & (newton <= high), newton, 0.5 * (low + high))
         if np.all(np.abs(step - phi) < 1e-15):
             break
         phi = step

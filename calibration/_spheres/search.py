@@ -47,7 +47,7 @@ def searched_spheres(
         If no sphere counts; the message describes the candidates.
     """
     if camera is None or radii_mm is None:
-        images, blurred = _parted(find_spheres(values))
+        images, blurred = _parted(find_spheres(values, camera=camera))
         if not images:
             raise EstimateError(
                 f"no mirror sphere found: {round_outlines(values)} round outlines in the mean "
@@ -57,10 +57,10 @@ def searched_spheres(
         return images, _blurred_notices(blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
     radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
-    images, blurred = _parted(find_spheres(values, radii_px))
+    images, blurred = _parted(find_spheres(values, radii_px, camera=camera))
     # Report spheres of another size, and do not take a blurred circle around them for the outline.
     # A mirrored circle may be sharper than the outline, so the message suggests both remedies.
-    parted, _ = _parted([*images, *find_spheres(values, excluded=images)])
+    parted, _ = _parted([*images, *find_spheres(values, excluded=images, camera=camera)])
     others = [image for image in parted if image not in images]
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
     sizes = ", ".join(f"{_radius_mm(camera, other):.1f}" for other in others)
@@ -92,11 +92,11 @@ def searched_spheres(
 
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:
-    """Return the images with sharp outlines, and those that are much less sharp."""
+    """Return spheres that mirror a plane or have sharp outlines, and much less sharp outlines."""
     limit_px = _SHARP_OUTLINE_PX
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
-    sharp = [image for image in images if image.rms_px <= limit_px]
+    sharp = [image for image in images if image.mirrors or image.rms_px <= limit_px]
     return sharp, [image for image in images if image not in sharp]
 
 

@@ -29,12 +29,15 @@ class SphereImage:
         Share 0..1 of the circumference that is visible.
     highlights
         Highlights, one per light.
+    mirrors
+        Whether the sphere was seen to mirror the plane around it, which no other object does.
     """
 
     outline: Ellipse
     points_px: Array
     coverage: float
     highlights: Highlights
+    mirrors: bool = False
 
     __repr__ = short_repr
 

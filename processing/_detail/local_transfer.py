@@ -127,6 +127,18 @@ def transfer_local(
     DataError
         If a mask does not fit its map, the masks do not overlap, the position is missing for maps
         of different size, the filter does not fit, or a number is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, ShapeFilter, transfer_local
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(40 * x), 0 * x, 0 * x + 1]))
+    >>> middle, narrow = x**2 + y**2 < 0.3, ShapeFilter(w=3)
+    >>> moved = transfer_local(ripples, bowl, target_mask=middle, shape_filter=narrow).normal_map
+    >>> bool((moved.normals == bowl.normals)[~middle].all())  # unchanged outside the region
+    True
     """
     check_normal_map("source", source)
     check_normal_map("target", target)

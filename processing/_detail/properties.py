@@ -48,6 +48,16 @@ def compare_details(detail: NormalMap, reference: NormalMap) -> DetailComparison
     ------
     DataError
         If the sizes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, compare_details
+    >>> x = np.tile(np.arange(24.0), (24, 1))
+    >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(x), 0 * x, 0 * x + 1]))
+    >>> comparison = compare_details(ripples, ripples)
+    >>> comparison.mae_deg, round(comparison.ssim, 6)
+    (0.0, 1.0)
     """
     return DetailComparison(
         angular_error(detail, reference).mae_deg,
@@ -75,6 +85,15 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailComparis
     ------
     DataError
         If `highest` is below 2.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, idempotence, separate
+    >>> x = np.tile(np.arange(32.0), (32, 1))
+    >>> parts = separate(NormalMap.from_vectors(np.dstack([np.sin(x), 0 * x, 0 * x + 2])))
+    >>> sorted(idempotence(parts))
+    [2, 3, 4]
     """
     if highest < 2:
         raise DataError(f"the detail of a detail has order 2 or more, not {highest}")
@@ -141,6 +160,17 @@ def transfer_chain(
     ------
     DataError
         If there is no target, or the filter's window is larger than the cropped maps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, transfer_chain
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> hill = NormalMap.from_vectors(np.dstack([-x, -y, 0 * x + 2]))
+    >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(40 * x), 0 * x, 0 * x + 1]))
+    >>> len(transfer_chain(ripples, [bowl, hill]))
+    3
     """
     if not targets:
         raise DataError("a chain of transfers requires at least one target")
@@ -183,6 +213,17 @@ def cross_exchange(
     -------
     tuple[TransferResult, TransferResult]
         The detail of a on b, and the detail of b on a, with errors on demand.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, cross_exchange
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(40 * x), 0 * x, 0 * x + 1]))
+    >>> rippled_bowl, flattened_bowl = cross_exchange(ripples, bowl)
+    >>> rippled_bowl.normal_map
+    NormalMap(float32[32, 32, 3], 1024 normals)
     """
     return (
         transfer(a, b, shape_filter=shape_filter),

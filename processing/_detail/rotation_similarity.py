@@ -55,6 +55,14 @@ def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
     ------
     DataError
         If `w` is below 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, rotation_similarity
+    >>> flat = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (16, 16, 1)))
+    >>> rotation_similarity(flat).angle_deg
+    0.0
     """
     if w < 1:
         raise DataError(f"the window's half width must be 1 or more, not {w}")

@@ -79,6 +79,15 @@ def separate(
     ------
     DataError
         If the filter is unknown or its window is larger than the map.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, ShapeFilter, separate
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> separate(bowl, shape_filter=ShapeFilter(w=3)).detail
+    NormalMap(float32[32, 32, 3], 1024 normals)
     """
     check_normal_map("normal_map", normal_map)
     on_progress("detail", 0, 1)
@@ -104,6 +113,16 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     ------
     DataError
         If the sizes differ or the masks do not overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, angular_error, combine, separate
+    >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
+    >>> ripples = NormalMap.from_vectors(np.dstack([x + np.sin(40 * x), y, 0 * x + 2]))
+    >>> parts = separate(ripples)
+    >>> angular_error(combine(parts.shape, parts.detail), ripples).mae_deg < 1e-3
+    True
     """
     check_normal_map("shape", shape)
     check_normal_map("detail", detail)

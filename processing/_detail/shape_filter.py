@@ -103,12 +103,8 @@ class ShapeFilter:
         DataError
             If the window is larger than the map.
         """
-        height, width = normal_map.size
-        if 2 * self.w + 1 > min(height, width):
-            raise DataError(
-                f"a shape filter with w={self.w} has a window of {2 * self.w + 1} pixels, larger "
-                f"than the normal map of {width} x {height}: use a smaller w"
-            )
+        self.check_size(normal_map.size)
+        height, _ = normal_map.size
         normals, mask = normal_map.normals.reshape(height, -1), normal_map.mask
         shape, detail = np.zeros_like(normals), np.zeros_like(normals)
         if self.passes == 1:
@@ -125,6 +121,25 @@ class ShapeFilter:
             NormalMap.of_unit_vectors(shape.reshape(size), mask),
             NormalMap.of_unit_vectors(detail.reshape(size), mask),
         )
+
+    def check_size(self, size: tuple[int, int]) -> None:
+        """Refuse the (height, width) of a normal map that is smaller than the window.
+
+        Raises
+        ------
+        DataError
+            The message names the largest `w` that fits, or the smallest map.
+        """
+        height, width = size
+        if 2 * self.w + 1 > min(height, width):
+            largest = (min(height, width) - 1) // 2
+            remedy = "a map of at least 3 x 3 pixels is required"
+            if largest:
+                remedy = f"use w = {largest}{' or less' if largest > 1 else ''}, or a larger map"
+            raise DataError(
+                f"a shape filter with w={self.w} has a window of {2 * self.w + 1} pixels, larger "
+                f"than the normal map of {width} x {height}: {remedy}"
+            )
 
     def _repeat(
         self, normals: Float, mask: npt.NDArray[np.bool_], shape: Float, detail: Float

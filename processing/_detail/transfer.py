@@ -173,6 +173,17 @@ def transfer(
     DataError
         If the filter does not fit one of the maps, a number is out of range, or the masks do not
         overlap at `at`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, transfer
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(40 * x), 0 * x, 0 * x + 1]))
+    >>> moved = transfer(ripples, bowl)  # the ripples on the bowl
+    >>> moved.fidelity.shape_mae_deg < 1
+    True
     """
     check_normal_map("source", source)
     check_normal_map("target", target)

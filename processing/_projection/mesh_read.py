@@ -77,7 +77,7 @@ class Geometry:
 
 
 def read_geometry(path: str | Path) -> Geometry:
-    """Read a triangle mesh or a point cloud.
+    r"""Read a triangle mesh or a point cloud.
 
     Parameters
     ----------
@@ -102,6 +102,14 @@ def read_geometry(path: str | Path) -> Geometry:
     DataError
         If the file has another format, is damaged or truncated, or for the reasons given in
         `Geometry`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from processing import read_geometry
+    >>> _ = Path("corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    >>> read_geometry("corner.obj").vertices.shape
+    (3, 3)
     """
     mesh = read_mesh_file(path)
     try:

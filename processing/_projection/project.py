@@ -101,6 +101,15 @@ def project(
     EstimateError
         If no part of the object is inside the image, or the points of a cloud do not determine a
         surface.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import Geometry, project
+    >>> corners = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0]], float)
+    >>> card = Geometry(corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    >>> project(card, pixel_mm=0.5).normal_map
+    NormalMap(float32[10, 12, 3], 48 normals)
     """
     if not (math.isfinite(unit_mm) and unit_mm > 0):
         raise DataError(f"a unit of {unit_mm} mm is not a positive length")

@@ -66,6 +66,15 @@ def view_rotation(
     ------
     DataError
         If `look` has no direction, or a number is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import view_rotation
+    >>> bool((view_rotation("front") == np.eye(3)).all())
+    True
+    >>> (view_rotation("top") @ [0, 1, 0]).round()  # up in the file points to the viewer
+    array([0., 0., 1.])
     """
     to_y_up = np.eye(3) if up == "y" else _Z_UP
     sight = np.array(_LOOKS[view], np.float64)

@@ -49,6 +49,15 @@ def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_])
     ------
     DataError
         If the shapes differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import albedo_picture
+    >>> albedo = np.linspace(0, 0.5, 1000, dtype=np.float32).reshape(20, 50)
+    >>> picture = albedo_picture(albedo, np.ones((20, 50), bool))
+    >>> picture.pixels.dtype, round(picture.white, 2)
+    (dtype('uint8'), 0.5)
     """
     if mask.shape != albedo.shape[:2] or albedo.ndim not in (2, 3):
         raise DataError(

@@ -69,7 +69,7 @@ def curve_warnings(
     text = (
         f"read as {source.transfer.name} ({source.transfer_origin}), the images deviate from the "
         f"lights by {assumed:.1%}, but as {other.name} only by {alternative:.1%}: check the "
-        f"transfer curve (--gamma {other.kind})"
+        "transfer curve"
     )
     return [Notice("transfer-curve-doubtful", text, str(source.path))]
 

@@ -267,47 +267,49 @@ def _named(
     return list(_notices(found, ids))
 
 
+_CODES: dict[str, str] = {
+    "turned": "image-turned",
+    "other": "images-swapped",
+    "alien": "image-disagrees",
+    "moved": "light-moved",
+    "bright": "light-brightness",
+}
+# What is wrong with one and with several, and the remedy.
+_TEXTS = {
+    "turned": (
+        "image is not in the position of the others",
+        "images are not in the position of the others",
+        "turn the file",
+    ),
+    "other": (
+        "image belongs to another light",
+        "images belong to another light",
+        "check the order of images and lights",
+    ),
+    "alien": (
+        "image does not fit the others under any light",
+        "images do not fit the others under any light",
+        "it may show another moment, other exposure, or stray light",
+    ),
+    "moved": (
+        "light is not where the images show it",
+        "lights are not where the images show them",
+        "did a lamp move, or is the image turned?",
+    ),
+    "bright": (
+        "image is brighter or darker than the light explains",
+        "images are brighter or darker than the light explains",
+        "check intensities and exposure times",
+    ),
+}
+
+
 def _notices(found: dict[str, list[tuple[int, str]]], ids: Sequence[str]) -> Iterator[Notice]:
-    def listed(kind: str) -> tuple[str, str, int]:
-        rows = found.get(kind, [])
+    for kind, (one, several, remedy) in _TEXTS.items():
+        if not (rows := found.get(kind)):
+            continue
         names = ", ".join(text for _, text in rows[:_LISTED])
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         where = ", ".join(ids[i] for i, _ in rows) if len(rows) <= _LISTED else ""
-        return names + more, where, len(rows)
-
-    names, where, count = listed("turned")
-    if count:
-        text = (
-            f"{pluralize(count, 'image is', 'images are')} not in the position of the others: "
-            f"{names}; turn the file"
-        )
-        yield Notice("image-turned", text, where)
-    names, where, count = listed("other")
-    if count:
-        text = (
-            f"{pluralize(count, 'image belongs', 'images belong')} to another light: {names}; "
-            "check the order of images and lights"
-        )
-        yield Notice("images-swapped", text, where)
-    names, where, count = listed("alien")
-    if count:
-        text = (
-            f"{pluralize(count, 'image does', 'images do')} not fit the others under any light: "
-            f"{names}; it may show another moment, other exposure, or stray light"
-        )
-        yield Notice("image-disagrees", text, where)
-    names, where, count = listed("moved")
-    if count:
-        text = (
-            f"{pluralize(count, 'light is', 'lights are')} not where the images show "
-            f"{'it' if count == 1 else 'them'}: {names}; did a lamp move, or is the "
-            "image turned?"
-        )
-        yield Notice("light-moved", text, where)
-    names, where, count = listed("bright")
-    if count:
-        text = (
-            f"{pluralize(count, 'image is', 'images are')} brighter or darker than the light "
-            f"explains: {names}; check intensities and exposure times"
-        )
-        yield Notice("light-brightness", text, where)
+        text = f"{pluralize(len(rows), one, several)}: {names}{more}; {remedy}"
+        yield Notice(_CODES[kind], text, where)

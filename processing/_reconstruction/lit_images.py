@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import numpy.typing as npt
 
 # An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
+_THREADS = 2  # each takes the memory of two images
 
 
 def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> list[int]:
@@ -21,5 +24,11 @@ def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> 
     mask
         ``(H, W)`` bool, the object.
     """
-    bright = np.array([np.quantile(np.nan_to_num(image[mask], nan=1.0), 0.99) for image in values])
+    with ThreadPoolExecutor(_THREADS) as pool:
+        bright = np.array(list(pool.map(lambda image: _brightness(image, mask), values)))
     return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
+
+
+def _brightness(image: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> np.float32:
+    inside = np.nan_to_num(image[mask], copy=False, nan=1.0)
+    return np.float32(np.quantile(inside, 0.99, overwrite_input=True))

@@ -96,6 +96,19 @@ def image_quality(
     ------
     DataError, EstimateError
         As `photometric_stereo`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from processing import image_quality
+    >>> around = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    >>> lights = Lights(directions=np.stack([np.cos(around), np.sin(around), 0 * around + 2], 1))
+    >>> y, x = np.mgrid[0.7:-0.7:48j, -0.7:0.7:48j]
+    >>> normals = np.dstack([x, y, np.sqrt(1 - x**2 - y**2)])
+    >>> values = np.einsum("nk,hwk->nhw", lights.unit_directions, normals).clip(0)
+    >>> image_quality(values.astype(np.float32), lights, np.ones((48, 48), bool)).warnings
+    ()
     """
     if not mask.any():
         raise DataError("the mask is empty: there is no pixel to compute")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights, Source
+from acquisition import DataError, Lights, Source, setup_notices
 from calibration import EstimateError, linear_stack
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
@@ -85,10 +85,10 @@ def reconstruct(
     """Compute normals and height of a recorded object.
 
     The images are converted to linear radiance; a warning says if they fit the lights much better
-    under another transfer curve, and others if images, lights and normals do not agree (see
-    `image_quality`). Images without light on the object are left out.
-    Photometric stereo computes the normals, and their integration the height. Near lights are
-    evaluated at the points of the working plane.
+    under another transfer curve, others if images, lights and normals do not agree (see
+    `image_quality`), or if the lights were calibrated with another rig or camera. Images without
+    light on the object are left out. Photometric stereo computes the normals, and their integration
+    the height. Near lights are evaluated at the points of the working plane.
 
     Parameters
     ----------
@@ -120,19 +120,26 @@ def reconstruct(
 
     Examples
     --------
-    >>> from acquisition import read_source
-    >>> from processing import reconstruct, write_mesh
-    >>> result = reconstruct(read_source("recordings/owl"))  # doctest: +SKIP
-    >>> write_mesh("owl.ply", result.surface)  # doctest: +SKIP
+    >>> import numpy as np
+    >>> from acquisition import Lights, read_source, write_png
+    >>> from processing import reconstruct
+    >>> lights = Lights(directions=[[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
+    >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
+    >>> normals = np.dstack([x, y, 0 * x + 2]) / np.sqrt(x**2 + y**2 + 4)[..., None]
+    >>> ball = np.pad(normals @ lights.unit_directions.T, [(8, 8), (8, 8), (0, 0)])
+    >>> for i in range(4):
+    ...     write_png(f"ball.{i}.png", (60_000 * ball[:, :, i]).astype(np.uint16))
+    >>> reconstruct(read_source(".", lights=lights))
+    Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, on_progress=on_progress)
-    warnings = [*source.warnings, *stack.warnings]
-    mask = stack.mask
+    warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
+    mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
-        computed = object_mask(stack.values)
+        computed = object_mask(stack.values, outside=elsewhere)
         mask = computed.mask
         text = (
             "the images have no mask: one was computed; the object is "
@@ -140,6 +147,8 @@ def reconstruct(
         )
         warnings.append(Notice("mask-estimated", text))
         warnings += _mask_warning(mask)
+    elif elsewhere is not None:
+        mask = mask & ~elsewhere
     lit = lit_images(stack.values, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]

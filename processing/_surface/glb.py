@@ -23,7 +23,7 @@ def glb(
     mesh: Mesh,
     texture: npt.NDArray[np.uint8] | None = None,
     normals: npt.NDArray[np.uint8] | None = None,
-) -> list[bytes]:
+) -> list[bytes | memoryview]:
     """Return the parts of a .glb file.
 
     Parameters
@@ -44,17 +44,20 @@ def glb(
         If the texture cannot be encoded.
     """
     positions = mesh.vertices * np.float32(_METRES)
-    views: list[tuple[bytes, int]] = []
+    views: list[tuple[memoryview, int]] = []
     accessors: list[dict[str, Any]] = []
 
     def add(array: npt.NDArray[Any], target: int, **form: object) -> int:
-        views.append((array.tobytes(), target))
+        flat = np.ascontiguousarray(array).reshape(-1)
+        views.append((flat.view(np.uint8).data, target))
         accessors.append({"bufferView": len(views) - 1, **form})
         return len(accessors) - 1
 
     vectors = {"componentType": _FLOAT, "type": "VEC3", "count": len(positions)}
     bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-    attributes = {"POSITION": add(positions.astype("<f4"), _VERTICES, **vectors, **bounds)}
+    attributes = {
+        "POSITION": add(positions.astype("<f4", copy=False), _VERTICES, **vectors, **bounds)
+    }
     if normals is not None:
         for name, kind, vector in (
             ("NORMAL", "VEC3", (0, 0, 1)),
@@ -63,15 +66,15 @@ def glb(
             same = np.tile(np.array(vector, "<f4"), (len(positions), 1))
             attributes[name] = add(same, _VERTICES, **(vectors | {"type": kind}))
     elif mesh.normals is not None:
-        attributes["NORMAL"] = add(mesh.normals.astype("<f4"), _VERTICES, **vectors)
+        attributes["NORMAL"] = add(mesh.normals.astype("<f4", copy=False), _VERTICES, **vectors)
     images = [image for image in (texture, normals) if image is not None]
     if images and mesh.places is not None:
         places = {"componentType": _FLOAT, "type": "VEC2", "count": len(positions)}
-        attributes["TEXCOORD_0"] = add(mesh.places.astype("<f4"), _VERTICES, **places)
+        attributes["TEXCOORD_0"] = add(mesh.places.astype("<f4", copy=False), _VERTICES, **places)
     scalars = {"componentType": _UNSIGNED, "type": "SCALAR", "count": mesh.faces.size}
     primitive: dict[str, Any] = {"attributes": attributes}
-    primitive["indices"] = add(mesh.faces.astype("<u4"), _INDICES, **scalars)
-    blobs = [data for data, _ in views]
+    primitive["indices"] = add(mesh.faces.astype("<i4", copy=False), _INDICES, **scalars)
+    blobs: list[bytes | memoryview] = [data for data, _ in views]
     if images:
         primitive["material"] = 0
         blobs += [_png(image) for image in images]

@@ -33,7 +33,19 @@ class HeightPicture(NamedTuple):
 
 
 def height_picture(height_map: HeightMap) -> HeightPicture:
-    """Encode a height map as 16-bit samples; the error is at most half a step."""
+    """Encode a height map as 16-bit samples; the error is at most half a step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, height_picture, integrate
+    >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
+    >>> surface = integrate(NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2])), pixel_mm=0.5)
+    >>> picture = height_picture(surface)
+    >>> heights_mm = picture.base + picture.step * picture.pixels
+    >>> bool(np.abs(heights_mm - surface.height).max() <= picture.step)
+    True
+    """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     inside = height_map.height[height_map.mask].astype(np.float64)
     lowest, highest = float(inside.min()), float(inside.max())

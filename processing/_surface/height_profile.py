@@ -81,6 +81,16 @@ def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
     ------
     DataError
         If the sizes or units differ or the masks do not overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, height_profile, integrate
+    >>> y, x = np.mgrid[1:-1:16j, -1:1:16j]
+    >>> bowl = integrate(NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2])))
+    >>> deeper = integrate(NormalMap.from_vectors(np.dstack([1.1 * x, 1.1 * y, 0 * x + 2])))
+    >>> round(height_profile(bowl, deeper).rms, 3)  # pixels
+    0.089
     """
     check_type("target", target, HeightMap, "integrate(normal_map) returns one")
     check_type("result", result, HeightMap, "integrate(normal_map) returns one")

@@ -74,6 +74,16 @@ def integrability(normals: npt.NDArray[np.float32], mask: Mask) -> Integrability
         ``(H, W, 3)`` unit normals.
     mask
         ``(H, W)`` bool, the pixels with a normal.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import integrability
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> normals = np.dstack([x + y, x - y, 0 * x + 4])  # of a saddle
+    >>> normals = (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)
+    >>> integrability(normals, np.ones((32, 32), bool)).curl < 0.01
+    True
     """
     cells, inside = _cells(normals, mask)
     inside &= cells[..., 2] > _LEAST_NZ

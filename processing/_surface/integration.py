@@ -75,19 +75,28 @@ class HeightMap:
         shape = f"{self.height.dtype}{list(self.height.shape)}"
         return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
 
-    def points(self) -> Float:
-        """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside."""
-        rows, columns = self.mask.shape
-        points = np.full((rows, columns, 3), np.nan, np.float32)
-        points[..., 2] = self.height
+    def points(self, rows: slice = slice(None)) -> Float:
+        """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside.
+
+        Parameters
+        ----------
+        rows
+            Rows of the map; the default is all of them.
+        """
+        height, columns = self.mask.shape
+        inside = self.mask[rows]
+        down = np.arange(height)[rows]
+        points = np.full((*inside.shape, 3), np.nan, np.float32)
+        points[..., 2] = self.height[rows]
         if self.camera is not None and self.depth is not None:
-            rays = self.camera.pixel_rays()
-            points[..., :2] = rays[..., :2] * self.depth[..., None]
+            x, y = np.meshgrid(np.arange(columns), down)
+            rays = self.camera.rays(np.stack([x, y], axis=-1))
+            points[..., :2] = rays[..., :2] * self.depth[rows, :, None]
         else:
             x = (np.arange(columns) - (columns - 1) / 2) * self.pixel_size
-            y = ((rows - 1) / 2 - np.arange(rows)) * self.pixel_size
-            points[..., 0] = np.where(self.mask, x[None, :], np.nan)
-            points[..., 1] = np.where(self.mask, y[:, None], np.nan)
+            y = ((height - 1) / 2 - down) * self.pixel_size
+            points[..., 0] = np.where(inside, x[None, :], np.nan)
+            points[..., 1] = np.where(inside, y[:, None], np.nan)
         return points
 
 
@@ -131,6 +140,18 @@ def integrate(
         a pixel size and a working distance are given.
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate
+    >>> x = np.tile(np.arange(6.0), (4, 1))
+    >>> slope = NormalMap.from_vectors(np.dstack([0 * x - 1, 0 * x, 0 * x + 1]))  # 45 degrees
+    >>> surface = integrate(slope, pixel_mm=0.5)
+    >>> surface
+    HeightMap(float32[4, 6] in mm, pixel size 0.5 mm)
+    >>> surface.height[0].round(3)
+    array([-1.25, -0.75, -0.25,  0.25,  0.75,  1.25], dtype=float32)
     """
     check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
@@ -150,6 +171,12 @@ def integrate(
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
     if count == 0:
+        if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
+            rows, columns = normal_map.size
+            raise EstimateError(
+                f"no two pixels of the normal map of {columns} x {rows} are neighbours, so there "
+                "is nothing to integrate: use a larger map, or check its mask"
+            )
         raise EstimateError(
             "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
             "integrate: check the axes of the map (Z toward the camera) and its mask"
@@ -196,19 +223,33 @@ def _bounding_box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
-def check_scale(camera: CameraModel, pixel_mm: float | None) -> None:
-    """Refuse a pixel size next to a camera that has a working distance.
+def surface_scale(
+    camera: CameraModel | None, pixel_mm: float | None
+) -> tuple[Literal["mm", "px"], float]:
+    """Return unit and pixel size of the height map that `integrate` would return.
+
+    Parameters
+    ----------
+    camera, pixel_mm
+        As for `integrate`.
 
     Raises
     ------
     DataError
-        If both are given: each states the scale.
+        If a pixel size and a camera with a working distance are given: each states the scale.
+
+    Examples
+    --------
+    >>> from processing import surface_scale
+    >>> from simulator import bench_camera
+    >>> surface_scale(None, 0.1)
+    ('mm', 0.1)
+    >>> surface_scale(bench_camera(), 0.1)
+    Traceback (most recent call last):
+        ...
+    processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
-    if pixel_mm is not None and camera.working_distance_mm is not None:
-        raise DataError(
-            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
-            "exclude each other: give only one of them"
-        )
+    return _scale(camera, pixel_mm)[:2]
 
 
 def _scale(
@@ -217,8 +258,12 @@ def _scale(
     """Return unit, pixel size and, with a camera, the working distance in that unit."""
     if camera is None:
         return ("px", 1.0, 0.0) if pixel_mm is None else ("mm", pixel_mm, 0.0)
-    check_scale(camera, pixel_mm)
     focal_px, distance = camera.focal_px, camera.working_distance_mm
+    if pixel_mm is not None and distance is not None:
+        raise DataError(
+            f"a pixel size of {pixel_mm} mm and a camera at {distance} mm exclude each other: give "
+            "only one of them"
+        )
     if distance is None:
         return ("px", 1.0, focal_px) if pixel_mm is None else ("mm", pixel_mm, pixel_mm * focal_px)
     return "mm", distance / focal_px, distance

@@ -10,10 +10,13 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
+from processing._surface.face_kernels import faces_of
 from processing._surface.integration import HeightMap
 from rig import check_type, short_repr
 
 Float = npt.NDArray[np.float32]
+
+_BAND = 64  # rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +79,16 @@ def height_mesh(
     DataError
         If the normals do not cover the height map, the colours have another size or type, or the
         map contains no triangle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, height_mesh, integrate
+    >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> mesh = height_mesh(integrate(bowl, pixel_mm=0.5))
+    >>> mesh.vertices.shape, mesh.faces.shape, mesh.unit
+    ((25, 3), (32, 3), 'mm')
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     mask = height_map.mask
@@ -83,17 +96,39 @@ def height_mesh(
         raise DataError(
             "the normals do not cover the height map: give the normal map it was integrated from"
         )
-    vertices = height_map.points()[mask]
-    faces = _faces(height_map.parts, vertices)
+    vertices = _vertices(height_map)
+    faces = faces_of(height_map.parts, vertices)
     if not len(faces):
         raise DataError(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
         )
     facing = None if normals is None else normals.normals[mask]
-    # A texture covers 0 to 1 from the outer edge of its first pixel to that of its last.
-    places = ((np.argwhere(mask)[:, ::-1] + 0.5) / mask.shape[::-1]).astype(np.float32)
     painted = None if colours is None else _colours(colours, mask)
-    return Mesh(vertices, faces, facing, height_map.unit, painted, places)
+    return Mesh(vertices, faces, facing, height_map.unit, painted, _places(mask))
+
+
+def _vertices(height_map: HeightMap) -> Float:
+    """Return the points of the pixels inside, in bands of rows: all points take much memory."""
+    mask = height_map.mask
+    vertices = np.zeros((int(np.count_nonzero(mask)), 3), np.float32)
+    begin = 0
+    for top in range(0, len(mask), _BAND):
+        rows = slice(top, min(top + _BAND, len(mask)))
+        inside = height_map.points(rows)[mask[rows]]
+        vertices[begin : begin + len(inside)] = inside
+        begin += len(inside)
+    return vertices
+
+
+def _places(mask: npt.NDArray[np.bool_]) -> Float:
+    # A texture covers 0 to 1 from the outer edge of its first pixel to that of its last.
+    rows, columns = mask.shape
+    places = np.zeros((int(np.count_nonzero(mask)), 2), np.float32)
+    across = ((np.arange(columns) + 0.5) / columns).astype(np.float32)
+    down = ((np.arange(rows) + 0.5) / rows).astype(np.float32)
+    places[:, 0] = np.broadcast_to(across, mask.shape)[mask]
+    places[:, 1] = np.repeat(down, np.count_nonzero(mask, axis=1))
+    return places
 
 
 def _colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
@@ -105,44 +140,3 @@ def _colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt
         )
     picked = colours[mask]
     return np.repeat(picked[:, None], 3, axis=1) if colours.ndim == 2 else picked
-
-
-def _faces(parts: npt.NDArray[np.int32], vertices: Float) -> npt.NDArray[np.int32]:
-    inside = parts >= 0
-    number = np.full(parts.shape, -1, np.int32)
-    number[inside] = np.arange(len(vertices), dtype=np.int32)
-    # Corners of each square of pixels: a and b above d and e.
-    a, b, d, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
-
-    part_of = parts[inside]
-
-    def joined(*corners: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
-        # A missing corner (-1) indexes the last vertex; corner >= 0 excludes it.
-        first = part_of[corners[0]]
-        whole = np.ones(first.shape, np.bool_)
-        for corner in corners:
-            whole &= (corner >= 0) & (part_of[corner] == first)
-        return whole
-
-    adb, bde, ade, aeb = joined(a, d, b), joined(b, d, e), joined(a, d, e), joined(a, e, b)
-    quads = adb & bde
-    shorter_bd = np.zeros_like(quads)
-    shorter_bd[quads] = _distance2(vertices, b[quads], d[quads]) <= _distance2(
-        vertices, a[quads], e[quads]
-    )
-    split_ae = quads & ~shorter_bd
-    # Squares with three corners contain one triangle; squares with four are split at a diagonal.
-    triangles = [
-        (adb & ~split_ae, (a, d, b)),
-        (bde & ~split_ae, (b, d, e)),
-        (ade & (split_ae | ~quads), (a, d, e)),
-        (aeb & (split_ae | ~quads), (a, e, b)),
-    ]
-    return np.concatenate(
-        [np.stack([corner[where] for corner in corners], axis=1) for where, corners in triangles]
-    )
-
-
-def _distance2(vertices: Float, a: npt.NDArray[np.int32], b: npt.NDArray[np.int32]) -> Float:
-    step = vertices[a] - vertices[b]
-    return np.asarray(np.einsum("ij,ij->i", step, step), np.float32)

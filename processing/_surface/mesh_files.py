@@ -6,20 +6,24 @@ Every format is written directly from arrays. The same surface always gives the 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, write_durably, write_png
+from acquisition import DataError, write_durably, write_pieces, write_png
 from processing._normal_map import NormalMap
 from processing._surface.glb import glb
 from processing._surface.integration import HeightMap
 from processing._surface.mesh import Mesh, height_mesh
 from rig import check_type
 
-# Number of lines that are formatted at once; it limits the memory for an .obj file.
-_TEXT_LINES = 1 << 16
+Piece = bytes | memoryview
+
+# Number of lines of a text, or of vertices and faces, that are encoded at once; it limits the
+# memory.
+_LINES = 1 << 16
 
 
 def write_mesh(
@@ -64,6 +68,15 @@ def write_mesh(
         reasons given in `height_mesh`.
     StorageError
         If the file cannot be written.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate, write_mesh
+    >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> [path.name for path in write_mesh("bowl.ply", integrate(bowl, pixel_mm=0.5), normals=bowl)]
+    ['bowl.ply']
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     path = Path(path)
@@ -78,14 +91,16 @@ def write_mesh(
     texture = None if colours is None else textured(colours, height_map.mask)
     if suffix == ".obj" and texture is not None:
         return _write_textured_obj(path, mesh, texture)
+    encode: dict[str, Callable[[Mesh], Iterable[Piece]]]
     encode = {".ply": _ply, ".obj": _obj, ".stl": _stl}
+    parts: Iterable[Piece]
     if suffix != ".glb":
         parts = encode[suffix](mesh)
     elif normal_texture and normals is not None:
         parts = glb(mesh, texture, _normal_samples(normals))
     else:
         parts = glb(mesh, texture)
-    write_durably(path, *parts)
+    write_pieces(path, parts)
     return (path,)
 
 
@@ -110,16 +125,14 @@ def _write_textured_obj(path: Path, mesh: Mesh, texture: npt.NDArray[np.uint8]) 
     lines = ["newmtl surface", "Ka 0 0 0", "Kd 1 1 1", "Ks 0 0 0", "illum 1"]
     write_png(image, texture, srgb=True)
     write_durably(material, "\n".join([*lines, f"map_Kd {image.name}", ""]).encode())
-    write_durably(path, *_obj(mesh, material.name))
+    write_pieces(path, _obj(mesh, material.name))
     return path, material, image
 
 
-def _ply(mesh: Mesh) -> list[bytes]:
+def _ply(mesh: Mesh) -> Iterator[Piece]:
     names = ["x", "y", "z"]
-    columns = [mesh.vertices]
     if mesh.normals is not None:
         names += ["nx", "ny", "nz"]
-        columns.append(mesh.normals)
     header = ["ply", "format binary_little_endian 1.0", f"comment unit {mesh.unit}"]
     header += [f"element vertex {len(mesh.vertices)}"]
     header += [f"property float {name}" for name in names]
@@ -127,56 +140,71 @@ def _ply(mesh: Mesh) -> list[bytes]:
         header += [f"property uchar {name}" for name in ("red", "green", "blue")]
     header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
     header += ["end_header", ""]
+    yield "\n".join(header).encode("ascii")
     kinds: list[tuple[str, str, tuple[int, ...]]] = [("floats", "<f4", (len(names),))]
     if mesh.colours is not None:
         kinds.append(("colours", "u1", (3,)))
-    rows = np.zeros(len(mesh.vertices), kinds)
-    rows["floats"] = np.concatenate(columns, axis=1)
-    if mesh.colours is not None:
-        rows["colours"] = mesh.colours
-    faces = np.zeros(len(mesh.faces), [("count", "u1"), ("index", "<i4", (3,))])
-    faces["count"], faces["index"] = 3, mesh.faces
-    return ["\n".join(header).encode("ascii"), rows.tobytes(), faces.tobytes()]
+    for part in _rows(mesh.vertices):
+        rows = np.zeros(len(mesh.vertices[part]), kinds)
+        rows["floats"][:, :3] = mesh.vertices[part]
+        if mesh.normals is not None:
+            rows["floats"][:, 3:] = mesh.normals[part]
+        if mesh.colours is not None:
+            rows["colours"] = mesh.colours[part]
+        yield _bytes(rows)
+    for part in _rows(mesh.faces):
+        corners = mesh.faces[part]
+        faces = np.zeros(len(corners), [("count", "u1"), ("index", "<i4", (3,))])
+        faces["count"], faces["index"] = 3, corners
+        yield _bytes(faces)
 
 
-def _stl(mesh: Mesh) -> list[bytes]:
-    corners = mesh.vertices[mesh.faces]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
-    facets = np.zeros(
-        len(mesh.faces), [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
-    )
-    facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
-    facets["corners"] = corners
+def _stl(mesh: Mesh) -> Iterator[Piece]:
     # The header must not begin with "solid": readers would take it for a text file.
-    header = (
-        f"binary triangle mesh, unit {mesh.unit}".encode().ljust(80)
-        + np.uint32(len(facets)).astype("<u4").tobytes()
-    )
-    return [header, facets.tobytes()]
+    yield f"binary triangle mesh, unit {mesh.unit}".encode().ljust(80)
+    yield np.uint32(len(mesh.faces)).astype("<u4").tobytes()
+    kinds = [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    for part in _rows(mesh.faces):
+        corners = mesh.vertices[mesh.faces[part]]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
+        facets = np.zeros(len(corners), kinds)
+        facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
+        facets["corners"] = corners
+        yield _bytes(facets)
 
 
-def _obj(mesh: Mesh, material: str | None = None) -> list[bytes]:
-    chunks = [f"# unit {mesh.unit}\n".encode()]
+def _rows(table: npt.NDArray[np.generic]) -> Iterator[slice]:
+    """Yield the rows of a table in parts: a copy of a large mesh would take much memory."""
+    for begin in range(0, len(table), _LINES):
+        yield slice(begin, begin + _LINES)
+
+
+def _bytes(rows: npt.NDArray[np.void]) -> memoryview:
+    return rows.view(np.uint8).data
+
+
+def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:
+    yield f"# unit {mesh.unit}\n".encode()
     if material is not None:
-        chunks.append(f"mtllib {material}\nusemtl surface\n".encode())
-    chunks += _text("v %.7g %.7g %.7g", mesh.vertices)
+        yield f"mtllib {material}\nusemtl surface\n".encode()
+    yield from _text("v %.7g %.7g %.7g", mesh.vertices)
     corner, width = "%d", 1
     if material is not None and mesh.places is not None:
         # The origin of a texture is at its lower left.
         upward = np.stack([mesh.places[:, 0], 1 - mesh.places[:, 1]], axis=1)
-        chunks += _text("vt %.7g %.7g", upward)
+        yield from _text("vt %.7g %.7g", upward)
         corner, width = "%d/%d", 2
     if mesh.normals is not None:
-        chunks += _text("vn %.5g %.5g %.5g", mesh.normals)
+        yield from _text("vn %.5g %.5g %.5g", mesh.normals)
         corner, width = ("%d//%d", 2) if width == 1 else ("%d/%d/%d", 3)
-    index = np.repeat(mesh.faces.astype(np.int64) + 1, width, axis=1)
-    return chunks + _text(f"f {corner} {corner} {corner}", index)
+    for part in _rows(mesh.faces):
+        index = np.repeat(mesh.faces[part].astype(np.int64) + 1, width, axis=1)
+        yield from _text(f"f {corner} {corner} {corner}", index)
 
 
-def _text(line: str, table: npt.NDArray[np.generic]) -> list[bytes]:
+def _text(line: str, table: npt.NDArray[np.generic]) -> Iterator[bytes]:
     """Format the rows of a table, one line each."""
-    return [
-        ((line + "\n") * len(part) % tuple(part.ravel().tolist())).encode("ascii")
-        for part in np.split(table, range(_TEXT_LINES, len(table), _TEXT_LINES))
-    ]
+    for part in _rows(table):
+        rows = table[part]
+        yield ((line + "\n") * len(rows) % tuple(rows.ravel().tolist())).encode("ascii")

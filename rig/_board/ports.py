@@ -58,6 +58,15 @@ def find_boards(
         Ports in the order of ``ports``. A port that is silent, sends other data, is busy or has
         disappeared has a problem; nothing is raised for it, and no port is waited for much longer
         than ``timeout_s``.
+
+    Examples
+    --------
+    >>> from rig import find_boards
+    >>> from simulator import VirtualBoard
+    >>> with VirtualBoard(leds=4) as board:
+    ...     found = find_boards([board.port])
+    >>> found[0].identity.leds
+    4
     """
     if ports is None:
         ports = sorted(port.device for port in list_ports.comports())
@@ -108,6 +117,15 @@ def find_board(
     BoardError
         If there is no board (the message lists the finding at each port) or more than one (the
         message lists their ports).
+
+    Examples
+    --------
+    >>> from rig import find_board
+    >>> from simulator import VirtualBoard
+    >>> with VirtualBoard(leds=4) as board:
+    ...     found = find_board([board.port])
+    >>> found == board.port
+    True
     """
     found = find_boards(ports, timeout_s=timeout_s)
     boards = {port.port: port.identity for port in found if port.identity is not None}

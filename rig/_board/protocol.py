@@ -81,17 +81,38 @@ class Reply:
 
 
 def crc16(data: bytes) -> int:
-    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, initial value 0xFFFF, no reflection."""
+    """Return the CRC-16/CCITT-FALSE: polynomial 0x1021, initial value 0xFFFF, no reflection.
+
+    Examples
+    --------
+    >>> from rig import crc16
+    >>> hex(crc16(b"123456789"))
+    '0x29b1'
+    """
     return binascii.crc_hqx(data, 0xFFFF)
 
 
 def encode_command(command: Command) -> bytes:
-    """Return the command as a line with its line end."""
+    r"""Return the command as a line with its line end.
+
+    Examples
+    --------
+    >>> from rig import Command, encode_command
+    >>> encode_command(Command(7, "ON", ("3",)))
+    b'>0007 ON 3*CD74\n'
+    """
     return _encode(b">", MAX_COMMAND, command.seq, (command.verb, *command.args))
 
 
 def encode_reply(reply: Reply) -> bytes:
-    """Return the reply as a line with its line end."""
+    r"""Return the reply as a line with its line end.
+
+    Examples
+    --------
+    >>> from rig import Reply, encode_reply
+    >>> encode_reply(Reply(7, "ON", ("3",)))
+    b'<0007 OK ON 3*62C1\n'
+    """
     status = "OK" if reply.error is None else f"E{reply.error}"
     return _encode(b"<", MAX_REPLY, reply.seq, (status, reply.verb, *reply.args))
 
@@ -103,6 +124,13 @@ def decode_command(line: bytes) -> Command:
     ------
     LineError
         If the line is damaged or not a command.
+
+    Examples
+    --------
+    >>> from rig import Command, decode_command, encode_command
+    >>> line = encode_command(Command(7, "ON", ("3",)))
+    >>> decode_command(line.strip())
+    Command(seq=7, verb='ON', args=('3',))
     """
     seq, words = _decode(b">", MAX_COMMAND, line)
     return Command(seq, words[0], tuple(words[1:]))
@@ -115,6 +143,13 @@ def decode_reply(line: bytes) -> Reply:
     ------
     LineError
         If the line is damaged or not a reply.
+
+    Examples
+    --------
+    >>> from rig import Reply, decode_reply, encode_reply
+    >>> line = encode_reply(Reply(7, "ON", ("3",)))
+    >>> decode_reply(line.strip())
+    Reply(seq=7, verb='ON', args=('3',), error=None)
     """
     seq, words = _decode(b"<", MAX_REPLY, line)
     status, verb, args = words[0], words[1:2], tuple(words[2:])

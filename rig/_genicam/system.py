@@ -139,6 +139,12 @@ def find_cameras(ctis: Sequence[str | Path]) -> tuple[FoundCamera, ...]:
     ------
     CameraError
         If a producer cannot be used.
+
+    Examples
+    --------
+    >>> from rig import find_cameras
+    >>> find_cameras([])
+    ()
     """
     paths = _resolved(ctis)
     cameras: list[FoundCamera] = []

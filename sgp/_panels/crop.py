@@ -12,6 +12,7 @@ import numpy.typing as npt
 Float = npt.NDArray[np.float32]
 
 _MOST_PX: Final = 700  # of a side of a picture: about twice the pixels of a slot
+_BAND: Final = 64  # rows
 
 
 @dataclass(frozen=True)
@@ -68,23 +69,39 @@ class Crop:
         """Number of pixels of the image per pixel of the picture."""
         return max(1.0, max(self.size) / _MOST_PX)
 
-    def picture(self, values: npt.NDArray[Any]) -> Float:
+    def picture(self, values: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) -> Float:
         """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.
 
-        Pixels are averaged; NaN is left out. A pixel of the picture is NaN if most of its pixels
-        are.
+        Pixels are averaged; NaN and pixels outside the mask are left out. A pixel of the picture is
+        NaN if most of its pixels are.
         """
-        part = values[self.rows, self.columns]
-        if self.step == 1.0:
-            return part.astype(np.float32)
         rows, columns = (max(1, round(side / self.step)) for side in self.size)
-        part = part.astype(np.float32)
-        known = np.isfinite(part)
-        share, total = (
-            cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
-            for image in (known.astype(np.float32), np.where(known, part, np.float32(0)))
-        )
+        shares, totals = [], []
+        # First across, in bands of rows: the copies of a complete map would take much memory.
+        for top in range(self.rows.start, self.rows.stop, _BAND):
+            band = slice(top, min(top + _BAND, self.rows.stop))
+            part = values[band, self.columns].astype(np.float32)
+            known = np.isfinite(part)
+            if mask is not None:
+                inside = mask[band, self.columns]
+                known &= inside if part.ndim == 2 else inside[..., None]
+            if self.step == 1.0:
+                if mask is not None:
+                    part[~known] = np.nan
+                totals.append(part)
+                continue
+            part[~known] = 0
+            shares.append(_mean(known.astype(np.float32), columns, len(part)))
+            totals.append(_mean(part, columns, len(part)))
+        if self.step == 1.0:
+            return np.concatenate(totals)
+        share, total = (_mean(np.concatenate(bands), columns, rows) for bands in (shares, totals))
         return np.where(share > 0.5, total / np.maximum(share, 1e-6), np.nan).astype(np.float32)
+
+
+def _mean(image: Float, columns: int, rows: int) -> Float:
+    reduced = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(reduced, np.float32).reshape(rows, columns, *image.shape[2:])
 
 
 def _with_margin(places: npt.NDArray[np.intp], margin: int, count: int) -> slice:

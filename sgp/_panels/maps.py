@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Image = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 # The share of pixels beyond the limits of a colour scale, which would otherwise hide the others.
 _EXTREME: Final = 0.01
@@ -25,39 +26,38 @@ _MOST_GAIN: Final = 100
 _BAR_SHARE: Final = 0.35  # of the picture's width, at most
 
 
-def image_panel(title: str, image: Image, crop: Crop) -> Panel:
+def image_panel(title: str, image: Image, crop: Crop, mask: Mask | None = None) -> Panel:
     """Show a linear image, gray or RGB, with its 99.5 % quantile at white and gamma 2.2.
 
-    NaN, which stands for saturation, is white.
+    NaN, which stands for saturation, is white, as is what is outside a mask.
     """
-    part = crop.picture(image)
+    part = crop.picture(image, mask)
     finite = part[np.isfinite(part)]
     white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
     shown = np.clip(np.nan_to_num(part / (white or 1.0), nan=1.0), 0, 1) ** (1 / 2.2)
     return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
 
 
-def normals_panel(
-    title: str, normal_map: processing.NormalMap, crop: Crop | None = None, gain: float = 1
-) -> Panel:
-    """Show normals as colours: red is right, green is up, blue is toward the camera.
-
-    ``gain`` is a factor on the slopes.
-    """
+def normals_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
+    """Show normals as colours: red is right, green is up, blue is toward the camera."""
     crop = crop or Crop.around(normal_map.mask)
-    normals = _cut(normal_map, crop)
-    normals[..., :2] *= gain
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    colours = np.where(np.isfinite(normals), normals / 2 + 0.5, 1.0)
-    return _picture(title, np.clip(colours, 0, 1), crop)
+    return _colours(title, crop.picture(normal_map.normals, normal_map.mask), crop)
 
 
 def detail_panel(title: str, detail: processing.NormalMap, crop: Crop | None = None) -> Panel:
     """Show a detail component with amplified slopes; the title states the factor."""
     crop = crop or Crop.around(detail.mask)
-    gain = detail_gain(_cut(detail, crop))
-    return normals_panel(f"{title}, slopes x {gain}", detail, crop, gain)
+    normals = crop.picture(detail.normals, detail.mask)
+    gain = detail_gain(normals)
+    normals[..., :2] *= gain
+    return _colours(f"{title}, slopes x {gain}", normals, crop)
+
+
+def _colours(title: str, vectors: Image, crop: Crop) -> Panel:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normals = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+    colours = np.where(np.isfinite(normals), normals / 2 + 0.5, 1.0)
+    return _picture(title, np.clip(colours, 0, 1), crop)
 
 
 def detail_gain(normals: Image) -> int:
@@ -77,13 +77,15 @@ def map_panel(
     *,
     error: bool = False,
     limits: tuple[float, float] | None = None,
+    mask: Mask | None = None,
 ) -> Panel:
     """Show a scalar map with its scale; NaN is white; scales of errors start at 0.
 
-    ``limits`` replaces the limits of the scale, which otherwise leave out the extreme pixels.
+    ``limits`` replaces the limits of the scale, which otherwise leave out the extreme pixels. What
+    is outside a mask is white, too.
     """
     crop = crop or Crop.around(np.isfinite(values))
-    part = crop.picture(values)
+    part = crop.picture(values, mask)
     finite = part[np.isfinite(part)]
     extend = "neither" if limits else "max" if error else "both"
     low, high = limits or (_error_limits(finite) if error else _limits(finite))
@@ -101,13 +103,15 @@ def signed_panel(
     return _picture(title, part, crop, (unit, "both"), cmap="coolwarm", vmin=-most, vmax=most)
 
 
-def shaded_panel(title: str, height: Image, crop: Crop | None = None) -> Panel:
+def shaded_panel(
+    title: str, height: Image, crop: Crop | None = None, pixel_size: float = 1.0
+) -> Panel:
     """Show a height map lit from the upper left, so that raised relief looks raised.
 
-    ``height`` is in units of one pixel, NaN outside the object.
+    ``height`` is in the unit of ``pixel_size``, NaN outside the object.
     """
     crop = crop or Crop.around(np.isfinite(height))
-    part = crop.picture(height) / crop.step
+    part = crop.picture(height) / np.float32(crop.step * pixel_size)
     # A single row or column has no slope across it.
     down, right = (
         np.gradient(part, axis=axis) if part.shape[axis] > 1 else np.zeros_like(part)
@@ -159,14 +163,6 @@ def _add_bar(axes: Axes, crop: Crop, pixel_mm: float) -> None:
     axes.plot([left, right], [0, 0], transform=lower, color="black", lw=2, clip_on=False)
     text_place = lower + ScaledTranslation(4 / 72, 0, axes.figure.dpi_scale_trans)
     axes.text(right, 0, f"{length:g} mm", transform=text_place, fontsize=8, va="center")
-
-
-def _cut(normal_map: processing.NormalMap, crop: Crop) -> Image:
-    """Return the normals of a crop, reduced, NaN outside the mask."""
-    part = normal_map.normals[crop.rows, crop.columns]
-    inside = normal_map.mask[crop.rows, crop.columns]
-    whole = Crop(slice(0, crop.size[0]), slice(0, crop.size[1]))
-    return whole.picture(np.where(inside[..., None], part, np.float32(np.nan)))
 
 
 def _limits(finite: Image) -> tuple[float, float]:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 import acquisition
 import calibration
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._metrics import SpheresMetrics
 from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, numbers
-from sgp._output import check_file, provenance
-from sgp._result import Result, plain
+from sgp._output import check_file
+from sgp._result import Result
+from sgp._spheres import (
+    describe_spheres,
+    draw_spheres,
+    given_radii,
+    undivided_stack,
+    write_calibration,
+)
 from sgp._stages import open_source
 
 
@@ -81,7 +82,7 @@ def spheres(
     opened, files = open_source(
         source, camera=camera, mask=first, gamma=gamma, others=others, max_pixels=max_pixels
     )
-    stack = _undivided(opened)
+    stack = undivided_stack(opened)
     largest = max(stack.values.shape[1:])
     if any(radius > largest for _, _, radius in outlines):
         raise UsageError(
@@ -90,19 +91,19 @@ def spheres(
     marked = list(mask)
     if opened.mask_path is not None and opened.mask_origin == "folder" and not outlines:
         marked = [opened.mask_path]
-    radii = list(radius_mm) if len(radius_mm) > 1 else (radius_mm[0] if radius_mm else None)
     try:
         estimate = calibration.calibrate_spheres(
             stack,
             masks=[acquisition.read_mask_shares(path, stack.values.shape[1:]) for path in marked],
             circles=outlines,
             camera=opened.camera,
-            radius_mm=radii,
+            radius_mm=given_radii(radius_mm),
         )
     except calibration.EstimateError as error:
         _explain_masks(error, opened, marked)
         raise
-    result = _describe(estimate)
+    estimate = calibration.record_setup(estimate, opened)
+    result = describe_spheres(estimate)
     result.outputs = outputs
     result.warnings = [*opened.warnings, *stack.warnings, *estimate.warnings]
     result.inputs = files
@@ -115,17 +116,10 @@ def spheres(
         "gamma": gamma,
         "transfer": opened.transfer.record(),
     }
-    write_lights_with_record(out, estimate.lights, "sgp calibrate spheres", parameters, result)
+    write_calibration(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
 
-    from sgp._overview import source_title, write_overview
-    from sgp._panels.lights import lights_panel, spheres_panel
-
-    panels = [
-        spheres_panel("spheres and highlights", stack.values, estimate),
-        lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
-    ]
-    write_overview(outputs["picture"], source_title(opened, str(source)), panels, columns=2)
+    draw_spheres(outputs["picture"], opened, stack.values, estimate)
     return result
 
 
@@ -143,48 +137,3 @@ def _explain_masks(
             f"{source.mask_path} was not used, because it shows the object: if it shows a sphere, "
             "give it with --mask"
         )
-
-
-def _undivided(source: acquisition.Source) -> calibration.Stack:
-    """Read a stack as recorded, without dividing by the light intensities of the source."""
-    with Stages() as progress:
-        return calibration.linear_stack(replace(source, lights=None), on_progress=progress)
-
-
-def write_lights_with_record(
-    out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
-) -> None:
-    """Write lights.json including its record, because the file is passed on without its folder."""
-    made_by = provenance(command, parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
-    acquisition.write_lights(out, lights, provenance=made_by)
-
-
-def _describe(estimate: calibration.SphereCalibration) -> Result:
-    residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
-    metrics: SpheresMetrics = {
-        "lights": len(estimate.lights),
-        "near": estimate.lights.near,
-        "spheres": [
-            {
-                "centre_px": sphere.outline.centre_px,
-                "semi_axes_px": sphere.outline.semi_axes_px,
-                "centre_mm": sphere.centre_mm,
-                "radius_mm": sphere.radius_mm,
-                "coverage": sphere.coverage,
-                "rms_px": sphere.rms_px,
-            }
-            for sphere in estimate.spheres
-        ],
-        "residual_deg": float(np.mean(residual)) if len(residual) else None,
-    }
-    result = Result(metrics=metrics)
-    kind = "light position" if estimate.lights.near else "light direction"
-    balls = rig.pluralize(len(estimate.spheres), "sphere")
-    result.summary = [f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"]
-    for sphere in estimate.spheres:
-        (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
-        result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
-    if len(residual):
-        result.summary.append(f"spheres agree to {np.mean(residual):.2f} deg on average")
-    return result

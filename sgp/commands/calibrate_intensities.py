@@ -13,14 +13,13 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import IntensitiesMetrics
 from sgp._options import Gamma, Input, Inputs, OptionalInput, Pixels, Positive, Real, numbers
 from sgp._output import check_file
 from sgp._result import Result
+from sgp._spheres import undivided_stack, write_calibration
 from sgp._stages import open_source
-from sgp.commands.calibrate import write_lights_with_record
 
 # Names of lights that a line may list.
 _LISTED = 8
@@ -111,7 +110,7 @@ def intensities(
             raise acquisition.DataError(
                 f"{path}: the camera of these images is not known: give --camera"
             )
-        stack = _undivided(opened, channel)
+        stack = undivided_stack(opened, channel)
         order, by_name = positions.match(stack.ids)
         if not by_name:
             text = "matched to the images by order, not by name"
@@ -134,7 +133,11 @@ def intensities(
             made = calibration.MatteSurface.card(values, opened.camera, z_mm=height, mask=card)
         surfaces.append(made)
         files += read
-        warnings += [*opened.warnings, *stack.warnings]
+        warnings += [
+            *opened.warnings,
+            *acquisition.setup_notices(replace(opened, lights=positions)),
+            *stack.warnings,
+        ]
         curves.append(opened.transfer.record())
     estimate = calibration.calibrate_intensities(surfaces, positions.take(first), even=even)
     result = Result(
@@ -157,16 +160,8 @@ def intensities(
         "gamma": gamma,
         "transfer": curves[0] if len(curves) == 1 else curves,
     }
-    write_lights_with_record(out, estimate.lights, "sgp calibrate intensities", parameters, result)
+    write_calibration(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
-
-
-def _undivided(source: acquisition.Source, channel: Literal["gray", "rgb"]) -> calibration.Stack:
-    """Read a stack as recorded, without dividing by the light intensities of the source."""
-    with Stages() as progress:
-        return calibration.linear_stack(
-            replace(source, lights=None), channel=channel, on_progress=progress
-        )
 
 
 def _metrics(estimate: calibration.IntensityCalibration, channel: str) -> IntensitiesMetrics:

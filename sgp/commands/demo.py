@@ -19,7 +19,7 @@ from sgp._output import write_record
 from sgp._overview import source_title, write_overview
 from sgp._panels.lights import spheres_panel
 from sgp._panels.maps import map_panel, signed_panel
-from sgp._pipeline import Outcome, crop_of, overview_panels, process
+from sgp._pipeline import Outcome, process
 from sgp._result import Result
 from sgp._stages import Stopwatch
 
@@ -69,13 +69,20 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         acquisition.write_lights(out / "lights.json", lights)
     source = acquisition.read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
-    outcome = process(source, _marks(spheres, coin), out, watch, SourceOptions())
+    outcome = process(
+        source,
+        _marks(spheres, coin),
+        out,
+        watch,
+        SourceOptions(),
+        true_lights=scenes["coin"].lights,
+    )
     result = outcome.result
     result.warnings[:0] = estimate.warnings
     errors = _Errors(lights, outcome, truth["coin"])
     folder.begin("overview.png", "summary.json")
     with watch.stage("overview"):
-        panels, crop = overview_panels(outcome, scenes["coin"].lights), crop_of(outcome)
+        panels, crop = outcome.panels, outcome.crop
         panels += [
             map_panel(
                 f"normal error, mean {errors.normals_mae_deg:.2f} deg",
@@ -139,12 +146,12 @@ def _calibrate(
 ) -> tuple[calibration.SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
     """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
-        stack = calibration.linear_stack(
-            acquisition.read_source(session.folder), on_progress=progress
-        )
+        source = acquisition.read_source(session.folder)
+        stack = calibration.linear_stack(source, on_progress=progress)
     camera = simulator.bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
     estimate = calibration.calibrate_spheres(stack, camera=camera, radius_mm=radii)
+    estimate = calibration.record_setup(estimate, source)
     card = calibration.MatteSurface.card(stack.values, camera)
     strong = calibration.calibrate_intensities(card, estimate.lights)
     return estimate, strong.lights, stack.values
@@ -166,9 +173,7 @@ class _Errors:
             for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
-        error = processing.angular_error(
-            outcome.normals.stereo.normal_map, truth.normals, truth.mask
-        )
+        error = processing.angular_error(outcome.normal_map, truth.normals, truth.mask)
         self.normals_mae_deg = error.mae_deg
         self.coverage = error.coverage
         self.normal_map_deg = error.map_deg

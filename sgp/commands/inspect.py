@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
+from rig import Notice
 from sgp._metrics import InspectMetrics
-from sgp._options import Input, SourceOptions
+from sgp._options import Input, RecordingOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
+from sgp._spheres import SphereLights
 from sgp._stages import compute_normals, open_recording
 
-_DEFAULTS = SourceOptions()
+_DEFAULTS = RecordingOptions()
 
 
-def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
+def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
     """Test whether the images, lights and normals of a recording agree; write nothing.
 
     A warning names the likely cause if they do not: lights in another order, swapped or turned
@@ -30,11 +31,11 @@ def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     options
-        Lights, camera, mask and parts of the recording; the method has no effect.
+        Lights, camera, mask and parts of the recording.
     """
-    opened, _ = open_recording(source, options)
-    # The tests compute the normals that they need; the method only matters for results.
-    stage = compute_normals(opened, replace(options, method="ls"))
+    opened = open_recording(source, options)
+    # The tests compute the normals that they need: the quicker method is enough.
+    stage = compute_normals(opened.source, "ls", distant=options.distant)
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
@@ -50,10 +51,14 @@ def inspect(source: Input, *, options: SourceOptions = _DEFAULTS) -> Result:
         verdict = "no disagreement found"
     return Result(
         metrics=metrics,
-        warnings=list(stage.warnings),
+        warnings=[*_of_spheres(opened.lit_by), *stage.warnings],
         summary=[
             f"{metrics['images']} images, {metrics['lights']} lights, {metrics['pixels']} pixels",
             *quality_lines(stage.quality),
             verdict,
         ],
     )
+
+
+def _of_spheres(seen: SphereLights | None) -> tuple[Notice, ...]:
+    return () if seen is None else seen.estimate.warnings

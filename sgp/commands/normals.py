@@ -7,6 +7,7 @@ from pathlib import Path
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions
 from sgp._stages import compute_normals, open_recording
 from sgp._write import write_normals_stage
@@ -29,6 +30,7 @@ def normals(
     For example:
 
         sgp normals recording/ --lights lights.json --out normals
+        sgp normals session/ --spheres --radius-mm 12 --out normals
 
     Parameters
     ----------
@@ -44,9 +46,10 @@ def normals(
     force
         Write into an output folder that already contains files.
     """
-    opened, files = open_recording(source, options)
-    stage = compute_normals(opened, options)
+    opened = open_recording(source, options)
+    stage = compute_normals(opened.source, options.method, distant=options.distant)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
-    result.inputs = files
-    result.parameters |= {"transfer": opened.transfer.record()}
+    result.inputs = opened.files
+    result.parameters |= {"transfer": opened.source.transfer.record()}
+    add_sphere_lights(result, out, opened.lit_by, "sgp normals")
     return result

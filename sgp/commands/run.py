@@ -8,8 +8,9 @@ from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
-from sgp._pipeline import overview_panels, process
+from sgp._pipeline import process
 from sgp._result import Result
+from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, open_recording
 
@@ -33,6 +34,7 @@ def run(
     For example:
 
         sgp run photographs/ --lights lights.json --out result
+        sgp run session/ --spheres --radius-mm 12 --out result
 
     Parameters
     ----------
@@ -52,10 +54,11 @@ def run(
         Write into an output folder that already contains files.
     """
     watch = Stopwatch()
-    opened, files = open_recording(source, options)
+    recording = open_recording(source, options)
+    opened = recording.source
     outcome = process(
         opened,
-        files,
+        recording.files,
         out,
         watch,
         options,
@@ -64,12 +67,14 @@ def run(
         surfaces=surfaces,
     )
     result = outcome.result
-    result.outputs["overview"] = claim_folder(out, "summary.json") / "overview.png"
+    add_sphere_lights(result, claim_folder(out, "summary.json"), recording.lit_by, "sgp run")
+    result.outputs["overview"] = out / "overview.png"
     with watch.stage("overview"):
         title = source_title(opened, source.name)
-        write_overview(result.outputs["overview"], title, overview_panels(outcome))
-    error = outcome.normals.error
-    truth: TruthMetrics = {} if error is None else {"normals_mae_deg": error.mae_deg}
+        write_overview(result.outputs["overview"], title, outcome.panels)
+    figures = outcome.metrics["normals"]
+    known = "mae_deg" in figures
+    truth: TruthMetrics = {"normals_mae_deg": figures["mae_deg"]} if known else {}
     metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs["summary"] = out / "summary.json"

@@ -10,8 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from rig import short_repr
-from simulator._render.mirror import between, mirror_points, mm_per_pixel, toward
+from simulator._render.mirror import (
+    between,
+    image_depth_mm,
+    mirror_points,
+    mm_per_pixel,
+    toward,
+)
 from simulator._render.shadow import Occluders
+from simulator._scene.clutter import BALL, BOX
 from simulator._scene.scene import ChromeSphere, Scene
 
 Array = npt.NDArray[np.float64]
@@ -43,6 +50,8 @@ class MirroredLights:
         ``(S, N, K)`` contribution of each point to the signal, 0 if it is not seen.
     sigma_px
         Blur of a spot: that of the lens, or more if the discs are too large for K spots.
+    circle_px
+        ``(S, N)`` diameter of the circle of confusion of the mirrored light, 0 without defocus.
     """
 
     pixels: Array
@@ -50,6 +59,7 @@ class MirroredLights:
     spots: Array
     shares: Array
     sigma_px: float
+    circle_px: Array
 
     __repr__ = short_repr
 
@@ -64,21 +74,28 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
         omitted: they are hundreds of times weaker. Distant lights are points.
     occluders
         Objects that may be between a light and a sphere; without them, only the other spheres
-        block the light.
+        block the light. Clutter always hides spheres from the camera.
 
     Returns
     -------
     MirroredLights
         Positions to rounding error; signals to a relative error of 1e-6.
+
+    Examples
+    --------
+    >>> from simulator import find_mirrored_lights, scene_named
+    >>> scene = scene_named("spheres", width=64, height=52, leds=3)
+    >>> find_mirrored_lights(scene).pixels.shape  # spheres, lights, x and y
+    (4, 3, 2)
     """
-    sigma, middle = scene.lens.psf_sigma_px, np.zeros((1, 2))
-    centres, shares, px_per_mm = _mirrored(scene, middle, occluders)
+    sigma, middle = scene.lens.blur_px, np.zeros((1, 2))
+    centres, shares, px_per_mm, depth = _mirrored(scene, middle, occluders)
     spots, total = centres, shares
     if scene.lights.near and px_per_mm.size:
         radius_px = scene.led_radius_mm * float(px_per_mm.max())
         rings = min(max(math.ceil(radius_px / sigma), 1), _MOST_RINGS)
         sigma = max(sigma, radius_px / rings)
-        spots, total, _ = _mirrored(scene, scene.led_radius_mm * _disc(rings), occluders)
+        spots, total, _, _ = _mirrored(scene, scene.led_radius_mm * _disc(rings), occluders)
     seen = shares[..., 0] > 0
     return MirroredLights(
         pixels=np.where(seen[..., None], centres[:, :, 0], np.nan),
@@ -86,6 +103,7 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
         spots=spots,
         shares=total,
         sigma_px=sigma,
+        circle_px=scene.lens.circle_px(depth[..., 0]),
     )
 
 
@@ -108,8 +126,18 @@ def draw_mirrored_lights(
     channel = scene.lens.channel(x, y)
     if channel is not None:
         gains = np.asarray(scene.lights.intensities)[:, channel] / scene.irradiance[:, None, None]
-    for spots, shares in zip(mirrored.spots, mirrored.shares, strict=True):
-        _draw(planes, spots, shares, gains, mirrored.sigma_px)
+    for spots, shares, circles in zip(
+        mirrored.spots, mirrored.shares, mirrored.circle_px, strict=True
+    ):
+        sigma, radius = mirrored.sigma_px, float(circles.max(initial=0.0)) / 2
+        if radius:
+            # A disc of light, like that of an LED, around each spot.
+            rings = min(max(math.ceil(radius / sigma), 1), _MOST_RINGS)
+            sigma = max(sigma, radius / rings)
+            disc = circles[:, None, None, None] / 2 * _disc(rings)
+            spots = (spots[:, :, None] + disc).reshape(len(spots), -1, 2)
+            shares = np.repeat(shares / disc.shape[2], disc.shape[2], axis=1)
+        _draw(planes, spots, shares, gains, sigma)
 
 
 def splat(
@@ -122,11 +150,13 @@ def splat(
 
 def _mirrored(
     scene: Scene, disc_mm: Array, occluders: Occluders | None
-) -> tuple[Array, Array, Array]:
-    """Mirror points of every LED's disc; return pixels, shares of the signal, and pixels per mm.
+) -> tuple[Array, Array, Array, Array]:
+    """Mirror points of every LED's disc.
 
-    ``disc_mm`` (K, 2) are positions on the disc. The results are (S, N, K, 2), (S, N, K) and
-    (S, N, K); for a point that is not seen they are NaN, 0 and 0.
+    Return pixels, shares of the signal, pixels per mm, and the depth of the virtual image.
+
+    ``disc_mm`` (K, 2) are positions on the disc. The results are (S, N, K, 2) and three (S, N, K);
+    for a point that is not seen they are NaN, 0, 0, and the depth of the mirror point.
     """
     lens, lights, near, samples = scene.lens, scene.lights, scene.lights.near, len(disc_mm)
     axes = np.repeat(np.asarray(lights.axes), samples, axis=0)
@@ -141,6 +171,7 @@ def _mirrored(
     power = np.repeat(power, samples)
     count = (len(scene.spheres), len(lights) * samples)
     pixels, shares, scale = np.full((*count, 2), np.nan), np.zeros(count), np.zeros(count)
+    depths = np.zeros(count)
     for i, sphere in enumerate(scene.spheres):
         points, visible = mirror_points(lens, sphere, targets, near=near)
         place = lens.project(points)
@@ -151,11 +182,13 @@ def _mirrored(
         arriving = toward(targets, points, near=near)
         distance = np.linalg.norm(targets - points, axis=1) if near else math.inf
         cosine = -(arriving * axes).sum(axis=1) if near else np.ones(len(points))
+        depths[i] = image_depth_mm(lens, sphere, points, distance)
         visible &= cosine > _GRAZING
         for j, other in enumerate(scene.spheres):
             if j != i:
                 visible &= ~between(points, lens.eye_to(points), math.inf, other)
                 visible &= ~between(points, arriving, distance, other)
+        visible &= ~_behind_clutter(scene, points)
         if occluders is not None:
             visible &= ~_in_shadow(occluders, sphere, points, places, near=near)
         pick = np.flatnonzero(visible)
@@ -170,7 +203,20 @@ def _mirrored(
         shares[i, pick] = sphere.reflectance * radiance / per_pixel
         scale[i, pick] = 1 / np.linalg.norm(stretch, -2, axis=(1, 2))
     shape = (len(scene.spheres), len(lights), samples)
-    return pixels.reshape(*shape, 2), shares.reshape(shape), scale.reshape(shape)
+    depths = depths.reshape(shape)
+    return pixels.reshape(*shape, 2), shares.reshape(shape), scale.reshape(shape), depths
+
+
+def _behind_clutter(scene: Scene, points: Array) -> Flags:
+    """Return which points of a sphere clutter hides from the camera."""
+    clutter, lens = scene.clutter_table, scene.lens
+    balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
+    eye = [0.0, 0.0, lens.camera_z_mm if lens.camera else 1.0]
+    even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
+    objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
+    near = lens.camera is not None
+    hidden: Flags = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    return hidden
 
 
 def _disc(rings: int) -> Array:

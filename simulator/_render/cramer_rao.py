@@ -104,6 +104,17 @@ def cramer_rao_deg(
     ------
     DataError
         If shapes differ, an exposure time is not positive, or near lights are given without points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from simulator import Measurement, bench_sensor, cramer_rao_deg
+    >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, -1, 1]])
+    >>> measured = Measurement(bench_sensor(), photons_per_us=1.0, exposures_us=[5000.0] * 3)
+    >>> normals = np.tile([0.0, 0.0, 1.0], (1, 1, 1))
+    >>> cramer_rao_deg(normals, np.full((1, 1), 0.5), lights, measured).round(1)
+    array([[0.9]], dtype=float32)
     """
     shape = normals.shape[:2]
     _check(normals, albedo, lights, measurement, points_mm, shadows)

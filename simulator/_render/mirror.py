@@ -60,6 +60,36 @@ def mirror_points(
     return points, facing > 0
 
 
+def image_depth_mm(
+    lens: Lens, sphere: ChromeSphere, points: Array, distance_mm: Array | float
+) -> Array:
+    """Return the depth of the virtual images of lights behind the points that mirror them.
+
+    This is the tangential focus, ``1 / image = 1 / light + 2 / (R cos t)`` for the angle t of
+    incidence; the sagittal focus is less than a tenth of the radius away for t up to 30 degrees.
+
+    Parameters
+    ----------
+    lens, sphere
+        Camera and mirror.
+    points
+        ``(N, 3)`` mirror points.
+    distance_mm
+        Distances of the lights from the points; infinity for distant lights.
+
+    Returns
+    -------
+    Array
+        ``(N,)`` depth below the camera.
+    """
+    leaving = lens.eye_to(points)
+    normals = (points - np.array(sphere.centre_mm)) / sphere.radius_mm
+    cosine = np.maximum((leaving * normals).sum(axis=1), 1e-6)
+    behind = 1 / (1 / np.asarray(distance_mm) + 2 / (sphere.radius_mm * cosine))
+    depth: Array = lens.camera_z_mm - points[:, 2] + behind * leaving[:, 2]
+    return depth
+
+
 def mm_per_pixel(
     lens: Lens,
     sphere: ChromeSphere,

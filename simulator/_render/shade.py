@@ -13,6 +13,7 @@ import numpy.typing as npt
 from acquisition import Lights
 from simulator._render.shadow import Occluders
 from simulator._render.trace import Seen
+from simulator._scene.clutter import BALL, BOX
 from simulator._scene.reflectance import reflect
 from simulator._scene.scene import Scene
 
@@ -53,7 +54,10 @@ class Shader:
         scene, caster = self.scene, None
         if scene.body is not None and scene.shadows:
             caster = scene.body.shadow_caster(self.shadow_step_mm)
-        return Occluders(scene.sphere_table, caster)
+        clutter = scene.clutter_table
+        balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
+        round_ = np.concatenate([scene.sphere_table[:, :4], balls[:, 1:5]])
+        return Occluders(round_, caster, boxes[:, 1:])
 
     def shade(
         self, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8]
@@ -86,7 +90,7 @@ class Shader:
         albedo = albedo * np.where(seen.lost, 0.0, seen.weight).astype(np.float32)[:, None]
         intensities = np.asarray(scene.lights.intensities)
         reflect(
-            scene.material,
+            (scene.material, *(item.material for item in scene.clutter)),
             light,
             self._lamps,
             near,
@@ -96,7 +100,7 @@ class Shader:
             scene.lens.eye_to(seen.points_mm),
             albedo,
             channel,
-            seen.on_object & seen.direct,
+            _materials(seen),
         )
         tinted = channel >= 0
         pick = np.arange(len(channel)), np.where(tinted, channel, 0)
@@ -108,6 +112,64 @@ class Shader:
             tint = np.where(tinted, intensities[:, pick[1]], scene.irradiance[:, None])
             light += (tint * dim).astype(np.float32)
         return light, ambient.astype(np.float32), dark
+
+    def shade_partly(
+        self, led: int, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8], samples: Array
+    ) -> Values:
+        """Return the radiance of points that are partly in the shadow of one light.
+
+        Parameters
+        ----------
+        led
+            Index of the light.
+        seen, albedo, channel
+            The n points, as for `shade`; none of them seen via a sphere.
+        samples
+            ``(S, n, 3)`` points around each of them, for the lit share.
+
+        Returns
+        -------
+        Values
+            ``(n,)`` radiance, as from `shade`.
+        """
+        scene, one = self.scene, slice(led, led + 1)
+        lamps, near = self._lamps[one], scene.lights.near
+        light = irradiance(lamps, seen.points_mm, seen.normals, near=near)
+        count = len(samples)
+        visible = np.tile(light > 0, count).astype(np.float32)
+        self.occluders.occlude(
+            visible,
+            samples.reshape(-1, 3),
+            np.tile(seen.normals, (count, 1)),
+            np.ones(visible.shape[1], np.bool_),
+            self._parts[one],
+            near,
+        )
+        light *= visible.reshape(count, -1).mean(axis=0)
+        reflect(
+            (scene.material, *(item.material for item in scene.clutter)),
+            light,
+            lamps,
+            near,
+            np.asarray(scene.lights.intensities)[one],
+            seen.points_mm,
+            seen.normals,
+            scene.lens.eye_to(seen.points_mm),
+            albedo,
+            channel,
+            _materials(seen),
+        )
+        shaded: Values = light[0]
+        return shaded
+
+
+def _materials(seen: Seen) -> npt.NDArray[np.int64]:
+    """Return the index of each point's material: 0 the object's, then those of the clutter.
+
+    Points of the board, and all that a sphere mirrors, count as Lambertian (-1).
+    """
+    index = np.where(seen.item >= 0, seen.item + 1, np.where(seen.on_object, 0, -1))
+    return np.where(seen.direct, index, -1)
 
 
 def lamp_table(lights: Lights) -> Array:

@@ -1,4 +1,4 @@
-"""Occlusion between points and lights by spheres, a height field, or a mesh.
+"""Occlusion between points and lights by spheres, boxes, a height field, or a mesh.
 
 Rays over a height field are traced on a grid of its heights. The grid is first lowered by its
 interpolation error, so that it is nowhere above the surface. No point is then shadowed by its own
@@ -8,7 +8,7 @@ surroundings, and no bias is needed, which would leak light in other places.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -43,10 +43,13 @@ class Occluders:
         ``(S, >= 4)`` rows of centre and radius.
     body
         The object, or None.
+    boxes
+        ``(B, 8)`` rows of centre, half edges, cosine and sine of the turn on the board.
     """
 
     spheres: Array
     body: HeightGrid | TriangleTree | None
+    boxes: Array = field(default_factory=lambda: np.zeros((0, 8)))
 
     def occlude(
         self, light: Values, points_mm: Array, normals: Array, solid: Mask, lamps: Array, near: bool
@@ -74,14 +77,14 @@ class Occluders:
             ``(N, n)`` True where the irradiance was 0 from the start, or less than half of a lamp
             is seen.
         """
-        if self.body is None and not len(self.spheres):
+        if self.body is None and not len(self.spheres) and not len(self.boxes):
             return light <= 0
         parts = lamps.shape[1]
         seen = np.zeros(light.shape, np.uint16)
         for part in range(parts):
             blocked = light <= 0
             toward = np.ascontiguousarray(lamps[:, part])
-            if len(self.spheres) or isinstance(self.body, HeightGrid):
+            if len(self.spheres) or len(self.boxes) or isinstance(self.body, HeightGrid):
                 self._block(blocked, points_mm, solid, toward, near)
             if isinstance(self.body, TriangleTree):
                 _block_by_mesh(self.body, blocked, points_mm, normals, solid, toward, near)
@@ -101,6 +104,7 @@ class Occluders:
             lamps,
             near,
             self.spheres,
+            np.ascontiguousarray(self.boxes),
             self._heights.ravel(),
             self._heights.shape[1],
             self._tiles,

@@ -1,4 +1,4 @@
-"""Shadow rays: from points toward lights, past spheres and over a grid of heights.
+"""Shadow rays: from points toward lights, past spheres and boxes and over a grid of heights.
 
 A ray over a height field advances from one grid line to the next along the axis in which it moves
 faster. Tiles of 16 x 16 heights are skipped if the ray is above all of them.
@@ -43,6 +43,42 @@ def _sphere_between(
         along = ox * dx + oy * dy + oz * dz
         gap = ox * ox + oy * oy + oz * oz - along * along / d2
         if 0.0 < along < d2 * reach and gap < spheres[j, 3] ** 2:
+            return True
+    return False
+
+
+@numba.njit(cache=True)
+def _box_between(
+    px: float,
+    py: float,
+    pz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    reach: float,
+    boxes: Array,
+) -> bool:
+    """Return whether a box blocks the line from p to p + reach * d; its own face does not."""
+    for j in range(len(boxes)):
+        cosine, sine = boxes[j, 6], boxes[j, 7]
+        x, y, z = px - boxes[j, 0], py - boxes[j, 1], pz - boxes[j, 2]
+        begin, end = 0.0, reach
+        for axis in range(3):
+            if axis == 0:
+                start, way = cosine * x + sine * y, cosine * dx + sine * dy
+            elif axis == 1:
+                start, way = cosine * y - sine * x, cosine * dy - sine * dx
+            else:
+                start, way = z, dz
+            # Rounding must not place a point of a face inside.
+            half = boxes[j, 3 + axis] - 1e-6
+            if way == 0.0:
+                if abs(start) >= half:
+                    end = -1.0
+                continue
+            one, two = (-half - start) / way, (half - start) / way
+            begin, end = max(begin, min(one, two)), min(end, max(one, two))
+        if begin < end:
             return True
     return False
 
@@ -131,6 +167,7 @@ def block(
     lamps: Array,
     near: bool,
     spheres: Array,
+    boxes: Array,
     heights: Values,
     columns: int,
     tiles: Values,
@@ -155,7 +192,9 @@ def block(
                 px, py, pz = points[i, 0], points[i, 1], points[i, 2]
                 if near:
                     dx, dy, dz = lamps[k, 0] - px, lamps[k, 1] - py, lamps[k, 2] - pz
-                if len(spheres) and _sphere_between(px, py, pz, dx, dy, dz, reach, spheres):
+                if (len(spheres) and _sphere_between(px, py, pz, dx, dy, dz, reach, spheres)) or (
+                    len(boxes) and _box_between(px, py, pz, dx, dy, dz, reach, boxes)
+                ):
                     blocked[k, i] = True
                 elif columns and solid[i]:
                     blocked[k, i] = _field_between(

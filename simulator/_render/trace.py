@@ -1,21 +1,25 @@
-"""Trace camera rays to the object or the board, directly or via the spheres."""
+"""Trace camera rays to the object, the clutter or the board, directly or via the spheres."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from simulator._scene.clutter import BALL
 from simulator._scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _BOUNCES = 4
+# Steps of the search for the relief of the board. Each one divides the error by the product of the
+# slopes of relief and ray, so that a ray 20 degrees from the axis needs about 25 on the steepest.
+_RELIEF_STEPS, _RELIEF_MM = 40, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +38,11 @@ class Seen:
         ``(n,)`` True if the ray left the spheres upward, into the surroundings.
     weight
         ``(n,)`` product of the reflectances of the spheres that the ray hits, 1 without spheres.
+    item
+        ``(n,)`` index of the clutter on which the ray ends, -1 if it ends elsewhere.
+    depth_mm
+        ``(n,)`` depth of what the ray sees below the camera. A sphere shows virtual images, less
+        than half its radius behind its surface; their depth is that of the tangential focus.
     """
 
     points_mm: Array
@@ -42,6 +51,12 @@ class Seen:
     sphere: npt.NDArray[np.int64]
     lost: Mask
     weight: Array
+    item: npt.NDArray[np.int64]
+    depth_mm: Array
+
+    def at(self, pick: npt.NDArray[np.int64] | Mask) -> Seen:
+        """Return some of the points."""
+        return Seen(**{part.name: getattr(self, part.name)[pick] for part in fields(self)})
 
     @property
     def direct(self) -> Mask:
@@ -52,8 +67,9 @@ class Seen:
 def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
     """Trace camera rays to their end points.
 
-    Rays that a sphere mirrors ignore the height of the object: they end on the plane of the board,
-    as if there were a flat picture of the object.
+    Rays that a sphere mirrors ignore the height of the object and the relief of the board: they end
+    on the plane of the board, as if there were a flat picture of the object. Clutter is mirrored
+    where it is.
 
     Parameters
     ----------
@@ -81,32 +97,126 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
     count = len(rays)
     sphere, entry_mm = np.full(count, -1, np.int64), np.full(count, -math.inf)
     lost, weight = np.zeros(count, np.bool_), np.ones(count)
-    if scene.spheres:
-        _follow(origins_mm, rays, scene.sphere_table, sphere, entry_mm, lost, points, weight)
+    item, behind_mm = np.full(count, -1, np.int64), np.zeros(count)
+    if scene.spheres or scene.clutter:
+        _follow(
+            origins_mm, rays, scene.sphere_table, scene.clutter_table,
+            sphere, entry_mm, lost, points, normals, weight, item, behind_mm,
+        )  # fmt: skip
     if scene.body is not None:
         hits = scene.body.trace(origins_mm, rays)
-        before = hits.hit & (sphere >= 0) & (hits.points_mm[:, 2] > entry_mm)
-        if before.any():
+        before = hits.hit & (hits.points_mm[:, 2] > entry_mm)
+        if (before & (sphere >= 0)).any():
+            hidden = sphere[np.argmax(before & (sphere >= 0))]
             raise DataError(
-                f"the object hides part of sphere {sphere[np.argmax(before)]} from the camera: "
-                "move the sphere outward"
+                f"the object hides part of sphere {hidden} from the camera: move the sphere outward"
             )
-        on_object = np.where(sphere < 0, hits.hit, scene.body.inside(points[:, 0], points[:, 1]))
-        met = hits.hit & (sphere < 0)
-        points[met], normals[met] = hits.points_mm[met], hits.normals[met]
-    return Seen(points, normals, on_object, sphere, lost, weight)
+        mirrored = scene.body.inside(points[:, 0], points[:, 1]) & (item < 0)
+        met = before & (sphere < 0)
+        on_object = np.where(sphere < 0, met, mirrored)
+        points[met], normals[met], item[met] = hits.points_mm[met], hits.normals[met], -1
+    if scene.relief is not None:
+        _meet_relief(scene, origins_mm, rays, ~on_object & (item < 0), sphere < 0, points, normals)
+    ends = np.where(sphere < 0, points[:, 2], entry_mm - behind_mm)
+    depth = scene.lens.camera_z_mm - ends
+    return Seen(points, normals, on_object, sphere, lost, weight, item, depth)
 
 
-def meets_sphere(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
-    """Return which camera rays ``(n, 3)`` hit a sphere."""
+def _meet_relief(
+    scene: Scene,
+    origins_mm: Array,
+    rays: Array,
+    on_board: Mask,
+    direct: Mask,
+    points: Array,
+    normals: Array,
+) -> None:
+    """Move direct points of the board to its relief, and give all its points their normals."""
+    ask = np.flatnonzero(on_board & direct)
+    x, y = points[ask, 0], points[ask, 1]
+    for _ in range(_RELIEF_STEPS):
+        height, _ = scene.relief_at(x, y)
+        moved = origins_mm[ask] + (origins_mm[ask, 2] - height)[:, None] * rays[ask]
+        step = np.abs(moved[:, :2] - np.stack([x, y], axis=1)).max(initial=0.0)
+        x, y = moved[:, 0], moved[:, 1]
+        points[ask] = moved
+        if step < _RELIEF_MM:
+            break
+    normals[on_board] = scene.relief_at(points[on_board, 0], points[on_board, 1])[1]
+
+
+def meets(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
+    """Return which camera rays ``(n, 3)`` hit a sphere or clutter."""
     met = np.zeros(len(rays), np.bool_)
-    for sphere in scene.spheres:
-        offset = origins_mm - np.array(sphere.centre_mm)
-        along = (offset * rays).sum(axis=1)
-        squared = (rays**2).sum(axis=1)
-        gap = (offset**2).sum(axis=1) - along**2 / squared
-        met |= (gap < sphere.radius_mm**2) & (along < 0)
+    _meets(origins_mm, rays, scene.sphere_table, scene.clutter_table, met)
     return met
+
+
+@numba.njit(cache=True)
+def _ball_ahead(
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, balls: Array, j: int
+) -> float:
+    """Return the way along the unit direction d to a ball: a row of centre, radius; or infinity."""
+    ox, oy, oz = px - balls[j, 0], py - balls[j, 1], pz - balls[j, 2]
+    b = ox * dx + oy * dy + oz * dz
+    root = b * b - (ox * ox + oy * oy + oz * oz - balls[j, 3] ** 2)
+    # b < 0: the ball is ahead. This also keeps a ray from hitting the one that it has just left.
+    return -b - math.sqrt(root) if root > 0.0 and b < 0.0 else math.inf
+
+
+@numba.njit(cache=True)
+def _box_ahead(
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, box: Array
+) -> tuple[float, int, float]:
+    """Return the way to a box or infinity, the axis of the face, and the sign of its normal."""
+    cosine, sine = box[7], box[8]
+    x, y, z = px - box[1], py - box[2], pz - box[3]
+    begin, end, face, sign = -math.inf, math.inf, 0, 1.0
+    for axis in range(3):
+        if axis == 0:
+            start, way = cosine * x + sine * y, cosine * dx + sine * dy
+        elif axis == 1:
+            start, way = cosine * y - sine * x, cosine * dy - sine * dx
+        else:
+            start, way = z, dz
+        half = box[4 + axis]
+        if way == 0.0:
+            if abs(start) > half:
+                return math.inf, 0, 1.0
+            continue
+        one, two = (-half - start) / way, (half - start) / way
+        if min(one, two) > begin:
+            begin, face, sign = min(one, two), axis, -1.0 if way > 0.0 else 1.0
+        end = min(end, max(one, two))
+    return (begin, face, sign) if 0.0 < begin < end else (math.inf, 0, 1.0)
+
+
+@numba.njit(cache=True)
+def _clutter_ahead(
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, clutter: Array
+) -> tuple[float, int]:
+    """Return the way to the nearest piece of clutter, and its index; infinity and -1 for none."""
+    best, hit = math.inf, -1
+    for j in range(len(clutter)):
+        if clutter[j, 0] == BALL:
+            way = _ball_ahead(px, py, pz, dx, dy, dz, clutter[:, 1:5], j)
+        else:
+            way = _box_ahead(px, py, pz, dx, dy, dz, clutter[j])[0]
+        if way < best:
+            best, hit = way, j
+    return best, hit
+
+
+@numba.njit(parallel=True, cache=True)
+def _meets(origins: Array, rays: Array, spheres: Array, clutter: Array, met: Mask) -> None:
+    for i in numba.prange(len(rays)):
+        px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
+        dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
+        norm = math.sqrt(dx * dx + dy * dy + dz * dz)
+        dx, dy, dz = dx / norm, dy / norm, dz / norm
+        for j in range(len(spheres)):
+            met[i] |= _ball_ahead(px, py, pz, dx, dy, dz, spheres, j) < math.inf
+        met[i] |= _clutter_ahead(px, py, pz, dx, dy, dz, clutter)[1] >= 0
 
 
 @numba.njit(parallel=True, cache=True)
@@ -114,28 +224,50 @@ def _follow(
     origins: Array,
     rays: Array,
     spheres: Array,
+    clutter: Array,
     first: npt.NDArray[np.int64],
     entry: Array,
     lost: Mask,
     points: Array,
+    normals: Array,
     weight: Array,
+    item: npt.NDArray[np.int64],
+    behind: Array,
 ) -> None:
     for i in numba.prange(len(rays)):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
         norm = math.sqrt(dx * dx + dy * dy + dz * dz)
         dx, dy, dz = dx / norm, dy / norm, dz / norm
-        share = 1.0
+        share, slant, cosine_in, curve = 1.0, 1.0, 1.0, 1.0
+        sx, sy, sz = px, py, pz
         for bounce in range(_BOUNCES + 1):
             best, hit = math.inf, -1
             for j in range(len(spheres)):
-                ox, oy, oz = px - spheres[j, 0], py - spheres[j, 1], pz - spheres[j, 2]
-                b = ox * dx + oy * dy + oz * dz
-                root = b * b - (ox * ox + oy * oy + oz * oz - spheres[j, 3] ** 2)
-                # b < 0: the sphere is ahead. This also keeps a ray from hitting the sphere
-                # that it has just left.
-                if root > 0.0 and b < 0.0 and -b - math.sqrt(root) < best:
-                    best, hit = -b - math.sqrt(root), j
+                way = _ball_ahead(px, py, pz, dx, dy, dz, spheres, j)
+                if way < best:
+                    best, hit = way, j
+            way, thing = _clutter_ahead(px, py, pz, dx, dy, dz, clutter)
+            if way < best:
+                item[i] = thing
+                points[i, 0], points[i, 1], points[i, 2] = (
+                    px + way * dx,
+                    py + way * dy,
+                    pz + way * dz,
+                )
+                if bounce == 0:
+                    entry[i] = pz + way * dz
+                if clutter[thing, 0] == BALL:
+                    for axis in range(3):
+                        gap = points[i, axis] - clutter[thing, 1 + axis]
+                        normals[i, axis] = gap / clutter[thing, 4]
+                else:
+                    _, face, sign = _box_ahead(px, py, pz, dx, dy, dz, clutter[thing])
+                    cosine, sine = sign * clutter[thing, 7], sign * clutter[thing, 8]
+                    normals[i, 0] = cosine if face == 0 else -sine if face == 1 else 0.0
+                    normals[i, 1] = sine if face == 0 else cosine if face == 1 else 0.0
+                    normals[i, 2] = sign if face == 2 else 0.0
+                break
             if hit < 0 or bounce == _BOUNCES:
                 break
             px, py, pz = px + best * dx, py + best * dy, pz + best * dz
@@ -146,11 +278,22 @@ def _follow(
             ny = (py - spheres[hit, 1]) / spheres[hit, 3]
             nz = (pz - spheres[hit, 2]) / spheres[hit, 3]
             turn = 2.0 * (dx * nx + dy * ny + dz * nz)
+            if bounce == 0:
+                sx, sy, sz = px, py, pz
+                slant, cosine_in, curve = -dz, -turn / 2.0, spheres[hit, 3]
             dx, dy, dz = dx - turn * nx, dy - turn * ny, dz - turn * nz
         if first[i] >= 0:
             weight[i] = share
-            if dz > -1e-9:
+            away = math.inf
+            if item[i] < 0 and dz > -1e-9:
                 lost[i] = True
             else:
-                points[i, 0] = px - dx / dz * pz
-                points[i, 1] = py - dy / dz * pz
+                if item[i] < 0:
+                    points[i, 0] = px - dx / dz * pz
+                    points[i, 1] = py - dy / dz * pz
+                away = math.sqrt(
+                    (points[i, 0] - sx) ** 2 + (points[i, 1] - sy) ** 2 + (points[i, 2] - sz) ** 2
+                )
+            # The tangential focus of the first sphere, 1/image = 1/object + 2 / (R cos t).
+            focus = max(cosine_in, 1e-6) * curve / 2.0
+            behind[i] = slant / (1.0 / focus + 1.0 / max(away, 1e-6))

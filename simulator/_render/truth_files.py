@@ -66,6 +66,14 @@ def save_truth(
         If a file cannot be written.
     DataError
         If an exposure time is not positive, or scene files have no kind for a part of the scene.
+
+    Examples
+    --------
+    >>> from simulator import render, save_truth, scene_named
+    >>> rendering = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> files = save_truth("truth", rendering, exposures_us=[10_000.0])
+    >>> files["normals"].name, files["mask"].name
+    ('normals.exr', 'mask.png')
     """
     folder, truth = Path(folder), rendering.truth
     make_folder(folder)

@@ -6,7 +6,7 @@ It does not use the methods of ``CameraModel``, so that the ground truth shares 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from rig import short_repr
 from simulator._scene.distortion import distorted, undistorted
+from simulator._scene.optics import Optics
 
 Array = npt.NDArray[np.float64]
 
@@ -46,7 +47,13 @@ class Lens:
         ``1 - vignetting * (1 - cos(t)^4)``. An orthographic lens has no field angle and does not
         dim.
     psf_sigma_px
-        Standard deviation of the Gaussian blur of mirrored LEDs.
+        Standard deviation of the Gaussian blur by the lens's aberrations.
+    optics
+        Aperture and focus, which add defocus and diffraction to the blur. An orthographic lens has
+        neither.
+    sharp
+        If True, the default, nothing is blurred except mirrored LEDs, by ``psf_sigma_px``: images
+        follow closed forms. If False, all that is rendered is blurred.
     cfa
         Colour filters of the first 2 x 2 pixels row by row, for example ``RGGB``; None for a
         monochrome camera.
@@ -65,6 +72,8 @@ class Lens:
     height_mm: float | None = None
     vignetting: float = 0.0
     psf_sigma_px: float = 0.7
+    optics: Optics = field(default_factory=Optics)
+    sharp: bool = True
     cfa: str | None = None
 
     __repr__ = short_repr
@@ -86,6 +95,11 @@ class Lens:
             )
         elif self.camera.working_distance_mm is None:
             raise DataError("a simulated camera needs a working distance: give working_distance_mm")
+        elif self._focus_mm <= self.optics.focal_length_mm:
+            raise DataError(
+                f"lens: the plane of focus at {self._focus_mm:g} mm is within the focal length of "
+                f"{self.optics.focal_length_mm:g} mm: give another focus_mm or focal_length_mm"
+            )
         else:
             self._check_folds()
 
@@ -206,6 +220,25 @@ class Lens:
         colour: npt.NDArray[np.int64] = filters[2 * (y_px % 2) + x_px % 2]
         return colour
 
+    def circle_px(self, depth_mm: Array) -> Array:
+        """Return the diameters of the circles of confusion of points at depths from the camera.
+
+        They are 0 for a sharp and for an orthographic lens.
+        """
+        if self.camera is None or self.sharp:
+            return np.zeros(np.shape(depth_mm))
+        return self.optics.circle_px(depth_mm, self._focus_mm, float(self.camera.K[0, 0]))
+
+    @property
+    def blur_px(self) -> float:
+        """Standard deviation of the Gaussian blur of all that is in focus, in pixels.
+
+        Aberrations and diffraction; ``psf_sigma_px`` alone for a sharp and an orthographic lens.
+        """
+        if self.camera is None or self.sharp:
+            return self.psf_sigma_px
+        return math.hypot(self.psf_sigma_px, self.optics.diffraction_px(float(self.camera.K[0, 0])))
+
     def eye_to(self, points_mm: Array) -> Array:
         """Return the unit directions ``(..., 3)`` from points toward the camera."""
         if self.camera is None:
@@ -237,6 +270,10 @@ class Lens:
         left, top = (int(v) for v in np.clip(low, 0, (columns, rows)))
         right, bottom = (int(v) for v in np.clip(high, 0, (columns, rows)))
         return slice(top, bottom), slice(left, right)
+
+    @property
+    def _focus_mm(self) -> float:
+        return self.camera_z_mm if self.optics.focus_mm is None else self.optics.focus_mm
 
     @cached_property
     def _brown(self) -> Array:

@@ -147,7 +147,7 @@ def reflectance(
 
 
 def reflect(
-    material: Material,
+    materials: tuple[Material, ...],
     light: Values,
     table: Array,
     near: bool,
@@ -157,14 +157,14 @@ def reflect(
     toward_eye: Array,
     albedo: Values,
     channel: npt.NDArray[np.int8],
-    has_material: npt.NDArray[np.bool_],
+    material: npt.NDArray[np.int64],
 ) -> None:
     """Convert irradiance to radiance in place.
 
     Parameters
     ----------
-    material
-        Material of the points with ``has_material``; the others are Lambertian.
+    materials
+        Materials of the scene.
     light
         ``(N, n)`` irradiance of every light of intensity 1 at every point; overwritten with
         radiance.
@@ -178,14 +178,11 @@ def reflect(
         ``(n, 3)`` albedo in red, green, blue.
     channel
         ``(n,)`` channel that the pixel sees, 0, 1 or 2; -1 for the mean of the three.
-    has_material
-        ``(n,)`` True at points with ``material``.
+    material
+        ``(n,)`` index of the material of each point; -1 is Lambertian.
     """
-    kind, first, second = material.lobes
     _reflect(
-        kind,
-        first,
-        second,
+        np.array([each.lobes for each in materials], np.float64).reshape(-1, 3),
         light,
         table,
         near,
@@ -195,13 +192,13 @@ def reflect(
         toward_eye,
         albedo,
         channel,
-        has_material,
+        material,
     )
 
 
 @numba.njit(cache=True)
 def _lobes(
-    kind: int, first: float, second: float, light: float, eye: float, between: float
+    kind: float, first: float, second: float, light: float, eye: float, between: float
 ) -> tuple[float, float]:
     """Return the factor of the albedo and the specular term, from three cosines."""
     if kind == _OREN_NAYAR:
@@ -225,7 +222,7 @@ def _lobes(
 
 @numba.njit(cache=True)
 def _reflectance(
-    kind: int,
+    kind: float,
     first: float,
     second: float,
     albedo: Array,
@@ -242,9 +239,7 @@ def _reflectance(
 
 @numba.njit(parallel=True, cache=True)
 def _reflect(
-    kind: int,
-    first: float,
-    second: float,
+    lobes: Array,
     light: Values,
     table: Array,
     near: bool,
@@ -254,7 +249,7 @@ def _reflect(
     eyes: Array,
     albedo: Values,
     channel: npt.NDArray[np.int8],
-    has_material: npt.NDArray[np.bool_],
+    material: npt.NDArray[np.int64],
 ) -> None:
     count = light.shape[1]
     for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
@@ -271,7 +266,8 @@ def _reflect(
                     painted = intensities[k, 0] * albedo[i, 0]
                     painted += intensities[k, 1] * albedo[i, 1]
                     painted = (painted + intensities[k, 2] * albedo[i, 2]) / 3.0
-                if kind == _LAMBERT or not has_material[i]:
+                m = material[i]
+                if m < 0 or lobes[m, 0] == _LAMBERT:
                     light[k, i] *= painted
                     continue
                 lx, ly, lz = table[k, 0], table[k, 1], table[k, 2]
@@ -283,5 +279,7 @@ def _reflect(
                 eye = eyes[i, 0] * normals[i, 0] + eyes[i, 1] * normals[i, 1]
                 eye += eyes[i, 2] * normals[i, 2]
                 between = lx * eyes[i, 0] + ly * eyes[i, 1] + lz * eyes[i, 2]
-                factor, added = _lobes(kind, first, second, cosine, max(eye, _GRAZING), between)
+                factor, added = _lobes(
+                    lobes[m, 0], lobes[m, 1], lobes[m, 2], cosine, max(eye, _GRAZING), between
+                )
                 light[k, i] *= painted * factor + bare * added

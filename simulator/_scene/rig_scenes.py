@@ -95,6 +95,12 @@ def dome_lights(
     ------
     DataError
         If a value is out of range.
+
+    Examples
+    --------
+    >>> from simulator import dome_lights
+    >>> dome_lights(8)
+    Lights(8 positions in mm, L00 to L07)
     """
     if n < 1 or not radius_mm > 0 or not 0 <= spread < 0.3 or not 0 <= jitter_mm < radius_mm / 20:
         raise DataError(
@@ -127,6 +133,12 @@ def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
     ------
     DataError
         If the size is not positive.
+
+    Examples
+    --------
+    >>> from simulator import bench_camera
+    >>> bench_camera(320, 256)
+    CameraModel(320 x 256 px, focal length 653.6 px, working distance 600 mm)
     """
     focal = _FOCAL_PER_WIDTH * max(width, 1)
     K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
@@ -134,7 +146,15 @@ def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
 
 
 def bench_sensor() -> NoiseModel:
-    """Return a 12-bit sensor with a full well of 10 000 electrons, as in industrial cameras."""
+    """Return a 12-bit sensor with a full well of 10 000 electrons, as in industrial cameras.
+
+    Examples
+    --------
+    >>> from simulator import bench_sensor
+    >>> sensor = bench_sensor()
+    >>> sensor.bit_depth, sensor.full_well_e
+    (12, None)
+    """
     return NoiseModel(electrons_per_dn=2.5, read_noise_e=2.5, black_level_dn=64.0, bit_depth=12)
 
 
@@ -176,6 +196,12 @@ def scene_named(
     ------
     DataError
         If the name is unknown, a value is out of range, or there is no relief to scale.
+
+    Examples
+    --------
+    >>> from simulator import scene_named
+    >>> scene_named("coin", width=64, height=52, leds=4)
+    Scene(Coin, 4 lights, 0 spheres, 64 x 52 px)
     """
     if name not in SCENES:
         raise DataError(f"unknown scene {name!r}: use one of {', '.join(SCENES)}")

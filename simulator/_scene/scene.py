@@ -1,4 +1,4 @@
-"""A scene: an object on a board, chrome spheres, lights and a camera."""
+"""A scene: an object on a board, chrome spheres, clutter, lights and a camera."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
 from rig import pluralize
+from simulator._scene.clutter import Ball, Clutter, clutter_table
 from simulator._scene.lamps import Lamps
 from simulator._scene.lens import Lens
 from simulator._scene.reflectance import Lambert, Material
 from simulator._shapes.body import Body
 from simulator._shapes.patterns import Even, Pattern
+from simulator._shapes.surface import Surface
 
 Array = npt.NDArray[np.float64]
 
 _MOST_PARTS = 1024
 _RINGS, _SPOKES = 12, 48
+# Steepest relief of the board that a ray meets only once at any usual field angle.
+_STEEPEST_RELIEF = 2.0
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,11 @@ class Scene:
         beyond it is black.
     spheres
         Chrome spheres that overlap neither the object nor each other.
+    clutter
+        Balls that are no mirrors, and boxes. They overlap neither the object nor a sphere.
+    relief
+        Relief of the board, a surface without its outline, or None. Its highest point is at z = 0,
+        so that spheres rest on it. It casts no shadows, and spheres mirror it as a flat picture.
     ambient
         Uniform irradiance from the room, on the scale of the intensities.
     surroundings
@@ -111,6 +120,8 @@ class Scene:
     board: Pattern = field(default_factory=lambda: Even(0.02))
     board_radius_mm: float = 260.0
     spheres: tuple[ChromeSphere, ...] = ()
+    clutter: tuple[Clutter, ...] = ()
+    relief: Surface | None = None
     ambient: float = 0.002
     surroundings: float = 0.004
     led_radius_mm: float = 2.0
@@ -123,6 +134,8 @@ class Scene:
         body = "no body" if self.body is None else type(self.body).__name__
         lights, spheres = len(self.lights), len(self.spheres)
         counts = f"{pluralize(lights, 'light')}, {pluralize(spheres, 'sphere')}"
+        if self.clutter:
+            counts += f", {pluralize(len(self.clutter), 'piece')} of clutter"
         return f"Scene({body}, {counts}, {width} x {height} px)"
 
     def __post_init__(self) -> None:
@@ -139,6 +152,7 @@ class Scene:
                 f"1..{_MOST_PARTS}"
             )
         self._check_spheres()
+        self._check_clutter()
         self._check_camera_place()
         self._check_lights()
 
@@ -146,20 +160,31 @@ class Scene:
         for i, sphere in enumerate(self.spheres):
             if sphere.centre_mm[2] < sphere.radius_mm - 1e-9:
                 raise DataError(f"sphere {i} intersects the board: raise its centre to its radius")
-            if self._covers(sphere):
+            if self._covers(*sphere.centre_mm[:2], sphere.radius_mm):
                 raise DataError(f"sphere {i} overlaps the object: move it outward")
         for (i, a), (j, b) in combinations(enumerate(self.spheres), 2):
             if math.dist(a.centre_mm, b.centre_mm) < a.radius_mm + b.radius_mm:
                 raise DataError(f"spheres {i} and {j} overlap: move them apart")
 
-    def _covers(self, sphere: ChromeSphere) -> bool:
-        """Return whether the object overlaps a sphere, as seen from above."""
-        if self.body is None:
+    def _check_clutter(self) -> None:
+        for i, item in enumerate(self.clutter):
+            reach = item.radius_mm if isinstance(item, Ball) else math.hypot(*item.size_mm[:2]) / 2
+            if self._covers(*item.centre_mm[:2], reach):
+                raise DataError(f"clutter {i} overlaps the object: move it outward")
+            for j, sphere in enumerate(self.spheres):
+                if item.gap_mm(sphere.centre_mm) < sphere.radius_mm:
+                    raise DataError(f"clutter {i} overlaps sphere {j}: move them apart")
+        if self.relief is not None and self.relief.bounds.steepest > _STEEPEST_RELIEF:
+            raise DataError(
+                f"the relief of the board has slopes of {self.relief.bounds.steepest:.2g}, the "
+                f"maximum is {_STEEPEST_RELIEF:g}: make it lower or longer"
+            )
+
+    def _covers(self, x: float, y: float, reach_mm: float) -> bool:
+        """Return whether the object overlaps a disc on the board, as seen from above."""
+        if self.body is None or math.hypot(x, y) >= self.body.radius_mm + reach_mm:
             return False
-        x, y, _ = sphere.centre_mm
-        if math.hypot(x, y) >= self.body.radius_mm + sphere.radius_mm:
-            return False
-        reach = sphere.radius_mm * np.linspace(0, 1, _RINGS)[:, None]
+        reach = reach_mm * np.linspace(0, 1, _RINGS)[:, None]
         turn = np.linspace(0, 2 * math.pi, _SPOKES, endpoint=False)
         return bool(self.body.inside(x + reach * np.cos(turn), y + reach * np.sin(turn)).any())
 
@@ -173,6 +198,9 @@ class Scene:
         for i, sphere in enumerate(self.spheres):
             if sphere.centre_mm[2] + sphere.radius_mm >= height:
                 raise DataError(f"sphere {i} reaches the camera: raise the working distance")
+        for i, item in enumerate(self.clutter):
+            if item.centre_mm[2] + item.reach_mm >= height:
+                raise DataError(f"clutter {i} reaches the camera: raise the working distance")
 
     def _check_lights(self) -> None:
         if not self.lights.near:
@@ -191,6 +219,9 @@ class Scene:
             for i, sphere in enumerate(self.spheres):
                 if math.dist(place, sphere.centre_mm) <= sphere.radius_mm:
                     raise DataError(f"LED {name} is inside sphere {i}: move one of them")
+            for i, item in enumerate(self.clutter):
+                if item.gap_mm(tuple(place)) <= 0:
+                    raise DataError(f"LED {name} is inside clutter {i}: move one of them")
 
     def _floors(self, positions: Array) -> Array:
         """Return the height of the surface under each position."""
@@ -213,15 +244,24 @@ class Scene:
         return self.pattern.sharp or self.board.sharp
 
     def albedo(
-        self, x_mm: Array, y_mm: Array, on_object: npt.NDArray[np.bool_]
+        self,
+        x_mm: Array,
+        y_mm: Array,
+        on_object: npt.NDArray[np.bool_],
+        item: npt.NDArray[np.int64],
     ) -> npt.NDArray[np.float32]:
-        """Return the albedo ``(n, 3)`` at points on object and board, 0 beyond the board."""
-        on_board = ~on_object & (x_mm**2 + y_mm**2 <= self.board_radius_mm**2)
+        """Return the albedo ``(n, 3)`` at points on object and board, 0 beyond the board.
+
+        ``item`` is the index of the clutter that a point is on, -1 for other points.
+        """
+        on_board = ~on_object & (item < 0) & (x_mm**2 + y_mm**2 <= self.board_radius_mm**2)
         albedo = np.zeros((len(x_mm), 3), np.float32)
         for pattern, where in ((self.pattern, on_object), (self.board, on_board)):
             if where.any():
                 values = pattern.evaluate(x_mm[where], y_mm[where])
                 albedo[where] = values if values.ndim == 2 else values[:, None]
+        for index, thing in enumerate(self.clutter):
+            albedo[item == index] = thing.albedo
         return albedo
 
     @property
@@ -250,3 +290,19 @@ class Scene:
         """``(S, 5)`` rows of centre, radius and reflectance."""
         rows = [(*s.centre_mm, s.radius_mm, s.reflectance) for s in self.spheres]
         return np.array(rows, np.float64).reshape(-1, 5)
+
+    @property
+    def clutter_table(self) -> Array:
+        """``(C, 9)`` rows, see `clutter_table`."""
+        return clutter_table(self.clutter)
+
+    def relief_at(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array]:
+        """Return height ``(n,)`` and unit normals ``(n, 3)`` of the board's surface."""
+        if self.relief is None:
+            flat = np.zeros((len(x_mm), 3))
+            flat[:, 2] = 1.0
+            return np.zeros(len(x_mm)), flat
+        z, zx, zy = self.relief.evaluate(x_mm, y_mm)
+        normals = np.stack([-zx, -zy, np.ones_like(z)], axis=1)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return z - self.relief.top_mm, normals

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -26,15 +27,18 @@ from simulator._scene.rig_scenes import bench_sensor
 from simulator._scene.scene import ChromeSphere, Scene
 from simulator._scene.scene_parts import (
     BODIES,
+    CLUTTER,
     LENSES,
     LIGHTS,
     MATERIALS,
     PATTERNS,
+    RELIEFS,
     lens_table,
     resized,
 )
 from simulator._scene.scene_tables import build, build_kind, check_range, kind_table, table
 from simulator._shapes.mesh import MeshBody
+from simulator._shapes.surface import Surface
 
 Table = dict[str, Any]
 
@@ -54,8 +58,12 @@ class SceneFile(BaseModel):
         Albedo and reflectance of the object.
     board
         Albedo of the board.
+    relief
+        Relief of the board: the kind of an object and its parameters.
     spheres
         Chrome spheres, one table each.
+    clutter
+        Other balls and boxes, one table each.
     lights, lamps
         Positions and intensities of the LEDs, and their behaviour over time.
     lens, sensor
@@ -80,7 +88,9 @@ class SceneFile(BaseModel):
     pattern: Table = {"kind": "even", "albedo": 1.0}
     material: Table = {"kind": "lambert"}
     board: Table = {"kind": "even", "albedo": 0.02}
+    relief: Table | None = None
     spheres: tuple[Table, ...] = ()
+    clutter: tuple[Table, ...] = ()
     lights: Table = {"kind": "dome"}
     lamps: Table = {}
     lens: Table = {"kind": "perspective"}
@@ -144,8 +154,20 @@ class SceneFile(BaseModel):
                 build(ChromeSphere, sphere, f"spheres.{index}")
                 for index, sphere in enumerate(self.spheres)
             ),
+            clutter=tuple(
+                build_kind(CLUTTER, item, f"clutter.{index}")
+                for index, item in enumerate(self.clutter)
+            ),
+            relief=self._relief(drawn),
             lamps=build(Lamps, self.lamps, "lamps"),
         )
+
+    def _relief(self, drawn: Mapping[str, int]) -> Surface | None:
+        if self.relief is None:
+            return None
+        size = {"radius_mm": self.board_radius_mm}
+        surface: Surface = build_kind(RELIEFS, self.relief, "relief", **drawn, **size)
+        return surface
 
 
 # Fields that SceneFile and Scene have in common: the numbers at the top of a file.
@@ -173,6 +195,14 @@ def read_scene(
         If the file does not exist.
     DataError
         If the file is not TOML, or `SceneFile.build` raises it. The message names file and key.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from simulator import read_scene, scene_named, write_scene
+    >>> _ = write_scene("coin.toml", scene_named("coin", width=64, height=52, leds=4))
+    >>> read_scene("coin.toml")
+    Scene(Coin, 4 lights, 0 spheres, 64 x 52 px)
     """
     path = Path(path)
     try:
@@ -207,6 +237,12 @@ def write_scene(path: Path | str, scene: Scene) -> list[Path]:
         If scene files have no kind for the scene's object or pattern.
     StorageError
         If a file cannot be written.
+
+    Examples
+    --------
+    >>> from simulator import scene_named, write_scene
+    >>> [path.name for path in write_scene("coin.toml", scene_named("coin", width=64, height=52))]
+    ['coin.toml', 'coin.lights.json']
     """
     path = Path(path)
     written = [path, path.with_suffix(".lights.json")]
@@ -226,7 +262,9 @@ def write_scene(path: Path | str, scene: Scene) -> list[Path]:
         pattern=kind_table(PATTERNS, scene.pattern),
         material=kind_table(MATERIALS, scene.material),
         board=kind_table(PATTERNS, scene.board),
+        relief=None if scene.relief is None else kind_table(RELIEFS, scene.relief),
         spheres=tuple(table(sphere) for sphere in scene.spheres),
+        clutter=tuple(kind_table(CLUTTER, item) for item in scene.clutter),
         lights={"kind": "file", "file": written[1].name},
         lamps=table(scene.lamps),
         lens=lens_table(scene.lens),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
+from simulator._scene.clutter import Ball, Box
 from simulator._scene.lens import Lens
+from simulator._scene.optics import Optics
 from simulator._scene.reflectance import Ggx, Lambert, OrenNayar
 from simulator._scene.rig_scenes import dome_lights
 from simulator._scene.scene_tables import Kinds
 from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
 from simulator._shapes.coin import Coin
+from simulator._shapes.grounds import Cork, Print, Weave, Wood
 from simulator._shapes.mesh import MeshBody
 from simulator._shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
 from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
 _Vector = tuple[float, float, float]
+_OPTICS = Optics()
 _FIELD_MM, _DISTANCE_MM = 293.76, 600.0
 # Maximum in a rig file.
 _MOST_LEDS = 4096
@@ -118,6 +122,11 @@ def perspective(
     distortion: tuple[float, ...] = (),
     vignetting: float = 0.0,
     psf_sigma_px: float = 0.7,
+    f_number: float = _OPTICS.f_number,
+    focal_length_mm: float = _OPTICS.focal_length_mm,
+    focus_mm: float | None = None,
+    wavelength_um: float = _OPTICS.wavelength_um,
+    sharp: bool = True,
     cfa: str | None = None,
 ) -> Lens:
     """Return a perspective lens with a field ``field_mm`` wide, or with the matrix ``K``."""
@@ -127,17 +136,30 @@ def perspective(
         focal = max(width, 1) * working_distance_mm / field_mm
         K = ((focal, 0.0, (width - 1) / 2), (0.0, focal, (height - 1) / 2), (0.0, 0.0, 1.0))
     camera = CameraModel(np.array(K), width, height, working_distance_mm, np.array(distortion))
-    return Lens.of(camera, vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa)
+    optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
+    return Lens.of(
+        camera, vignetting=vignetting, psf_sigma_px=psf_sigma_px,
+        optics=optics, sharp=sharp, cfa=cfa,
+    )  # fmt: skip
 
 
 def camera_file(
     file: Path,
     vignetting: float = 0.0,
     psf_sigma_px: float = 0.7,
+    f_number: float = _OPTICS.f_number,
+    focal_length_mm: float = _OPTICS.focal_length_mm,
+    focus_mm: float | None = None,
+    wavelength_um: float = _OPTICS.wavelength_um,
+    sharp: bool = True,
     cfa: str | None = None,
 ) -> Lens:
     """Return the lens of a camera file, which has an image size and a working distance."""
-    return Lens.of(read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa)
+    optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
+    return Lens.of(
+        read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px,
+        optics=optics, sharp=sharp, cfa=cfa,
+    )  # fmt: skip
 
 
 def orthographic(
@@ -147,12 +169,13 @@ def orthographic(
     height_mm: float = _DISTANCE_MM,
     vignetting: float = 0.0,
     psf_sigma_px: float = 0.7,
+    sharp: bool = True,
     cfa: str | None = None,
 ) -> Lens:
     """Return a lens with parallel rays, ``pixel_mm`` apart."""
     return Lens.orthographic(
         width, height, pixel_mm, height_mm,
-        vignetting=vignetting, psf_sigma_px=psf_sigma_px, cfa=cfa,
+        vignetting=vignetting, psf_sigma_px=psf_sigma_px, sharp=sharp, cfa=cfa,
     )  # fmt: skip
 
 
@@ -190,8 +213,10 @@ def lens_table(lens: Lens) -> dict[str, Any]:
             "working_distance_mm": lens.camera.working_distance_mm,
             "K": lens.camera.K.tolist(),
             "distortion": lens.camera.distortion.tolist(),
+            **asdict(lens.optics),
         }
-    entries |= {"vignetting": lens.vignetting, "psf_sigma_px": lens.psf_sigma_px, "cfa": lens.cfa}
+    entries |= {"vignetting": lens.vignetting, "psf_sigma_px": lens.psf_sigma_px}
+    entries |= {"sharp": lens.sharp, "cfa": lens.cfa}
     return {name: value for name, value in entries.items() if value is not None}
 
 
@@ -210,6 +235,9 @@ BODIES: Kinds = {
     "step-gauge": StepGauge,
     "mesh": mesh,
 }
+# Objects that can be the relief of the board.
+RELIEFS: Kinds = {kind: BODIES[kind] for kind in ("noise", "textile", "leather", "ripples")}
+CLUTTER: Kinds = {"ball": Ball, "box": Box}
 PATTERNS: Kinds = {
     "even": Even,
     "checker": Checker,
@@ -217,5 +245,9 @@ PATTERNS: Kinds = {
     "paint": Paint,
     "colour-wheel": ColourWheel,
     "charuco": ChArUco,
+    "cork": Cork,
+    "wood": Wood,
+    "print": Print,
+    "weave": Weave,
 }
 MATERIALS: Kinds = {"lambert": Lambert, "oren-nayar": OrenNayar, "ggx": Ggx}

@@ -55,36 +55,47 @@ class Even(Pattern):
     albedo: Albedo = 0.8
 
     def __post_init__(self) -> None:
-        _check_albedo("Even", albedo=self.albedo)
+        check_albedo("Even", albedo=self.albedo)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
-        return _blend(self.albedo, self.albedo, np.zeros(np.shape(x_mm)))
+        return blend(self.albedo, self.albedo, np.zeros(np.shape(x_mm)))
 
 
 @dataclass(frozen=True)
 class Checker(Pattern):
-    """Squares of two albedos; a corner of four squares is at the origin.
+    """Squares of two albedos; a corner of four squares is at ``shift_mm``.
 
     Parameters
     ----------
     low, high
-        Albedos, grey or ``(r, g, b)``; the square to the upper right of the origin has ``high``.
+        Albedos, grey or ``(r, g, b)``; the square to the upper right of that corner has ``high``.
     square_mm
         Side of a square.
+    angle_deg
+        Direction of the rows, counterclockwise from x.
+    shift_mm
+        Position of the corner.
     """
 
     sharp = True
     low: Albedo = 0.2
     high: Albedo = 0.8
     square_mm: float = 10.0
+    angle_deg: float = 0.0
+    shift_mm: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        _check_albedo("Checker", low=self.low, high=self.high)
-        _check_length("Checker", square_mm=self.square_mm)
+        check_albedo("Checker", low=self.low, high=self.high)
+        check_length("Checker", square_mm=self.square_mm)
+        if not all(map(math.isfinite, (self.angle_deg, *self.shift_mm))):
+            raise DataError(
+                f"Checker: angle_deg {self.angle_deg} and shift_mm {self.shift_mm} must be finite"
+            )
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
-        odd = (np.floor(x_mm / self.square_mm) + np.floor(y_mm / self.square_mm)) % 2
-        return _blend(self.high, self.low, odd)
+        x, y = turned(x_mm - self.shift_mm[0], y_mm - self.shift_mm[1], self.angle_deg)
+        odd = (np.floor(x / self.square_mm) + np.floor(y / self.square_mm)) % 2
+        return blend(self.high, self.low, odd)
 
 
 @dataclass(frozen=True)
@@ -107,15 +118,15 @@ class Gradient(Pattern):
     angle_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        _check_albedo("Gradient", low=self.low, high=self.high)
-        _check_length("Gradient", length_mm=self.length_mm)
+        check_albedo("Gradient", low=self.low, high=self.high)
+        check_length("Gradient", length_mm=self.length_mm)
         if not math.isfinite(self.angle_deg):
             raise DataError(f"Gradient: angle_deg is {self.angle_deg}, it must be a finite number")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         angle = math.radians(self.angle_deg)
         along = (math.cos(angle) * x_mm + math.sin(angle) * y_mm) / self.length_mm
-        return _blend(self.low, self.high, np.clip(0.5 + along, 0.0, 1.0))
+        return blend(self.low, self.high, np.clip(0.5 + along, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -169,8 +180,8 @@ class ColourWheel(Pattern):
     high: float = 0.8
 
     def __post_init__(self) -> None:
-        _check_albedo("ColourWheel", low=self.low, high=self.high)
-        _check_length("ColourWheel", radius_mm=self.radius_mm)
+        check_albedo("ColourWheel", low=self.low, high=self.high)
+        check_length("ColourWheel", radius_mm=self.radius_mm)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)
@@ -207,8 +218,8 @@ class ChArUco(Pattern):
     white: float = 0.85
 
     def __post_init__(self) -> None:
-        _check_albedo("ChArUco", black=self.black, white=self.white)
-        _check_length("ChArUco", square_mm=self.square_mm)
+        check_albedo("ChArUco", black=self.black, white=self.white)
+        check_length("ChArUco", square_mm=self.square_mm)
         if min(self.columns, self.rows) < 2 or self.columns * self.rows > 2 * _MARKERS:
             raise DataError(
                 f"ChArUco: {self.columns} x {self.rows} squares; columns and rows must be 2 or "
@@ -247,7 +258,20 @@ class ChArUco(Pattern):
         return drawn
 
 
-def _check_albedo(pattern: str, **values: Albedo) -> None:
+def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
+    """Return positions in axes that are turned counterclockwise by an angle."""
+    cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    return cosine * x_mm + sine * y_mm, cosine * y_mm - sine * x_mm
+
+
+def check_albedo(pattern: str, **values: Albedo) -> None:
+    """Check that albedos are one or three numbers within 0..1.
+
+    Raises
+    ------
+    DataError
+        If one is not.
+    """
     for name, value in values.items():
         levels = np.asarray(value, np.float64)
         if levels.shape not in ((), (3,)) or not np.all((levels >= 0) & (levels <= 1)):
@@ -256,13 +280,20 @@ def _check_albedo(pattern: str, **values: Albedo) -> None:
             )
 
 
-def _check_length(pattern: str, **values: float) -> None:
+def check_length(pattern: str, **values: float) -> None:
+    """Check that lengths are finite and positive.
+
+    Raises
+    ------
+    DataError
+        If one is not.
+    """
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise DataError(f"{pattern}: {name} is {value}, it must be a positive length in mm")
 
 
-def _blend(first: Albedo, second: Albedo, share: Array) -> Array:
+def blend(first: Albedo, second: Albedo, share: Array) -> Array:
     """Return ``first`` where the share is 0 and ``second`` where it is 1."""
     a, b = np.broadcast_arrays(np.asarray(first, np.float64), np.asarray(second, np.float64))
     weight = share[..., None] if a.ndim else share

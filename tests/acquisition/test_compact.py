@@ -246,14 +246,16 @@ def test_the_old_file_stays_if_the_new_one_is_damaged(tmp_path: Path) -> None:
 
 
 CALLS = ("write", "fsync", "replace", "unlink")
+_FULL = OSError(errno.ENOSPC, "No space left on device")
 
 
-@pytest.mark.parametrize("plan", [pytest.param(PLAN, id="planned"), pytest.param(None, id="free")])
 @pytest.mark.parametrize(
-    "error",
+    ("plan", "error"),
     [
-        pytest.param(OSError(errno.ENOSPC, "No space left on device"), id="full"),
-        pytest.param(KeyboardInterrupt(), id="ctrl-c"),
+        pytest.param(PLAN, _FULL, id="planned-full"),
+        pytest.param(None, KeyboardInterrupt(), id="free-ctrl-c"),
+        pytest.param(None, _FULL, id="free-full", marks=pytest.mark.slow),
+        pytest.param(PLAN, KeyboardInterrupt(), id="planned-ctrl-c", marks=pytest.mark.slow),
     ],
 )
 def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(

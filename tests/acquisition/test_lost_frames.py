@@ -27,6 +27,7 @@ from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera
 from simulator.gentl import CompilerError
 from tests.acquisition.fake_bench import LABELS
+from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped
 
 LEDS = 8
@@ -119,7 +120,7 @@ _LOSSES: list[Any] = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "at", "most_buffers"), _LOSSES, ids=str)
+@pytest.mark.parametrize(("kind", "at", "most_buffers"), quick(_LOSSES, every=3), ids=str)
 def test_a_sequence_is_recorded_completely_despite_lost_frames(
     bench: _Bench, tmp_path: Path, kind: Any, at: tuple[int, ...], most_buffers: int
 ) -> None:

@@ -23,6 +23,7 @@ from rig import (
     no_progress,
 )
 from simulator import BenchFlaws, Lamps, Wiring, dome_lights, open_rig_seeing, render, scene_named
+from tests.quick_sample import quick
 
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]
 NOISE = 0.003
@@ -57,11 +58,8 @@ def pair(leds, seed):
 CASES = pytest.mark.parametrize(
     ("name", "leds", "seed"),
     [
-        *((name, 36, 11 + i) for i, name in enumerate(SCENES[:3])),
-        *(
-            pytest.param(name, 12, 11 + i, marks=pytest.mark.slow if i % 3 else ())
-            for i, name in enumerate(SCENES)
-        ),
+        *quick(((name, 36, 11 + i) for i, name in enumerate(SCENES[:3])), every=3),
+        *quick(((name, 12, 11 + i) for i, name in enumerate(SCENES)), every=3),
     ],
 )
 

@@ -95,12 +95,14 @@ def test_a_png_that_does_not_read_back_replaces_nothing(
 ) -> None:
     write_captioned_png(tmp_path / "a.png", PIXELS, CAPTION)
     before = (tmp_path / "a.png").read_bytes()
+    real = os.write
+    # A disk that stores another image, whose file is intact.
     monkeypatch.setattr(
-        "acquisition._pixels.images.read_image_with_alpha",
-        lambda path, **options: (1 + PIXELS, None),
+        os, "write", lambda descriptor, data: real(descriptor, before) * 0 + len(data)
     )
     with pytest.raises(StorageError, match="does not read back"):
         write_captioned_png(tmp_path / "a.png", PIXELS[::-1], CAPTION)
+    monkeypatch.undo()
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     assert (tmp_path / "a.png").read_bytes() == before
 

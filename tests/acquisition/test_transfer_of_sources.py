@@ -125,6 +125,27 @@ def test_levels_are_removed_before_the_curve(tmp_path: Path) -> None:
     np.testing.assert_array_equal(saturated, GREY >= 220)
 
 
+@pytest.mark.parametrize("curve", [LINEAR, SRGB])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_bands_of_rows_give_the_signal_of_the_frame(tmp_path: Path, curve, dtype) -> None:
+    rng = np.random.default_rng(2)
+    images = rng.integers(0, 256, (2, 83, 7, 3)).astype(dtype)
+    for index, image in enumerate(images):
+        write_png(tmp_path / f"a.{index}.png", image)
+    source = replace(read_source(tmp_path, transfer=curve), black_level=9.0, white_level=220.0)
+    # The second image is a dark frame of the first.
+    light, dark = source.frames
+    source = replace(source, frames=(light, replace(dark, role="dark")))
+    linear = Linearizer(source)
+    signal, saturated = linear.signal_and_saturation(light)
+    assert (signal < 0).any()
+    bands = list(linear.bands(light))
+    assert len(bands) == 3
+    np.testing.assert_array_equal(np.concatenate([band for _, band, _ in bands]), signal)
+    np.testing.assert_array_equal(np.concatenate([above for *_, above in bands]), saturated)
+    assert [row for rows, *_ in bands for row in range(*rows.indices(83))] == list(range(83))
+
+
 @pytest.mark.parametrize("curve", [LINEAR, SRGB, TransferCurve.power(1.8), TABLE])
 def test_an_import_records_the_curve_and_keeps_the_samples(tmp_path: Path, curve) -> None:
     source = read_import(grey_pngs(tmp_path / "in"), transfer=curve)

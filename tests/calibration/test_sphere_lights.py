@@ -31,7 +31,7 @@ def seen(sphere, lights, noise_px=0.0, seed=0):
     radius = float(np.linalg.norm(outline_px - (x, y), axis=1).mean())
     pixels = np.array([BENCH.highlight(*sphere, light) for light in lights])
     pixels += np.random.default_rng(seed).normal(0, noise_px, pixels.shape)
-    highlights = Highlights(pixels, np.zeros(len(lights), bool))
+    highlights = Highlights(pixels, np.zeros(len(lights), bool), np.full(len(lights), 0.05))
     return SphereImage(Ellipse((x, y), (radius, radius)), outline_px, 1.0, highlights)
 
 
@@ -103,7 +103,10 @@ def test_an_orthographic_view_without_a_camera(monkeypatch):
     x = y = np.zeros(3)
     pixels = np.array([[100.0, 100], [120, 100], [100, 80]])
     image = SphereImage(
-        Ellipse((100.0, 100.0), (40.0, 40.0)), np.zeros((5, 2)), 1.0, Highlights(pixels, x > y)
+        Ellipse((100.0, 100.0), (40.0, 40.0)),
+        np.zeros((5, 2)),
+        1.0,
+        Highlights(pixels, x > y, np.full(len(x), 0.05)),
     )
     result = calibrated(monkeypatch, [image])
     s, c = np.sin(np.pi / 3), 0.5

@@ -36,7 +36,9 @@ def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
     pixels[:found] = [x, y]
     clipped = np.arange(5) < saturated
     points = outline.point(angles, 1 + offsets / radius)
-    return SphereImage(outline, points, 0.75, Highlights(pixels, clipped))
+    return SphereImage(
+        outline, points, 0.75, Highlights(pixels, clipped, np.full(len(pixels), 0.05))
+    )
 
 
 def test_an_outline_that_is_mostly_hidden_is_reported():

@@ -8,13 +8,13 @@ from calibration import EstimateError
 from calibration._spheres import find, search
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.find import (
+    _by_edges,
     _centres,
     _circles,
     _edges,
     _expected,
     _radii,
     _verify,
-    find_spheres,
     overlap,
     round_outlines,
 )
@@ -243,10 +243,12 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
     monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
     monkeypatch.setattr(find, "_verify", lambda _values, _image, circle: candidates[circle])
     values = np.zeros((1, 20, 20), np.float32)
-    found = find_spheres(values, [30.0], excluded=[image_of(610.0, 50.0), image_of(-50.0, 50.0)])
-    assert [sphere.outline.centre_px[0] for sphere in found] == [20, 90, 305, 400]
-    found = find_spheres(values)
-    assert [sphere.outline.centre_px[0] for sphere in found] == [10, 20, 100, 305, 400, 600]
+    monkeypatch.setattr(find, "_inside", lambda *_: True)
+    known = [image_of(610.0, 50.0), image_of(-50.0, 50.0)]
+    found = _by_edges(values, [None], [30.0], known)
+    assert sorted(sphere.outline.centre_px[0] for sphere in found) == [20, 90, 305, 400]
+    found = _by_edges(values, [None], (), ())
+    assert sorted(s.outline.centre_px[0] for s in found) == [10, 20, 100, 305, 400, 600]
 
 
 @pytest.mark.parametrize(
@@ -294,7 +296,7 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         pixels = np.full((len(values), 2), np.nan)
         pixels[:count] = 40.0
         pixels[count - 1, 1] += options["moved"]
-        return Highlights(pixels, np.zeros(len(values), bool))
+        return Highlights(pixels, np.zeros(len(values), bool), np.full(len(values), 0.05))
 
     def refine(_image, guess, reach_px):
         assert reach_px == pytest.approx(max(3.0, 0.03 * guess.radius_px))
@@ -315,7 +317,7 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
 def searched(monkeypatch, images, camera=None, radii=None, others=()):
     """Search a stack in which these spheres are found, and the others next to them."""
 
-    def find(values, radii_px=(), excluded=()):
+    def find(values, radii_px=(), excluded=(), camera=None):
         return list(others) if excluded or (others and not radii_px and radii) else list(images)
 
     monkeypatch.setattr(search, "find_spheres", find)
@@ -327,7 +329,7 @@ def test_the_expected_size_is_that_of_a_sphere_on_the_working_plane(monkeypatch)
     """The centre is one radius above the plane: 1200 x 20 / (600 - 20); never in the camera."""
     asked = []
 
-    def find_one(values, radii_px=(), excluded=()):
+    def find_one(values, radii_px=(), excluded=(), camera=None):
         asked.append(list(radii_px))
         return [] if excluded else [image_of()]
 

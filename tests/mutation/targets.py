@@ -63,11 +63,17 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/find.py": (_SEARCH, _PARTS),
+    f"{_SPHERES}/direction_errors.py": ("calibration/test_light_uncertainty.py",),
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
+    f"{_SPHERES}/joint_refinement.py": (
+        "calibration/test_light_positions.py",
+        "calibration/test_light_uncertainty.py",
+    ),
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
     f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
     f"{_SPHERES}/outline.py": (*_OUTLINE, _PARTS),
+    f"{_SPHERES}/outline_noise.py": ("calibration/test_light_uncertainty.py",),
     f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
     f"{_SPHERES}/reflection.py": (
         "calibration/test_reflection.py",
@@ -77,6 +83,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/search.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
     f"{_SPHERES}/sphere_image.py": (_PARTS,),
+    f"{_SPHERES}/spot.py": ("calibration/test_spot.py", "calibration/test_highlights.py"),
     **{
         f"processing/_stereo/{name}.py": (
             "processing/test_photometric_stereo.py",

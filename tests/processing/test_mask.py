@@ -69,6 +69,29 @@ def test_holes_are_filled_and_dust_is_dropped_but_parts_are_kept():
     assert not mask[2:6, 150:155].any()
 
 
+def test_what_is_outside_is_not_examined():
+    """A bright card next to a dark object would be taken for the object."""
+    normals, truth = _ball(radius=40.0)
+    values = 0.04 * _recorded(normals, truth, noise=0.0005)
+    card = np.zeros(truth.shape, bool)
+    card[:, 130:] = True
+    values[:, card] = 0.8
+    assert not object_mask(values).mask[truth].any()
+    mask = object_mask(values, outside=card).mask
+    assert _iou(mask, truth) > 0.97
+    assert not mask[card].any()
+
+
+@pytest.mark.parametrize(
+    "outside",
+    [np.ones((160, 160), bool), np.zeros((5, 5), bool), np.zeros((160, 160), np.uint8)],
+    ids=["everything", "size", "type"],
+)
+def test_a_wrong_outside_is_refused(outside):
+    with pytest.raises(DataError, match="outside must be bool"):
+        object_mask(_recorded(*_ball()), outside=outside)
+
+
 def _relief(texture):
     rng = np.random.default_rng(8)
     z = ndimage.gaussian_filter(rng.normal(size=(120, 120)), 3)

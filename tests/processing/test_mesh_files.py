@@ -15,6 +15,7 @@ from scipy.integrate import dblquad as integrate_twice
 from acquisition import CameraModel, DataError, StorageError
 from processing import height_mesh, write_mesh
 from processing._normal_map import NormalMap
+from processing._surface.face_kernels import faces_of
 from processing._surface.integration import HeightMap, integrate
 
 FORMATS = ("ply", "obj", "stl", "glb")
@@ -121,6 +122,41 @@ def test_squares_are_split_along_the_shorter_diagonal() -> None:
         frozenset({0, 2, 3}),
         frozenset({0, 1, 3}),
     }
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_order_and_the_choice_of_triangles(seed: int) -> None:
+    """The kernel gives the triangles of a plain loop, kind by kind in reading order."""
+    rng = np.random.default_rng(seed)
+    parts = rng.integers(-1, 2, (9, 13)).astype(np.int32) if seed < 3 else np.zeros((8, 7), "i4")
+    number = np.cumsum(parts.ravel() >= 0).reshape(parts.shape) - 1
+    x, y = np.meshgrid(np.arange(parts.shape[1]), np.arange(parts.shape[0]))
+    # Few heights, so that many diagonals are equally long.
+    points = np.stack([x, -y, rng.integers(0, 3, parts.shape)], axis=2).astype(np.float32)
+    kinds: list[list[list[int]]] = [[], [], [], []]
+    for r in range(parts.shape[0] - 1):
+        for c in range(parts.shape[1] - 1):
+            a, b, d, e = (r, c), (r, c + 1), (r + 1, c), (r + 1, c + 1)
+            corners = (a, d, b), (b, d, e), (a, d, e), (a, e, b)
+            whole = [len({int(parts[p]) for p in three}) == 1 for three in corners]
+            whole = [
+                one and parts[three[0]] >= 0 for one, three in zip(whole, corners, strict=True)
+            ]
+            if all(whole):
+                bd = np.sum((points[b] - points[d]) ** 2) <= np.sum((points[a] - points[e]) ** 2)
+                whole = [bd, bd, not bd, not bd]
+            for kind, one, three in zip(kinds, whole, corners, strict=True):
+                kind += [[int(number[p]) for p in three]] * bool(one)
+    faces = faces_of(parts, points[parts >= 0])
+    np.testing.assert_array_equal(faces, np.concatenate([np.reshape(k, (-1, 3)) for k in kinds]))
+
+
+def test_points_of_some_rows_are_those_of_all() -> None:
+    camera = CameraModel(
+        np.array([[90.0, 0, 25], [0, 92.0, 20], [0, 0, 1]]), 50, 40, distortion=np.array([0.1])
+    )
+    for surface in (dome()[1], integrate(dome()[0], camera=camera)):
+        np.testing.assert_array_equal(surface.points(slice(11, 23)), surface.points()[11:23])
 
 
 def test_no_face_connects_two_parts() -> None:

@@ -6,6 +6,7 @@ from scipy import ndimage
 
 from acquisition import DataError
 from processing import NormalMap, angle_deg, angular_error, ssim
+from processing._metrics import angle_map_deg
 
 
 def _bumpy(seed, height=40, width=50, slope=0.5):
@@ -129,3 +130,16 @@ def test_a_missing_normal_lowers_masked_ssim():
     a = _bumpy(1)
     holes = np.random.default_rng(0).uniform(size=a.size) > 0.1
     assert ssim(_masked(a, holes), a) < 0.8
+
+
+def test_the_map_of_angles_is_that_of_angle_deg() -> None:
+    rng = np.random.default_rng(8)
+    a, b = rng.normal(size=(2, 30, 41, 3)).astype(np.float32)
+    b[3], b[4, 5:] = a[3], -a[4, 5:]
+    mask = rng.random((30, 41)) < 0.7
+    for second in (b, (0.0, 0.0, 1.0), b[:1]):
+        first, inside = (a[:1], mask[:1]) if len(second) == 1 else (a, mask)
+        found = angle_map_deg(first, second, inside)
+        assert np.isnan(found[~inside]).all()
+        expected = np.asarray(angle_deg(first, np.asarray(second)), np.float32)
+        np.testing.assert_allclose(found[inside], expected[inside], rtol=2e-7, atol=1e-12)

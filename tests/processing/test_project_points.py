@@ -12,6 +12,7 @@ from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry
 from processing._projection.point_cloud import fit_surfels
 from processing._projection.point_cloud_orient import orient
+from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
 
@@ -84,7 +85,7 @@ def test_a_ball_of_points_in_closed_form(camera, given):
     assert np.abs(view.height[inner] - z[inner]).mean() < 0.02
 
 
-@pytest.mark.parametrize("name", ["torus", "stanford-bunny", "skull"])
+@pytest.mark.parametrize("name", quick(["torus", "stanford-bunny", "skull"], every=3))
 def test_points_on_a_mesh_give_its_normal_map(name):
     if name == "torus":
         ring = trimesh.creation.torus(20.0, 8.0, major_sections=256, minor_sections=128)

@@ -19,8 +19,8 @@ BOARDS: dict[str, tuple[Callable[[Path], list[str]], int]] = {
     "atmega328p": (lambda folder: builds.avr(folder, "atmega328p"), 60),
     "atmega2560": (lambda folder: builds.avr(folder, "atmega2560"), 60),
 }
-# The quick tests have one simulated processor; the other runs the same firmware.
-SLOW = ("host", "atmega2560")
+# test_board_differential has the firmware in the quick tests.
+SLOW = ("host", "atmega328p", "atmega2560")
 
 
 @pytest.fixture(

@@ -163,6 +163,7 @@ def coin(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_spheres_next_to_an_object_give_the_positions(sgp, coin, tmp_path):
     truth = read_lights(coin / "derived" / "truth" / "lights.json")
     found = tmp_path / "l.json"

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ import acquisition
 from acquisition import Session, read_image
 from acquisition._session.writer import SessionWriter
 from tests.acquisition.mutants import rows_of, seal
+from tests.quick_sample import quick
 
 RIG = """
 name = "small"
@@ -310,7 +312,10 @@ def test_resuming_without_the_checks_writes_no_checked_event(sgp, rig, with_flat
     [
         pytest.param((), (99.5, 0.7, 0.005), id="default"),
         pytest.param(
-            ("--meter-percentile", "90", "--meter-fraction", "0.3"), (90, 0.3, 0.005), id="lower"
+            ("--meter-percentile", "90", "--meter-fraction", "0.3"),
+            (90, 0.3, 0.005),
+            id="lower",
+            marks=pytest.mark.slow,
         ),
         pytest.param(("--max-clipped", "0"), (99.5, 0.7, 0.0), id="clipping"),
     ],
@@ -634,8 +639,13 @@ def _zero(path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files")
-@pytest.mark.parametrize("name", ["session.toml", "journal.jsonl", "COMPLETE", "frames/L02_E0.tif"])
-@pytest.mark.parametrize("replaced", [_pipe, _zero])
+@pytest.mark.parametrize(
+    ("replaced", "name"),
+    quick(
+        product((_pipe, _zero), ("session.toml", "journal.jsonl", "COMPLETE", "frames/L02_E0.tif")),
+        every=3,
+    ),
+)
 def test_a_file_that_is_not_regular_is_reported_and_never_waited_for(
     sgp, rig, plan, tmp_path, name, replaced
 ):

@@ -40,6 +40,7 @@ def test_the_pictures_and_maps_are_there(demo):
         assert (demo / name).stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_its_recording_can_be_processed_again_from_its_files(sgp, demo, tmp_path):
     answer = sgp(
         "run", demo / "recording", "--lights", demo / "lights.json", "--out", tmp_path, "--json"

@@ -13,6 +13,7 @@ import pytest
 from acquisition import LINEAR, SRGB, Session, read_image, read_lights, read_source, write_lights
 from acquisition import write_png as save
 from processing import angle_deg, read_normals
+from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 
 DATA = os.environ.get("SGP_DATA")
@@ -53,7 +54,7 @@ CURVE = "sample,light\n" + "".join(
     ("option", "kind", "error_deg"),
     [
         pytest.param([], "srgb", 1.0, id="default"),
-        pytest.param(["--gamma", "auto"], "srgb", 1.0, id="auto"),
+        pytest.param(["--gamma", "auto"], "srgb", 1.0, id="auto", marks=pytest.mark.slow),
         pytest.param(["--gamma", "sRGB"], "srgb", 1.0, id="srgb"),
         pytest.param(["--gamma", "2.2"], "power", 2.0, id="2.2"),
         pytest.param(["--gamma", "curve.csv"], "table", 1.0, id="file"),
@@ -92,6 +93,7 @@ def test_a_wrong_curve_is_a_warning_with_both_figures(sgp, photographs, tmp_path
     assert (notice["code"], notice["severity"]) == ("transfer-curve-doubtful", "warning")
     assert "read as linear (given), the images deviate" in notice["text"]
     assert notice["text"].count("%") == 2
+    assert notice["text"].endswith("check the transfer curve (--gamma srgb)")
 
 
 @pytest.mark.parametrize(
@@ -222,9 +224,18 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
         pytest.param("buddha", None, False, False, id="buddha"),
         pytest.param("cat", None, False, False, id="cat"),
         pytest.param("gray", "png", True, True, id="gray as sRGB PNG without metadata"),
-        pytest.param("buddha", "png", True, True, id="buddha as sRGB PNG without metadata"),
-        pytest.param("cat", "png", True, True, id="cat as sRGB PNG without metadata"),
-        pytest.param("gray", "jpg", True, False, id="gray as sRGB JPEG"),
+        pytest.param(
+            "buddha",
+            "png",
+            True,
+            True,
+            id="buddha as sRGB PNG without metadata",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "cat", "png", True, True, id="cat as sRGB PNG without metadata", marks=pytest.mark.slow
+        ),
+        pytest.param("gray", "jpg", True, False, id="gray as sRGB JPEG", marks=pytest.mark.slow),
         pytest.param("cat", "jpg", True, False, id="cat as sRGB JPEG"),
     ],
 )
@@ -241,7 +252,7 @@ def test_only_wrong_curves_of_real_captures_are_doubted(
 
 
 @needs_data
-@pytest.mark.parametrize("name", ["bearPNG", "catPNG"])
+@pytest.mark.parametrize("name", quick(["catPNG", "bearPNG"], every=2))
 def test_diligent_is_linear_without_a_word(name) -> None:
     from processing import reconstruct
 

@@ -100,6 +100,11 @@ def test_the_commands_that_write_show_the_same(sgp: Callable, folder: Path, comm
     assert len(figures["light_errors_deg"]) == COUNT
 
 
+@pytest.mark.parametrize("option", ["--method=ls", "--out=x", "--force"])
+def test_it_accepts_no_option_without_effect(sgp: Callable, folder: Path, option: str) -> None:
+    assert option.split("=")[0] in sgp("inspect", folder, option).error_line(2)
+
+
 def test_a_source_without_lights_is_refused(sgp: Callable, folder: Path) -> None:
     assert "no lights" in sgp("inspect", folder).error_line(4)
 

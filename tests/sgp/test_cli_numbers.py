@@ -13,6 +13,7 @@ from cyclopts.argument import Argument
 
 import sgp.commands
 from sgp.app import build
+from tests.quick_sample import quick
 
 NOT_FINITE = ("nan", "inf", "-inf", "1e400")
 NO_NUMBERS = ("x", "1,5", "9" * 5000)
@@ -83,7 +84,7 @@ def test_text_options_of_numbers_are_known() -> None:
     assert named == {"--at", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
 
 
-@pytest.mark.parametrize(("path", "argument"), ALL)
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
 def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
     monkeypatch.chdir(tmp_path)
     rest = complete(build(), path, argument)
@@ -95,7 +96,7 @@ def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("path", "argument"), ALL)
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
 def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, argument) -> None:
     """The value is refused in one short line, or accepted; then the missing file is reported."""
     monkeypatch.chdir(tmp_path)

@@ -509,14 +509,14 @@ scene = "plane"
 @pytest.mark.parametrize(
     ("wiring", "code", "message"),
     [
-        pytest.param("", 0, "no faults", id="in order"),
+        pytest.param("", 0, "no faults", id="in order", marks=pytest.mark.slow),
         pytest.param(
             "wiring = {swapped = [[3, 7]]}",
             3,
             "the light of LED 3 is from the place of LED 7",
             id="swapped",
         ),
-        pytest.param("lamps = {dead = [5]}", 3, "1 fault", id="dead"),
+        pytest.param("lamps = {dead = [5]}", 3, "1 fault", id="dead", marks=pytest.mark.slow),
     ],
 )
 def test_the_self_test_reports_its_findings(sgp, tmp_path, wiring, code, message):

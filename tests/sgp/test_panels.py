@@ -3,6 +3,7 @@
 import itertools
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -106,6 +107,30 @@ def test_a_large_map_is_averaged_over_its_valid_pixels():
     assert np.isnan(picture[:, :225]).all()
     assert picture[5:-5, 228:] == pytest.approx(2.0, abs=0.3)
     assert np.nanmean(picture) == pytest.approx(2.0, abs=0.01)
+
+
+@pytest.mark.parametrize("channels", [(), (3,)])
+@pytest.mark.parametrize("masked", [False, True])
+@pytest.mark.parametrize("size", [(1501, 903), (900, 1400), (650, 60)])
+def test_bands_of_rows_give_the_picture_of_the_whole_map(size, masked, channels):
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(*size, *channels)).astype(np.float32)
+    values[rng.random(size) < 0.4] = np.nan
+    mask = rng.random(size) < 0.8
+    # Frames on all sides, and a height that no band divides.
+    crop = Crop(slice(7, size[0] - 3), slice(5, size[1] - 11))
+    picture = crop.picture(values, mask if masked else None)
+    if masked:
+        values[~mask] = np.nan
+    part = values[crop.rows, crop.columns]
+    if crop.step > 1:
+        rows, columns = (round(side / crop.step) for side in crop.size)
+        share, total = (
+            cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+            for image in (np.isfinite(part).astype(np.float32), np.nan_to_num(part))
+        )
+        part = np.where(share > 0.5, total / np.maximum(share, 1e-6), np.nan)
+    np.testing.assert_allclose(picture, part, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize(("width", "bar"), [(210.0, 50), (10.0, 2), (3.0, 1), (0.06, 0.02)])

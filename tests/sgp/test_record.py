@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from acquisition import DataError, MissingPathError
 from rig import Notice
 from sgp import read_record
 from sgp._output import write_record
-from sgp._result import Result
+from sgp._record import check_metrics
+from sgp._result import Result, plain
 
 GOLDEN = """{
   "format": "sgp-result",
@@ -176,6 +178,12 @@ RUN = STAGES | {"seconds": {"normals": 0.5}}
         pytest.param("sgp run", RUN | {"normals_mae_deg": 3.5}, id="run with truth"),
         *(pytest.param("sgp run", STAGES[name], id=f"{name} of run") for name in STAGES),
         pytest.param("sgp new", {"anything": [None, "x"]}, id="a command of a newer program"),
+        pytest.param("sgp normals", METRICS | {"new": [1, "x"]}, id="a figure of a newer program"),
+        pytest.param(
+            "sgp run",
+            RUN | {"surface": STAGES["surface"] | {"new": None}},
+            id="a figure of a newer program in a stage",
+        ),
     ],
 )
 def test_figures_read_back(tmp_path: Path, command: str, metrics: dict[str, object]) -> None:
@@ -187,7 +195,6 @@ def test_figures_read_back(tmp_path: Path, command: str, metrics: dict[str, obje
 @pytest.mark.parametrize(
     ("command", "metrics", "complaint"),
     [
-        ("sgp normals", METRICS | {"pixel": 3}, "unknown key 'metrics.pixel'"),
         ("sgp normals", {"images": 8}, "the key 'metrics.lights' is missing"),
         ("sgp normals", METRICS | {"images": 8.0}, "'metrics.images': .*integer, not 8.0"),
         ("sgp normals", METRICS | {"images": True}, "'metrics.images': .*integer, not True"),
@@ -210,6 +217,23 @@ def test_other_figures_are_refused(
         read_record(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("command", "metrics", "complaint"),
+    [
+        ("sgp normals", METRICS | {"pixel": 3}, "metrics.pixel"),
+        ("sgp run", RUN | {"detail": {"separability_deg": 0.5, "x": 1}}, "metrics.detail.x"),
+    ],
+)
+def test_this_program_has_only_figures_that_are_declared(
+    command: str, metrics: dict[str, Any], complaint: str
+) -> None:
+    """The fixture `sgp` checks this for every command that it runs."""
+    metrics = json.loads(json.dumps(plain(metrics)))
+    check_metrics(command, metrics)
+    with pytest.raises(ValidationError, match=complaint):
+        check_metrics(command, metrics, declared_only=True)
 
 
 def test_a_figure_that_is_not_finite_is_refused(record: Path) -> None:

@@ -25,6 +25,9 @@ from acquisition import (
 )
 from simulator import (
     SCENES,
+    Ball,
+    BandNoise,
+    Box,
     Checker,
     ChromeSphere,
     Coin,
@@ -42,7 +45,7 @@ from simulator import (
     scene_named,
     write_scene,
 )
-from simulator._scene.scene_parts import BODIES, LENSES, LIGHTS, MATERIALS, PATTERNS
+from simulator._scene.scene_parts import BODIES, CLUTTER, LENSES, LIGHTS, MATERIALS, PATTERNS
 
 SMALL = "[lens]\nkind = 'perspective'\nwidth = 48\nheight = 40\n"
 
@@ -382,6 +385,32 @@ def test_every_kind_of_material_can_be_read(write):
         assert read_scene(write(f"[material]\nkind = '{kind}'\n{SMALL}")).material == material()
 
 
+def test_clutter_and_relief_are_written_and_read(write, tmp_path):
+    example = (
+        documented().partition("`[[clutter]]`")[2].partition("```toml\n")[2].partition("```")[0]
+    )
+    scene = read_scene(write(f"seed = 3\n{example}\n{SMALL}"))
+    assert scene.clutter == (
+        Ball((-60.0, 40.0, 15.0), 15.0, roughness=0.1),
+        Box((0.0, -50.0), (40.0, 25.0, 18.0), turn_deg=25.0),
+    )
+    assert scene.relief == BandNoise(260.0, 0.1, 8.0, seed=3)
+    assert scene.board == Checker(0.1, 0.7, 15.0)
+    again = read_scene(write_scene(tmp_path / "again.toml", scene)[0])
+    assert (again.clutter, again.relief, again.board) == (scene.clutter, scene.relief, scene.board)
+    np.testing.assert_array_equal(render(again).planes, render(scene).planes)
+
+
+def test_errors_in_clutter_and_relief_name_the_table(write):
+    for text, message in (
+        ("[[clutter]]\nkind = 'cone'", "clutter.0.*ball, box"),
+        ("[[clutter]]\nkind = 'box'\nplace_mm = [0, 0]", "clutter.0.*size_mm"),
+        ("[relief]\nkind = 'coin'", "relief.*noise, textile"),
+    ):
+        with pytest.raises(DataError, match=message):
+            read_scene(write(text))
+
+
 def documented() -> str:
     return (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
 
@@ -403,6 +432,7 @@ def value_of(text: str) -> object:
         pytest.param(BODIES, "`[object]`", id="objects"),
         pytest.param(PATTERNS, "`[pattern]`", id="patterns"),
         pytest.param(MATERIALS, "`[material]`", id="materials"),
+        pytest.param(CLUTTER, "`[[clutter]]`", id="clutter"),
         pytest.param(LIGHTS, "`[lights]`", id="lights"),
         pytest.param(LENSES, "`[lens]`", id="lenses"),
     ],

@@ -114,6 +114,8 @@ SEEN = Seen(
     sphere=np.array([-1, 0, -1, 0, 0, 0]),
     lost=np.array([False, False, False, True, True, False]),
     weight=WEIGHT,
+    item=np.full(6, -1),
+    depth_mm=np.zeros(6),
 )
 COLOURS = np.array([[1.2, 0.9, 0.6], [0.8, 1.0, 1.1]])
 

@@ -1,0 +1,162 @@
+"""Image files that are encoded and checked in bands of rows.
+
+The encoder writes into a scratch file, from which the bytes are copied like those of all other
+files; then the file is decoded again. Bands keep the memory far below that of the image, and the
+same bytes result as from the whole image.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+import OpenImageIO as oiio  # noqa: N813 - its own name for itself
+
+from acquisition._errors import DataError, StorageError
+from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from acquisition._pixels.scratch import scratch_file
+from acquisition._storage import disk, library_path, published, write_whole
+from rig import UnreadableError, convert_parser_errors
+
+Pixels = npt.NDArray[np.generic]
+
+# About the second-level cache. TIFFs have strips of 32 rows, which must not be divided.
+_BAND_BYTES = 1 << 20
+_STRIP = 32
+_PART = 1 << 20
+
+
+@contextmanager
+def encoded_image(
+    path: Path, kind: str, spec: oiio.ImageSpec, pixels: Pixels, alpha: Pixels | None = None
+) -> Iterator[BinaryIO]:
+    """Encode an image into a scratch file, and yield the file for reading.
+
+    Parameters
+    ----------
+    path
+        Path of the future file; nothing is written there. It must be a name that `read_image` can
+        open, and messages show it.
+    kind
+        OpenImageIO's name of the format.
+    spec
+        Size, sample type and attributes.
+    pixels
+        ``(H, W)`` or ``(H, W, channels)``, contiguous, in native byte order.
+    alpha
+        ``(H, W)`` of the same type, which becomes the last channel.
+
+    Raises
+    ------
+    DataError
+        If `read_image` could not open a file with this name.
+    StorageError
+        If the encoder fails.
+    """
+    library_path(path)
+    file = oiio.ImageOutput.create(kind)
+    if file is None:
+        raise StorageError(
+            f"{path}: this OpenImageIO has no writer for {kind}: install another build"
+        )
+    with ExitStack() as kept:
+        with disk(path, "encode"):
+            place = kept.enter_context(scratch_file())
+            done = file.open(str(place), spec)
+            for rows in _bands(pixels):
+                # OpenImageIO writes wrong pixels from arrays of two dimensions.
+                band = pixels[rows].reshape(-1, pixels.shape[1], pixels.size // _area(pixels))
+                if alpha is not None:
+                    band = np.dstack([band, alpha[rows]])
+                done = done and file.write_scanlines(rows.start, rows.stop, 0, band)
+            message = file.geterror()
+            # Closing a correct TIFF may leave a message about Exif: only the return values count.
+            if not (file.close() and done):
+                raise StorageError(
+                    f"{path}: cannot be encoded ({first_line(message)}): free memory on this "
+                    "computer, or raise its limit on file sizes"
+                )
+            encoded = kept.enter_context(place.open("rb"))
+        yield encoded
+
+
+def store_image(
+    path: Path, data: BinaryIO | bytes, pixels: Pixels, alpha: Pixels | None = None
+) -> None:
+    """Write an encoded image and check that it holds these pixels and this alpha channel.
+
+    The file appears complete and checked, or not at all.
+
+    Raises
+    ------
+    DataError
+        If `read_image` could not open a file with this name.
+    StorageError
+        If the file cannot be written, or does not read back as written.
+    """
+    library_path(path)
+    with published(path) as part:
+        with disk(path, "write"):
+            source = io.BytesIO(data) if isinstance(data, bytes) else data
+            while piece := source.read(_PART):
+                write_whole(part.descriptor, piece)
+        if not holds(part.path, pixels, alpha):
+            raise StorageError(f"{path}: does not read back as written: check the disk")
+
+
+def holds(path: Path, pixels: Pixels, alpha: Pixels | None = None) -> bool:
+    """Return whether a file that was just written reads back as these pixels and this alpha."""
+    try:
+        with opened_image(path, _area(pixels)) as (file, spec, channels, dtype):
+            check_png_file(path)
+            stored = spec.height, spec.width, len(channels)
+            if np.dtype(dtype) != pixels.dtype or stored != _shape(pixels):
+                return False
+            if alpha is not None and spec.alpha_channel < 0:
+                return False
+            for rows in _bands(pixels):
+                with convert_parser_errors("cut short or damaged"):
+                    band = file.read_scanlines(
+                        rows.start, rows.stop, 0, 0, spec.nchannels, spec.format.basetype
+                    )
+                if band is None:
+                    return False
+                colours = band if channels == list(range(band.shape[2])) else band[..., channels]
+                if not _same_bits(colours, pixels[rows]):
+                    return False
+                if alpha is not None and not _same_bits(band[..., spec.alpha_channel], alpha[rows]):
+                    return False
+            # A truncated file may give pixels: only the message shows it.
+            return not file.geterror()
+    except (DataError, UnreadableError):
+        return False
+
+
+def _bands(pixels: Pixels) -> Iterator[slice]:
+    """Yield the rows of an image in bands."""
+    height = len(pixels)
+    strips = _BAND_BYTES // (_STRIP * pixels[:1].nbytes)
+    step = _STRIP * max(1, strips)
+    for top in range(0, height, step):
+        yield slice(top, min(top + step, height))
+
+
+def _area(pixels: Pixels) -> int:
+    return math.prod(pixels.shape[:2])
+
+
+def _shape(pixels: Pixels) -> tuple[int, int, int]:
+    return pixels.shape[0], pixels.shape[1], pixels.size // _area(pixels)
+
+
+def _same_bits(stored: Pixels, pixels: Pixels) -> bool:
+    # Bits, because NaN is not equal to itself.
+    bits = f"u{pixels.itemsize}"
+    one, other = (np.ascontiguousarray(part).view(bits).ravel() for part in (stored, pixels))
+    return np.array_equal(one, other)

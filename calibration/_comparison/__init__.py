@@ -1,0 +1,1 @@
+"""Comparison of two calibrations of the same lights."""

@@ -1,0 +1,257 @@
+"""Comparison of two calibrations of the same lights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import chi2
+
+from acquisition import DataError, Lights, angle_deg
+from calibration._comparison.difference import covariances_3d, deviations
+from calibration._comparison.motion import Array, Motion
+from calibration._comparison.notices import explanation_notices
+from calibration._comparison.order import Mirror, explain
+from rig import Notice, check_type, pluralize, short_repr
+
+# Differences below a micrometre, or the angle that it spans at half a metre, do not count.
+_FLOOR_MM, _FLOOR_RAD = 1e-3, 2e-6
+# Differences that change normals equally, see `LightComparison.worst_first`.
+_EQUAL_MM, _EQUAL_DEG, _EQUAL_PERCENT = 3.0, 0.35, 1.0
+# Probability of naming a light although all covariances are right.
+_FALSE_ALARM = 1e-3
+_NAMED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class LightComparison:
+    """Differences of a calibration B from a calibration A of the same N lights.
+
+    Parameters
+    ----------
+    ids
+        Names of the lights in A.
+    angle_deg
+        ``(N,)`` angles between the directions from the origin toward a light of A and of B.
+    distance_mm
+        ``(N,)`` distances between the positions; None for directions.
+    intensity_factor
+        Factor between all intensities of B and of A, the median of their ratios over lights and
+        channels. Intensities are relative, so it is no difference.
+    intensity_percent
+        ``(N,)`` differences of the intensities of B after removing the factor, relative to A, of
+        the channel that differs most.
+    deviations
+        ``(N,)`` differences of position or direction in combined standard deviations:
+        ``sqrt(d^T C^-1 d)`` with the sum C of both covariances. NaN where one of them is not
+        known, infinite where C excludes the difference.
+    intensity_deviations
+        ``(N,)`` the same for the intensities.
+    mirror
+        ``x`` if B has left and right exchanged, ``y`` for top and bottom, else empty.
+    is_reversed
+        Whether B has the lights in the reverse order.
+    exchanged
+        Cycles of lights at the places of one another: ``(("L07", "L08"),)`` if these are swapped.
+        In a longer cycle each light of B is at the place of the next one.
+    motion
+        Rotation and shift that all lights have in common; None if there is no such motion, or
+        if it leaves more than half of the differences.
+    rest_deg, rest_mm
+        ``(N,)`` angles and distances that remain after all of these.
+    warnings
+        One notice for each of these, and one for lights that differ by more than their errors
+        explain.
+    """
+
+    ids: tuple[str, ...]
+    angle_deg: Array
+    distance_mm: Array | None
+    intensity_factor: float
+    intensity_percent: Array
+    deviations: Array
+    intensity_deviations: Array
+    mirror: Mirror
+    is_reversed: bool
+    exchanged: tuple[tuple[str, ...], ...]
+    motion: Motion | None
+    rest_deg: Array
+    rest_mm: Array | None
+    warnings: tuple[Notice, ...]
+
+    __repr__ = short_repr
+
+    @property
+    def same_order(self) -> bool:
+        """Whether every light of B is that of A: not swapped, reversed or mirrored."""
+        return not (self.mirror or self.is_reversed or self.exchanged)
+
+    @property
+    def worst_first(self) -> npt.NDArray[np.intp]:
+        """Indices of the lights, those with the largest effect on normals first.
+
+        3 mm of a position, 0.35 degrees of a direction and 1 % of an intensity have similar
+        effects on the normals of a flat object under 36 lights.
+        """
+        place = self.angle_deg / _EQUAL_DEG
+        if self.distance_mm is not None:
+            place = self.distance_mm / _EQUAL_MM
+        effect = np.maximum(place, np.abs(self.intensity_percent) / _EQUAL_PERCENT)
+        return np.argsort(-effect, kind="stable")
+
+
+def compare_lights(a: Lights, b: Lights) -> LightComparison:
+    """Compare two calibrations of the same lights.
+
+    Besides the differences of each light, a motion that all lights have in common is estimated (the
+    camera or the board moved), and another order of the lights (swapped wires), reversed and
+    mirrored calibrations are found; the shortest description of all differences is reported.
+
+    Parameters
+    ----------
+    a
+        The reference.
+    b
+        The other calibration; its lights are matched with those of ``a`` by their ids, or by order
+        with a warning.
+
+    Returns
+    -------
+    LightComparison
+        Differences of ``b`` from ``a``.
+
+    Raises
+    ------
+    DataError
+        If one of them has positions and the other directions, or the numbers or names of the lights
+        differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from calibration import compare_lights
+    >>> before = Lights(positions_mm=np.array([[300, 0, 300], [0, 300, 300], [-300, 0, 310.0]]))
+    >>> after = Lights(positions_mm=np.array([[300, 0, 300], [0, 304, 303], [-300, 0, 310.0]]))
+    >>> compare_lights(before, after).distance_mm.tolist()
+    [0.0, 5.0, 0.0]
+    """
+    check_type("a", a, Lights, "acquisition.read_lights(path) returns one")
+    check_type("b", b, Lights, "acquisition.read_lights(path) returns one")
+    kinds = ["positions" if lights.near else "directions" for lights in (a, b)]
+    if kinds[0] != kinds[1]:
+        raise DataError(
+            f"the first calibration has {kinds[0]}, the second {kinds[1]}: compare two of one kind"
+        )
+    b, by_order = _matched(a, b)
+    vectors = [_vectors(lights) for lights in (a, b)]
+    covariances = covariances_3d(a), covariances_3d(b)
+    freedom, floor = (3, _FLOOR_MM) if a.near else (2, _FLOOR_RAD)
+    floor = _typical(covariances, freedom, floor)
+    found = explain(*vectors, freedom=freedom, floor=floor)
+    moved = found.moved(vectors[0])
+    difference = vectors[1] - vectors[0]
+    across = None if a.near else vectors[1]
+    sigmas = rest_sigmas = np.full(len(a), np.nan)
+    first, second = covariances
+    if first is not None and second is not None:
+        sigmas = deviations(difference, first + second, across)
+        rest_sigmas = deviations(vectors[1] - moved, found.carried(first) + second, across)
+    factor, percent, strength_sigmas = _intensities(a, b)
+    rest_deg = angle_deg(moved, vectors[1])
+    rest_mm = np.linalg.norm(vectors[1] - moved, axis=1) if a.near else None
+    rest, unit = (rest_deg, "deg") if rest_mm is None else (rest_mm, "mm")
+    return LightComparison(
+        ids=a.ids,
+        angle_deg=angle_deg(*vectors),
+        distance_mm=np.linalg.norm(difference, axis=1) if a.near else None,
+        intensity_factor=factor,
+        intensity_percent=percent,
+        deviations=sigmas,
+        intensity_deviations=strength_sigmas,
+        mirror=found.mirror,
+        is_reversed=found.is_reversed,
+        exchanged=tuple(tuple(a.ids[n] for n in cycle) for cycle in found.exchanged),
+        motion=None if found.kind == "none" else found.motion,
+        rest_deg=rest_deg,
+        rest_mm=rest_mm,
+        warnings=(
+            *by_order,
+            *explanation_notices(found, a.ids, rest, unit),
+            *_changed(a.ids, rest_sigmas, freedom),
+        ),
+    )
+
+
+def _matched(a: Lights, b: Lights) -> tuple[Lights, tuple[Notice, ...]]:
+    """Return ``b`` in the order of ``a``, and a warning if the names differ."""
+    if len(a) != len(b):
+        raise DataError(
+            f"the first calibration has {pluralize(len(a), 'light')}, the second {len(b)}: compare "
+            "calibrations of the same lights"
+        )
+    try:
+        order, by_name = b.match(a.ids)
+    except DataError as error:
+        missing = next((name for name in a.ids if name not in b.ids), a.ids[0])
+        raise DataError(
+            f"the calibrations name their lights differently: the second has no {missing}; compare "
+            "calibrations of the same lights"
+        ) from error
+    if by_name:
+        return b.take(order), ()
+    text = f"lights with different names are matched by order ({b.ids[0]} to {a.ids[0]} and so on)"
+    return b, (Notice("lights-matched-by-order", text),)
+
+
+def _vectors(lights: Lights) -> Array:
+    return lights.unit_directions if lights.positions_mm is None else lights.positions_mm
+
+
+def _typical(covariances: Sequence[Array | None], freedom: int, least: float) -> float:
+    """Return the typical standard deviation of a difference's coordinate, at least ``least``."""
+    variance = 0.0
+    for known in covariances:
+        if known is not None:
+            variance += float(np.nanmedian(np.trace(known, axis1=1, axis2=2))) / freedom
+    return max(float(np.sqrt(variance)), least)
+
+
+def _intensities(a: Lights, b: Lights) -> tuple[float, Array, Array]:
+    """Return the common factor, and the differences in percent and in standard deviations."""
+    strengths = [np.asarray(lights.intensities) for lights in (a, b)]
+    ratio = np.log(strengths[1]) - np.log(strengths[0])
+    factor = float(np.median(ratio))
+    ratio -= factor
+    rows, worst = np.arange(len(a)), np.argmax(np.abs(ratio), axis=1)
+    percent = 100 * np.expm1(ratio[rows, worst])
+    variance = np.zeros_like(ratio)
+    for lights, strength in zip((a, b), strengths, strict=True):
+        known = None if lights.errors is None else lights.errors.intensity_std
+        variance += np.nan if known is None else (known / strength) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sigmas = np.abs(ratio) / np.sqrt(variance)
+    sigmas[(ratio == 0) & np.isfinite(variance)] = 0
+    return float(np.exp(factor)), percent, sigmas[rows, worst]
+
+
+def _changed(ids: Sequence[str], sigmas: Array, freedom: int) -> Iterator[Notice]:
+    """Yield a notice about lights that differ by more than their errors explain."""
+    known = np.isfinite(sigmas) | np.isposinf(sigmas)
+    if not known.any():
+        return
+    limit = float(np.sqrt(chi2.isf(_FALSE_ALARM / np.count_nonzero(known), freedom)))
+    order = [n for n in np.argsort(-np.where(known, sigmas, 0), kind="stable") if known[n]]
+    beyond = [int(n) for n in order if sigmas[n] > limit]
+    if not beyond:
+        return
+    listed = ", ".join(f"{ids[n]} ({sigmas[n]:.1f})" for n in beyond[:_NAMED])
+    more = f" and {len(beyond) - _NAMED} more" if len(beyond) > _NAMED else ""
+    verb = "differs" if len(beyond) == 1 else "differ"
+    yield Notice(
+        "lights-changed",
+        f"{pluralize(len(beyond), 'light')} of {len(ids)} {verb} by more than the errors of both "
+        f"calibrations explain ({limit:.1f} standard deviations): {listed}{more}",
+    )

@@ -1,0 +1,199 @@
+"""The simplest explanation of two calibrations: order, mirror image, common motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from calibration._comparison.motion import (
+    PARAMETERS,
+    Array,
+    Fit,
+    Motion,
+    MotionKind,
+    fit_motion,
+    robust_cost,
+)
+
+Order = npt.NDArray[np.intp]
+Mirror = Literal["", "x", "y"]
+
+# A common motion is named if it leaves at most this share of the differences.
+_EXPLAINS = 0.5
+_ROUNDS = 4
+_FEWEST_TO_REVERSE = 3
+_SIDES = {"": (1, 1, 1), "x": (-1, 1, 1), "y": (1, -1, 1)}
+# Orders and sides that are tried besides that of the files: reversed, mirrored in x, in y.
+_OTHER_TRIALS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """How the lights of B follow from those of A.
+
+    Light n of B is at the place of light ``order[n]`` of A after mirroring and moving A. The
+    cycles of ``order`` relative to the plain or reversed order are ``exchanged``, as indices.
+    """
+
+    order: Order
+    exchanged: tuple[tuple[int, ...], ...]
+    is_reversed: bool
+    mirror: Mirror
+    kind: MotionKind
+    motion: Motion
+    cost: float
+
+    def moved(self, before: Array) -> Array:
+        """Return where the lights of B should be, in their order, for vectors ``(N, 3)`` of A."""
+        return self.motion.apply(before * np.array(_SIDES[self.mirror]))[self.order]
+
+    def carried(self, covariances: Array) -> Array:
+        """Return the covariances ``(N, 3, 3)`` of the vectors that `moved` returns."""
+        turn = self.motion.rotation * np.array(_SIDES[self.mirror])
+        carried: Array = (turn @ covariances @ turn.T)[self.order]
+        return carried
+
+
+def explain(before: Array, after: Array, *, freedom: int, floor: float) -> Explanation:
+    """Return the explanation with the shortest description of the differences.
+
+    The description has three parts: the differences that remain (minus twice the logarithm of
+    their likelihood), the parameters of the motion (Schwarz, Estimating the dimension of a model,
+    1978), and the choice of the order among all orders with as many exchanged lights. The plain
+    order costs nothing, so that another one is named only if the data require it.
+
+    Parameters
+    ----------
+    before, after
+        ``(N, 3)`` positions in mm or unit directions.
+    freedom
+        Coordinates of a light: 3 for a position, 2 for a direction.
+    floor
+        Smallest standard deviation of a coordinate: smaller differences do not count.
+    """
+    still = fit_motion(before, after, "none", freedom=freedom, floor=floor)
+    plain = np.arange(len(before))
+    if np.all(np.linalg.norm(after - before, axis=1) <= floor):
+        return Explanation(plain, (), False, "", "none", still.motion, still.cost)
+    candidates: list[Explanation] = []
+    for is_reversed, mirror in _trials(len(before)):
+        flipped = before * np.array(_SIDES[mirror])
+        chosen = 0.0 if not (is_reversed or mirror) else 2 * math.log(_OTHER_TRIALS)
+        start = plain[:: -1 if is_reversed else 1]
+        starts = [start]
+        for kind in _kinds(len(before), freedom):
+            tried = [_assigned(flipped, after, start, kind, freedom, floor, o) for o in starts]
+            order, fit = min(tried, key=lambda one: one[1].cost + _moved_cost(one[0], start))
+            if kind == "none" and not np.array_equal(order, start):
+                starts.append(order)
+            still = fit_motion(flipped[order], after, "none", freedom=freedom, floor=floor)
+            if kind != "none" and fit.scale > _EXPLAINS * still.scale:
+                continue
+            exchanged = _cycles(order, start)
+            if chosen and sum(map(len, exchanged)) > len(before) / 2:
+                continue  # of symmetric lights, a mirror image would shorten any other order
+            cost = fit.cost + chosen + _moved_cost(order, start)
+            cost += PARAMETERS[kind] * math.log(freedom * len(before)) + _size(fit.motion)
+            candidates.append(
+                Explanation(order, exchanged, is_reversed, mirror, kind, fit.motion, cost)
+            )
+    return min(candidates, key=lambda one: one.cost)
+
+
+def _size(motion: Motion) -> float:
+    """Return the cost of a large motion: small ones are more frequent."""
+    shift = float(np.linalg.norm(motion.shift_mm))
+    return 2 * (math.log1p(motion.angle_deg) + math.log1p(shift))
+
+
+def _trials(count: int) -> Iterator[tuple[bool, Mirror]]:
+    yield False, ""
+    if count >= _FEWEST_TO_REVERSE:
+        yield True, ""
+        yield False, "x"
+        yield False, "y"
+
+
+def _kinds(count: int, freedom: int) -> Iterator[MotionKind]:
+    """Yield the motions that leave at least four numbers to contradict them."""
+    yield "none"
+    kinds: tuple[MotionKind, ...] = ("turn",) if freedom == 2 else ("shift", "turn", "both")
+    for kind in kinds:
+        if freedom * count >= PARAMETERS[kind] + 4:
+            yield kind
+
+
+def _moved_cost(order: Order, plain: Order) -> float:
+    """Return the cost of choosing one of the orders with as many exchanged lights."""
+    count, moved = len(order), int(np.count_nonzero(order != plain))
+    return 2 * (math.lgamma(count + 1) - math.lgamma(count - moved + 1))
+
+
+def _assigned(
+    before: Array,
+    after: Array,
+    plain: Order,
+    kind: MotionKind,
+    freedom: int,
+    floor: float,
+    start: Order,
+) -> tuple[Order, Fit]:
+    """Alternate between the motion and the order, as long as the description gets shorter."""
+    order, fit = start, fit_motion(before[start], after, kind, freedom=freedom, floor=floor)
+    least = fit.cost + _moved_cost(order, plain)
+    for _ in range(_ROUNDS):
+        _, best = linear_sum_assignment(_costs(before, after, fit, freedom))
+        if np.array_equal(best, order):
+            break
+        tried = fit_motion(before[best], after, kind, freedom=freedom, floor=floor)
+        kept = _required(_costs(before, after, tried, freedom), best, plain)
+        if not np.array_equal(kept, best):
+            best = kept
+            tried = fit_motion(before[best], after, kind, freedom=freedom, floor=floor)
+        cost = tried.cost + _moved_cost(best, plain)
+        if cost >= least:
+            break
+        order, fit, least = best, tried, cost
+    return order, fit
+
+
+def _costs(before: Array, after: Array, fit: Fit, freedom: int) -> Array:
+    """Return the cost ``(N, N)`` of light n of B at the place of light m of A."""
+    moved = fit.motion.apply(before)
+    square = np.sum((after[:, None] - moved[None]) ** 2, axis=2)
+    return robust_cost(square, fit.scale, freedom)
+
+
+def _required(cost: Array, order: Order, plain: Order) -> Order:
+    """Return ``plain`` with those cycles of ``order`` that shorten the description."""
+    kept = plain.copy()
+    for cycle in _cycles(order, plain):
+        rows = np.array(cycle)
+        gain = float(np.sum(cost[rows, plain[rows]] - cost[rows, order[rows]]))
+        if gain > 2 * len(rows) * math.log(len(plain)):
+            kept[rows] = order[rows]
+    return kept
+
+
+def _cycles(order: Order, plain: Order) -> tuple[tuple[int, ...], ...]:
+    """Return the cycles of exchanged lights of ``order`` relative to ``plain``."""
+    place = {int(light): n for n, light in enumerate(plain)}
+    following = [place[int(light)] for light in order]
+    seen: set[int] = set()
+    found: list[tuple[int, ...]] = []
+    for start in range(len(order)):
+        cycle: list[int] = []
+        now = start
+        while now not in seen:
+            seen.add(now)
+            cycle.append(now)
+            now = following[now]
+        if len(cycle) > 1:
+            found.append(tuple(cycle))
+    return tuple(found)

@@ -1,0 +1,221 @@
+"""One least squares over the positions of all lights and the centres of all spheres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from acquisition import CameraModel
+from calibration._errors import EstimateError
+from calibration._spheres.reflection import mirror_points
+from calibration._spheres.robust import Array
+from rig import short_repr
+
+_ROUNDS = 8
+_WORST_SHARE = 0.25
+_STEP_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSpheres:
+    """K spheres in the house frame.
+
+    Parameters
+    ----------
+    centres_mm
+        ``(K, 3)``.
+    radii_mm
+        ``(K,)``.
+    covariance_mm2
+        ``(3 K, 3 K)`` covariance of the centres from the outlines.
+    """
+
+    centres_mm: Array
+    radii_mm: Array
+    covariance_mm2: Array
+
+    __repr__ = short_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """Positions of N lights and K spheres that explain highlights and outlines together.
+
+    Parameters
+    ----------
+    positions_mm
+        ``(N, 3)``.
+    centres_mm
+        ``(K, 3)``.
+    covariance_mm2
+        ``(N, 3, 3)`` covariance of each position, with the errors of the centres included.
+    chi_square
+        Sum of the squared errors of highlights and centres relative to their covariances, divided
+        by the degrees of freedom; NaN without any.
+    """
+
+    positions_mm: Array
+    centres_mm: Array
+    covariance_mm2: Array
+    chi_square: float
+
+    __repr__ = short_repr
+
+
+def predicted_highlights(
+    camera: CameraModel, centres_mm: Array, radii_mm: Array, lights_mm: Array
+) -> Array:
+    """Return the pixels ``(N, K, 2)`` of the highlights of N lights on K spheres."""
+    points = mirror_points(camera.centre_mm, lights_mm[:, None], centres_mm[None], radii_mm[None])
+    return camera.project(points)
+
+
+def refine(
+    camera: CameraModel,
+    spheres: KnownSpheres,
+    positions_mm: Array,
+    highlights_px: Array,
+    sigma_px: Array,
+    ids: tuple[str, ...],
+) -> Refined:
+    """Refine all lights and sphere centres by Gauss-Newton with a Schur complement.
+
+    The sum of the squared errors of the highlights, relative to their standard deviations, and of
+    the squared deviations of the centres from those given by the outlines, relative to their
+    covariance, is minimised. The covariance of the positions is the inverse of the information
+    matrix, multiplied by the reduced chi-square if that exceeds 1: then the errors are larger than
+    their standard deviations.
+
+    Parameters
+    ----------
+    camera
+        Camera with a working distance.
+    spheres
+        K spheres as their outlines show them.
+    positions_mm
+        ``(N, 3)`` start values.
+    highlights_px
+        ``(N, K, 2)``.
+    sigma_px
+        ``(N, K)`` standard deviations of each coordinate of a highlight; infinite for highlights
+        that do not count.
+    ids
+        N names of the lights, for messages.
+
+    Raises
+    ------
+    EstimateError
+        If the standard deviation of a position exceeds a quarter of its distance.
+    """
+    lights, centres = positions_mm, spheres.centres_mm.copy()
+    for _ in range(_ROUNDS):
+        system = _linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
+        _check_determined(system.of_light, lights, ids)
+        move_light, move_centre = system.steps()
+        # Limit the step to a fifth of the distance, where the linear model is valid.
+        longest = 0.2 * np.linalg.norm(lights, axis=1)
+        length = np.linalg.norm(move_light, axis=1)
+        lights = lights + move_light * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
+        centres = centres + move_centre
+    system = _linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
+    # Outlines give as many values as there are unknowns of the centres.
+    freedom = 2 * int(np.isfinite(sigma_px).sum()) - lights.size
+    chi_square = system.square / freedom if freedom > 0 else float("nan")
+    scale = max(chi_square, 1.0) if freedom > 0 else 1.0
+    return Refined(lights, centres, scale * system.covariance(), chi_square)
+
+
+@dataclass(frozen=True, eq=False)
+class _System:
+    """Normal equations of N lights and K centres.
+
+    ``of_light (N, 3, 3)``, ``cross (N, 3, 3 K)`` and ``of_centre (3 K, 3 K)`` are the blocks of the
+    information matrix, ``pull_light (N, 3)`` and ``pull_centre (3 K,)`` its right side, and
+    ``square`` is the sum of the squared errors.
+    """
+
+    of_light: Array
+    cross: Array
+    of_centre: Array
+    pull_light: Array
+    pull_centre: Array
+    square: float
+
+    def _eliminated(self) -> tuple[Array, Array]:
+        """Return ``of_light^-1 cross`` and the information about the centres without the lights."""
+        gain: Array = np.asarray(np.linalg.solve(self.of_light, self.cross), np.float64)
+        schur: Array = self.of_centre - np.einsum("nap,naq->pq", self.cross, gain)
+        return gain, schur
+
+    def steps(self) -> tuple[Array, Array]:
+        """Return the Gauss-Newton steps ``(N, 3)`` of the lights and ``(K, 3)`` of the centres."""
+        gain, schur = self._eliminated()
+        right = self.pull_centre - np.einsum("nap,na->p", gain, self.pull_light)
+        of_centre: Array = -np.asarray(np.linalg.solve(schur, right), np.float64)
+        pull = self.pull_light + self.cross @ of_centre
+        of_light: Array = -np.asarray(np.linalg.solve(self.of_light, pull[..., None]), np.float64)
+        of_light = of_light[..., 0]
+        return of_light, of_centre.reshape(-1, 3)
+
+    def covariance(self) -> Array:
+        """Return the blocks ``(N, 3, 3)`` of the lights of the inverse of the information."""
+        gain, schur = self._eliminated()
+        shared = np.einsum("nap,pq,nbq->nab", gain, np.linalg.inv(schur), gain)
+        covariance: Array = np.linalg.inv(self.of_light) + shared
+        return covariance
+
+
+def _linearise(
+    camera: CameraModel,
+    spheres: KnownSpheres,
+    lights: Array,
+    centres: Array,
+    highlights_px: Array,
+    sigma_px: Array,
+) -> _System:
+    n, k = sigma_px.shape
+    use = np.isfinite(sigma_px)
+    weight = np.where(use, sigma_px, np.inf)[..., None] ** -2.0 * np.ones(2)
+    observed = np.where(use[..., None], highlights_px, 0.0)
+
+    def errors(at_lights: Array, at_centres: Array) -> Array:
+        predicted = predicted_highlights(camera, at_centres, spheres.radii_mm, at_lights)
+        return np.where(use[..., None], predicted - observed, 0.0)
+
+    error = errors(lights, centres)
+    steps = np.eye(3) * _STEP_MM
+    by_light = np.stack(
+        [errors(lights + step, centres) - errors(lights - step, centres) for step in steps], axis=-1
+    ) / (2 * _STEP_MM)
+    by_centre = np.stack(
+        [errors(lights, centres + step) - errors(lights, centres - step) for step in steps], axis=-1
+    ) / (2 * _STEP_MM)
+    information: Array = np.asarray(np.linalg.inv(spheres.covariance_mm2), np.float64)
+    off = (centres - spheres.centres_mm).ravel()
+    of_centre = information.copy()
+    blocks = np.einsum("nkia,nki,nkib->kab", by_centre, weight, by_centre)
+    for j in range(k):
+        of_centre[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] += blocks[j]
+    return _System(
+        of_light=np.einsum("nkia,nki,nkib->nab", by_light, weight, by_light),
+        cross=np.einsum("nkia,nki,nkib->nakb", by_light, weight, by_centre).reshape(n, 3, 3 * k),
+        of_centre=of_centre,
+        pull_light=np.einsum("nkia,nki->na", by_light, weight * error),
+        pull_centre=np.einsum("nkia,nki->ka", by_centre, weight * error).ravel()
+        + information @ off,
+        square=float(np.sum(weight * error**2) + off @ information @ off),
+    )
+
+
+def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:
+    """Raise `EstimateError` if the uncertainty of a position is large relative to its distance."""
+    values = np.linalg.eigvalsh(of_light)
+    deviation = 1 / np.sqrt(np.maximum(values[:, 0], 1e-30))
+    share = deviation / np.linalg.norm(positions, axis=1)
+    worst = int(np.argmax(share))
+    if not share[worst] < _WORST_SHARE:
+        raise EstimateError(
+            f"the distance of light {ids[worst]} is not determined, because its reflected rays are "
+            "nearly parallel: move the spheres apart, or leave out the radius to get directions"
+        )

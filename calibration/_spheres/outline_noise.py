@@ -1,0 +1,127 @@
+"""How well the outline of a sphere is known, from the errors of its edge points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration._spheres.cone import Cone, fit_cone
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.robust import Array, tukey_weights
+
+# Systematic error of the position and of the radius of an outline, which no scatter shows: where
+# the edge is within a blurred step.
+OUTLINE_SIGMA_PX = 0.05
+# Edge points are smoothed along the outline by a Gaussian of 4 px: harmonics up to a number of an
+# eighth of the radius in pixels keep their power.
+_RADIUS_PER_HARMONIC_PX = 8.0
+_FEWEST, _MOST = 5, 16
+_DEPENDENT = 1e-3
+_FINEST_PX = 0.02
+# A smaller scale would reject good points.
+_FINEST_WEIGHT_PX = 0.15
+
+
+def viewing_cone(rays: Array, pixel_angle: float) -> Cone:
+    """Fit the cone of rays tangent to a sphere, see `fit_cone`, with an honest covariance.
+
+    Parameters
+    ----------
+    rays
+        ``(M, 3)`` rays through outline points, of any length.
+    pixel_angle
+        Angle of one pixel in radians.
+
+    Raises
+    ------
+    EstimateError
+        If fewer than 3 rays remain or they do not form a cone.
+    """
+    cone, weights = fit_cone(rays, pixel_angle)
+    unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    cosine = np.sqrt(1 - cone.sine**2)
+    tangent = cone.sine / cosine
+    v = cone.axis / cosine
+    first = np.cross(cone.axis, np.eye(3)[np.argmin(np.abs(cone.axis))])
+    second = np.cross(cone.axis, first)
+    angles = np.arctan2(unit @ second, unit @ first)
+    residuals_px = (unit @ v - 1) / (tangent * pixel_angle)
+    variance = slow_variance(angles, residuals_px, weights, tangent / pixel_angle, fitted=1)
+    of_v = np.linalg.inv((unit * weights[:, None]).T @ unit)
+    of_v *= variance * (tangent * pixel_angle) ** 2
+    # The derivative of u = v / sqrt(|v|^2 - 1) transforms the covariance of v to that of u.
+    root = np.sqrt(v @ v - 1)
+    slope = np.eye(3) / root - np.outer(v, v) / root**3
+    return replace(cone, covariance=slope @ of_v @ slope.T)
+
+
+def circle_covariance(points_px: Array, outline: Ellipse) -> Array:
+    """Return the covariance ``(3, 3)`` of centre x, centre y and radius of an outline, in px^2.
+
+    It includes the systematic error of each, `OUTLINE_SIGMA_PX`.
+
+    Parameters
+    ----------
+    points_px
+        ``(M, 2)`` outline points.
+    outline
+        The ellipse that was fitted to them.
+    """
+    residuals = outline.distance_px(points_px)
+    weights = tukey_weights(residuals, _FINEST_WEIGHT_PX)
+    x, y = outline.unit(points_px).T
+    angles = np.arctan2(y, x)
+    variance = slow_variance(angles, residuals, weights, outline.radius_px, fitted=2)
+    design = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
+    covariance: Array = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
+    return covariance + np.eye(3) * OUTLINE_SIGMA_PX**2
+
+
+def slow_variance(
+    angles: Array, residuals: Array, weights: Array, radius_px: float, *, fitted: int
+) -> float:
+    """Return the variance per edge point of the slow errors along an outline.
+
+    Position and size of an outline depend on the harmonics 0 and 1 of the errors along it, which
+    the fit removes from the residuals. The power of the next harmonics is that of independent
+    points if the errors are independent, and larger if neighbouring errors are correlated. Their
+    mean power, with the factor n / (n - 2) for its own uncertainty from n values, is returned, or
+    the plain variance if that is larger.
+
+    Parameters
+    ----------
+    angles
+        ``(M,)`` positions of the points on the outline, radians.
+    residuals
+        ``(M,)`` deviations from the outline.
+    weights
+        ``(M,)`` weights of the points in the fit.
+    radius_px
+        Radius of the outline in pixels.
+    fitted
+        Largest harmonic that the fit removed.
+
+    Returns
+    -------
+    float
+        In the square of the unit of the residuals, at least 0.02^2.
+    """
+    count = float(np.sum(weights))
+    plain = float(np.sum(weights * residuals**2)) / max(count - 2 * fitted - 1, 1.0)
+    highest = fitted + int(np.clip(radius_px / _RADIUS_PER_HARMONIC_PX, _FEWEST, _MOST))
+    highest = min(highest, (len(angles) - 1) // 2)
+    columns = [np.ones_like(angles)]
+    for h in range(1, highest + 1):
+        columns += [np.cos(h * angles), np.sin(h * angles)]
+    root = np.sqrt(weights)
+    basis, triangle = np.linalg.qr(np.column_stack(columns) * root[:, None])
+    # On a part of the circumference, high harmonics are sums of others.
+    length = np.linalg.norm(triangle, axis=0)
+    independent = np.abs(np.diag(triangle)) > _DEPENDENT * length
+    independent[: 2 * fitted + 1] = False
+    values = basis[:, independent].T @ (root * residuals)
+    # Weights below 1 reduce the power of noise by their weighted mean.
+    norm = float(np.sum(weights**2)) / count
+    slow = float(np.sum(values**2)) / (norm * max(len(values) - 2, 1)) if len(values) else 0.0
+    return max(plain, slow, _FINEST_PX**2)

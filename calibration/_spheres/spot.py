@@ -1,0 +1,212 @@
+"""Centres of highlights, with standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calibration._spheres.robust import Array
+
+Image = npt.NDArray[np.float32]
+Region = npt.NDArray[np.bool_]
+
+# Levels of the two contours of a saturated highlight, relative to white. Pixels bias the first one
+# more, glare the second one.
+_LEVELS = (0.85, 0.6)
+# Variance of a coordinate, times the radius of the core, from the positions of the pixels.
+_PIXELS_PX3 = (0.01, 0.004)
+# Error by glare, from the shift between the levels: at most twice the shift (weak glare moves both)
+# and at most a quarter of it plus a fiftieth of the radius (strong glare moves the lower one far).
+_WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 2.0, 0.25, 0.02
+_STEP_PX = 0.25
+# Protruding distances are rays. The start ignores the upper part of the distances.
+_START_QUANTILE = 0.35
+_ROUNDS = 12
+_TUKEY = 4.685
+_FINEST_SCATTER_PX = 0.08
+# What remains of a sharp, unsaturated peak without noise.
+_PEAK_SIGMA_PX = 0.02
+_WIDER = 1.5
+
+
+@dataclass(frozen=True)
+class Spot:
+    """The centre of a highlight.
+
+    Parameters
+    ----------
+    centre
+        (x, y) in pixels.
+    sigma_px
+        Standard deviation of each coordinate.
+    """
+
+    centre: Array
+    sigma_px: float
+
+
+def saturated_spot(image: Image, region: Region, white: float) -> Spot:
+    """Locate a saturated highlight by the contours of its core.
+
+    Rays and glare add light, so they move the contour outward. The distances r(t) of the contour
+    from the centre are fitted with ``r0 + a cos t + b sin t + c cos 2t + d sin 2t``: a and b move
+    the centre, c and d admit an elliptic core. The fit starts at the lower distances (quantile
+    regression) and gives no weight to those that protrude (Tukey's biweight). The result is the
+    mean of the contours at 0.85 and 0.6 of white, weighted by their variances; that of the lower
+    one includes its distance from the upper one.
+
+    Parameters
+    ----------
+    image
+        ``(H, W)`` without background; at least ``white`` where saturated.
+    region
+        ``(H, W)`` pixels of the highlight.
+    white
+        Smallest brightness of saturated pixels.
+    """
+    upper, radius, variance = _contour_fit(image, region, _LEVELS[0] * white)
+    lower, _, wider = _contour_fit(image, region, _LEVELS[1] * white)
+    shift = float(np.linalg.norm(upper - lower)) / np.sqrt(2)
+    glare = min(_WEAK_GLARE * shift, _STRONG_GLARE * shift + _GLARE_RADII * radius)
+    variance += _PIXELS_PX3[0] / max(radius, 0.5)
+    wider += _PIXELS_PX3[1] / max(radius, 0.5) + shift**2
+    share = variance / (variance + wider)
+    # The errors of the two contours are alike: their mean is not better than the better one.
+    total = min(variance, wider) + glare**2
+    return Spot((1 - share) * upper + share * lower, float(np.sqrt(total)))
+
+
+def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
+    """Locate an unsaturated highlight by its Gaussian-weighted centroid.
+
+    The standard deviation contains the noise in the window, the shift of the centroid in a window
+    that is wider by half (glare, a skew spot), and 0.02 px.
+
+    Parameters
+    ----------
+    image
+        ``(H, W)`` without background.
+    region
+        ``(H, W)`` pixels of the highlight above 0.3 of its height.
+    noise
+        Standard deviation of the noise of a pixel.
+    """
+    sigma = np.sqrt(np.count_nonzero(region) / np.pi)
+    centre, flux = weighted_centroid(image, region, sigma)
+    wide, _ = weighted_centroid(image, region, _WIDER * sigma)
+    # The variance of twice the sum of g x n, g the Gaussian window, divided by that of g I.
+    of_noise = 4 * noise**2 * (np.pi / 8) * sigma**4 / max(flux, 1e-12) ** 2
+    shift = 0.5 * float(np.sum((centre - wide) ** 2))
+    return Spot(centre, float(np.sqrt(of_noise + shift + _PEAK_SIGMA_PX**2)))
+
+
+def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array, float]:
+    """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN), and its weighted flux.
+
+    The window follows the spot, so the positions of the pixels do not bias a symmetric spot, and
+    noise in its wings and its neighbours have little weight.
+    """
+    y, x = np.nonzero(region)
+    weight = np.clip(image[y, x].astype(np.float64), 1e-12, None)
+    centre = np.array([np.average(x, weights=weight), np.average(y, weights=weight)])
+    half = int(5 * sigma)
+    top, left = max(int(y.mean()) - half, 0), max(int(x.mean()) - half, 0)
+    window = image[top : int(y.mean()) + half + 1, left : int(x.mean()) + half + 1]
+    rows, columns = np.indices(window.shape) + np.array([top, left])[:, None, None]
+    # More than half of the window is background.
+    excess = window.astype(np.float64) - np.median(window)
+    total = 0.0
+    for _ in range(60):
+        gauss = np.exp(-((columns - centre[0]) ** 2 + (rows - centre[1]) ** 2) / (2 * sigma**2))
+        total = float(np.sum(gauss * excess))
+        if not total > 0:
+            break
+        offset = np.array([np.sum(gauss * excess * columns), np.sum(gauss * excess * rows)])
+        # Double the shift: the window moves the weighted mean half-way back to its own centre.
+        shift = 2 * (offset / total - centre)
+        centre = centre + shift
+        if np.hypot(*shift) < 1e-5:
+            break
+    return centre, total
+
+
+def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, float, float]:
+    """Return centre and radius of the contour at a level, and the variance of a coordinate."""
+    centre, radius = largest_disc((image >= level) & region)
+    centre = np.asarray(centre, np.float64)
+    variance = 0.0
+    for _ in range(4):
+        count = int(np.clip(2 * np.pi * radius / 0.75, 24, 240))
+        angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
+        toward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        distances = _distances(image, centre, toward, level, 3 * radius + 4)
+        (radius, *shift), variance = _robust_harmonics(angles, distances)
+        shift = np.array(shift) * min(1.0, radius / max(float(np.hypot(*shift)), 1e-9))
+        centre = centre + shift
+        if np.hypot(*shift) < 1e-3:
+            break
+    return centre, float(radius), variance
+
+
+def largest_disc(core: Region) -> tuple[Array, float]:
+    """Return centre and radius of the largest disc inside a core."""
+    padded = np.pad(core.astype(np.uint8), 1)
+    depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    y, x = np.nonzero(depth >= depth.max() - 0.01)
+    # Several equally deep pixels: the one nearest to their mean is in the core.
+    nearest = int(np.argmin((x - x.mean()) ** 2 + (y - y.mean()) ** 2))
+    return np.array([x[nearest], y[nearest]], np.float64) - 1, max(float(depth.max()) - 0.5, 0.5)
+
+
+def _distances(image: Image, centre: Array, toward: Array, level: float, reach: float) -> Array:
+    """Return the distances at which the brightness along the rays falls below the level."""
+    radii = np.arange(0, reach, _STEP_PX)
+    places = (centre + radii[None, :, None] * toward[:, None]).astype(np.float32)
+    profiles = cv2.remap(
+        image, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    ).astype(np.float64)
+    below = profiles < level
+    below[:, -1] = True
+    first = np.maximum(np.argmax(below, axis=1), 1)
+    rows = np.arange(len(toward))
+    before, after = profiles[rows, first - 1], profiles[rows, first]
+    part = np.clip((before - level) / np.maximum(before - after, 1e-12), 0, 1)
+    distances: Array = radii[first - 1] + part * _STEP_PX
+    return distances
+
+
+def _robust_harmonics(angles: Array, distances: Array) -> tuple[Array, float]:
+    """Fit the low harmonics of the lower distances; return (r0, a, b) and the variance of a, b."""
+    design = np.column_stack(
+        [
+            np.ones_like(angles),
+            np.cos(angles),
+            np.sin(angles),
+            np.cos(2 * angles),
+            np.sin(2 * angles),
+        ]
+    )
+    weights = np.ones_like(angles)
+    fit = np.zeros(5)
+    residual = distances
+    for round_ in range(_ROUNDS):
+        weighted = design * weights[:, None]
+        # A little ridge: few weights may be left on one side.
+        fit = np.linalg.solve(weighted.T @ design + 1e-6 * np.eye(5), weighted.T @ distances)
+        residual = distances - design @ fit
+        if round_ < _ROUNDS // 2:
+            side = np.where(residual > 0, _START_QUANTILE, 1 - _START_QUANTILE)
+            weights = side / np.maximum(np.abs(residual), 0.05)
+        else:
+            low = np.abs(residual[residual <= 0])
+            scale = max(1.4826 * float(np.median(low)), _FINEST_SCATTER_PX)
+            biweight = np.clip(1 - (residual / (_TUKEY * scale)) ** 2, 0, None) ** 2
+            weights = np.where(residual > 0, biweight, 1.0)
+    # Neighbouring distances share pixels: their errors are correlated over about two of them.
+    bread = np.linalg.pinv((design * weights[:, None]).T @ design)
+    meat = (design * (weights * residual)[:, None] * np.sqrt(2.0)).T
+    covariance = bread @ (meat @ meat.T) @ bread
+    return fit[:3], float(0.5 * (covariance[1, 1] + covariance[2, 2]))

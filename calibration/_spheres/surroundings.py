@@ -1,0 +1,224 @@
+"""Whether a ball at a place mirrors the plane on which it rests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel
+from calibration._spheres.robust import Array
+from calibration._spheres.spots import ReducedStack, Values, without_nan
+
+# The focal length of an unknown camera, in multiples of the larger side of the image. Half or twice
+# of it moves the mirrored points by less than the tolerance.
+_USUAL_FOCAL = 2.5
+_LIGHTS = 12
+# Near the limb, the sphere mirrors the plane up to three radii from its centre.
+_DEPTHS = (0.88, 0.92, 0.96)
+_TOLERANCE = 0.05
+_DOWNWARD = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Balls:
+    """H trial balls that rest on the plane z = 0, as the camera sees them.
+
+    Parameters
+    ----------
+    axes_px
+        ``(H, 2)`` pixels of their centres.
+    radii_px
+        ``(H,)`` radii of their outlines across the direction to the image's centre.
+    """
+
+    axes_px: Array
+    radii_px: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """How well trial balls mirror their surroundings.
+
+    Parameters
+    ----------
+    share
+        ``(H,)`` share of the differences between lights and places near the limb that is explained
+        by the mirrored plane: 1 for a mirror, 0 or less otherwise.
+    contrast
+        ``(H,)`` mean square of these differences, in multiples of noise and tolerance.
+    seen
+        ``(H,)`` share of the points near the limb whose mirrored point is in the image.
+    """
+
+    share: Array
+    contrast: Array
+    seen: Array
+
+
+def usual_camera(width: int, height: int) -> CameraModel:
+    """Return a camera with a usual focal length, for images of an unknown camera."""
+    focal = _USUAL_FOCAL * max(width, height)
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    return CameraModel(K, width, height, 1.0)
+
+
+def outlines_of(camera: CameraModel, balls: Balls, count: int) -> Array:
+    """Return the outlines of trial balls as pixels ``(H, count, 2)``."""
+    angles = np.arange(count) * (2 * np.pi / count)
+    return _points(camera, balls, np.ones(1), angles)[0]
+
+
+class MirroredPlane:
+    """Compares what a ball would mirror with what the camera sees there.
+
+    At a depth of a tenth of the radius inside the outline, a mirror ball that rests on a matte
+    plane shows points of the plane up to three radii away, which are visible themselves. The ratio
+    of their brightness under one light to the mean over the lights does not depend on their albedo
+    nor on the reflectance of the ball. So the ratios near the limb equal those of the mirrored
+    points, whatever is printed on the plane. A wrong radius or centre shows other points; a circle
+    that is mirrored in a ball, a print, or a matte ball do not mirror the plane at all.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    reduced
+        The same at a lower resolution, to which the mirrored points are compared.
+    camera
+        Camera of the images; None for a usual one. Its scale does not matter.
+    """
+
+    def __init__(
+        self, values: Values, reduced: ReducedStack, camera: CameraModel | None = None
+    ) -> None:
+        height, width = values.shape[1:]
+        self.camera = usual_camera(width, height) if camera is None else camera
+        self._some = slice(None, None, max(len(values) // _LIGHTS, 1))
+        self._values = values[self._some]
+        self._factor = reduced.factor
+        self._plane = reduced.mean[self._some]
+        self._noise = _noise(self._plane)
+        # Parts of the images at the resolutions that were asked for last.
+        self._blurred: dict[int, list[Values]] = {}
+        self._part: tuple[int, Array, list[Values]] | None = None
+
+    def compare(self, balls: Balls, spokes: int = 36) -> Likeness:
+        """Return how well the balls, of similar size and place, mirror their surroundings."""
+        angles = np.arange(spokes) * (2 * np.pi / spokes)
+        limb, mirrored, down = _points(self.camera, balls, np.array(_DEPTHS), angles)
+        # What one pixel near the limb mirrors is several pixels wide.
+        size = float(np.median(balls.radii_px))
+        near, in_image = self._limb(limb, size)
+        far, in_plane = self._mirrored(mirrored, size)
+        use = down & in_image & in_plane
+        mean_near = np.maximum(near.mean(axis=0), 1e-6)
+        mean_far = np.maximum(far.mean(axis=0), 1e-6)
+        ratio, expected = near / mean_near, far / mean_far
+        noise = (self._noise / mean_near) ** 2 + (0.3 * self._noise / mean_far) ** 2
+        weight = use / (noise + _TOLERANCE**2)
+        usual = (weight * ratio).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-9)
+        # One point counts at most as a difference of all of its light.
+        left = np.minimum(weight * (ratio - expected) ** 2, weight).sum(axis=(0, 2))
+        total = np.minimum(weight * (ratio - usual[..., None]) ** 2, weight).sum(axis=(0, 2))
+        points = np.maximum(use.sum(axis=-1), 1) * len(near)
+        return Likeness(1 - left / np.maximum(total, 1e-9), total / points, use.mean(axis=-1))
+
+    def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Sample the images near the limb, at a resolution of a fortieth of the radius."""
+        factor = max(int(size / 40), 1)
+        side = np.array(self._values.shape[:0:-1])
+        low = np.clip(pixels.min(axis=(0, 1)) - 2, 0, side - 1)
+        high = np.clip(pixels.max(axis=(0, 1)) + 3, low + 1, side)
+        part = self._part
+        if (
+            part is None
+            or part[0] != factor
+            or np.any(low < part[1][0])
+            or np.any(high > part[1][1])
+        ):
+            margin = 0.5 * (high - low)
+            box = np.array([np.maximum(low - margin, 0), np.minimum(high + margin, side)])
+            part = self._part = self._cut(factor, box.astype(int))
+        return _sample(part[2], (pixels - part[1][0] + 0.5) / factor - 0.5)
+
+    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[int, Array, list[Values]]:
+        """Return a part of the images at a lower resolution."""
+        (x0, y0), (x1, y1) = box
+        shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
+        stack = []
+        for image in self._values[:, y0:y1, x0:x1]:
+            part = without_nan(image)
+            if factor > 1:
+                whole = part[: shape[1] * factor, : shape[0] * factor]
+                part = cv2.resize(whole, shape, interpolation=cv2.INTER_AREA)
+            stack.append(part)
+        return factor, box.astype(np.float64), stack
+
+    def _mirrored(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+        octave = max(round(np.log2(max(0.05 * size / self._factor, 0.5))), -1)
+        if octave not in self._blurred:
+            blur = 2.0**octave
+            self._blurred[octave] = [cv2.GaussianBlur(i, (0, 0), blur) for i in self._plane]
+        return _sample(self._blurred[octave], (pixels + 0.5) / self._factor - 0.5)
+
+
+def _noise(stack: Values) -> float:
+    """Return the noise of single images, with Immerkaer's kernel."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    few = stack[:: max(len(stack) // 4, 1)]
+    return float(
+        np.median([np.percentile(np.abs(cv2.filter2D(i, -1, kernel)), 50) / 4.05 for i in few])
+    )
+
+
+def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    """Return samples ``(N, H, P)`` at pixels ``(H, P, 2)``, and which of them are in the image."""
+    x, y = (np.ascontiguousarray(pixels[..., axis], np.float32) for axis in (0, 1))
+    height, width = stack[0].shape
+    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
+    values = [
+        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in stack
+    ]
+    return np.stack(values).astype(np.float64), inside
+
+
+def _points(
+    camera: CameraModel, balls: Balls, depths: Array, angles: Array
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Return pixels ``(H, P, 2)`` on balls, the pixels of what they mirror, and which look down.
+
+    ``depths`` are distances from the ball's axis in multiples of that of the outline.
+    """
+    height = 1.0 if camera.working_distance_mm is None else camera.working_distance_mm
+    if camera.working_distance_mm is None:
+        camera = CameraModel(camera.K, camera.width, camera.height, height, camera.distortion)
+    eye = np.array([0.0, 0.0, height])
+    rays = camera.rays(balls.axes_px)
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    cosine = -rays[:, 2]
+    sine = balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px)
+    # The distance at which the ball touches the plane.
+    distance = height / (cosine + sine)
+    centres, radii = eye + rays * distance[:, None], distance * sine
+    first = np.cross([0.0, 1.0, 0.0], -rays)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    second = np.cross(-rays, first)
+    depth, angle = (v.ravel() for v in np.meshgrid(depths, angles, indexing="ij"))
+    # At the outline, the normal is at a right angle to the viewing ray.
+    across = depth * np.sqrt(1 - sine[:, None] ** 2)
+    normals = (
+        np.sqrt(1 - across**2)[..., None] * -rays[:, None]
+        + (across * np.cos(angle))[..., None] * first[:, None]
+        + (across * np.sin(angle))[..., None] * second[:, None]
+    )
+    points = centres[:, None] + radii[:, None, None] * normals
+    view = points - eye
+    view /= np.linalg.norm(view, axis=-1, keepdims=True)
+    mirrored = view - 2 * np.sum(view * normals, axis=-1, keepdims=True) * normals
+    down = mirrored[..., 2] < -_DOWNWARD
+    reach = np.where(down, -points[..., 2] / np.minimum(mirrored[..., 2], -_DOWNWARD), 0.0)
+    targets = np.where(down[..., None], points + reach[..., None] * mirrored, 0.0)
+    return camera.project(points), camera.project(targets), down

@@ -1,0 +1,133 @@
+"""Panels of the errors of calibrated lights: error ellipsoids on the dome, and residuals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+from sgp._overview import Panel
+from sgp._panels.lights import short_names
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = npt.NDArray[np.float64]
+
+# The dome is seen from this direction: from the front and the right, 30 degrees above the plane.
+_AZIMUTH_DEG: Final = -60.0
+_ELEVATION_DEG: Final = 30.0
+# An ellipsoid of median size is drawn about this long, relative to the median distance.
+_SHARE: Final = 0.06
+_STEPS: Final = (1, 2, 5)
+_FEW: Final = 40  # lights; the names of more do not fit
+
+
+def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
+    """Show the lights in space with their error ellipsoids, None if their errors are not known.
+
+    The semi-axes are standard deviations, enlarged by the factor in the title. Directions are
+    points of the unit sphere.
+    """
+    covariances = _in_space(lights)
+    if covariances is None:
+        return None
+    near = lights.positions_mm is not None
+    places = lights.positions_mm if near else lights.directions
+    assert places is not None  # noqa: S101 - one of the two is given
+    sizes = np.sqrt(np.linalg.eigvalsh(covariances)[:, -1].clip(0))
+    distance = float(np.median(np.linalg.norm(places, axis=1)))
+    factor = _round_factor(_SHARE * distance / max(float(np.nanmedian(sizes)), 1e-12 * distance))
+
+    def draw(axes: Axes) -> None:
+        from matplotlib.patches import Ellipse
+
+        view = _view()
+        seen = places @ view.T
+        feet = (places * [1, 1, 0]) @ view.T
+        turn = np.linspace(0, 2 * np.pi, 121)
+        for radius in (0.5 * distance, distance):
+            ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1) * radius @ view.T
+            axes.plot(ring[:, 0], ring[:, 1], color="0.88", lw=0.8)
+        for name, axis in zip("XYZ", np.eye(3) * 0.5 * distance, strict=True):
+            x, y = view @ axis
+            axes.annotate(
+                "", (x, y), (0, 0), arrowprops={"arrowstyle": "->", "color": "0.6", "lw": 0.8}
+            )
+            axes.text(x, y, name, fontsize=7, color="0.4")
+        for (x, y), (u, v) in zip(seen, feet, strict=True):
+            axes.plot([u, x], [v, y], color="0.85", lw=0.6, zorder=1)
+        for (x, y), covariance in zip(seen, covariances, strict=True):
+            if not np.isfinite(covariance).all():
+                continue
+            values, vectors = np.linalg.eigh(view @ covariance @ view.T)
+            minor, major = 2 * factor * np.sqrt(values.clip(0))
+            angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+            shape = Ellipse(
+                (x, y), major, minor, angle=angle, fc="tab:orange", ec="tab:red", alpha=0.5, lw=0.6
+            )
+            axes.add_patch(shape)
+        axes.scatter(seen[:, 0], seen[:, 1], s=5, color="tab:blue", linewidths=0, zorder=3)
+        axes.set_aspect("equal")
+        axes.margins(0.08)
+        axes.axis("off")
+
+    sigma = float(np.nanmedian(sizes))
+    worst = float(np.nanmax(sizes))
+    unit = f"{sigma:.2g} mm, at most {worst:.2g} mm"
+    if not near:
+        unit = f"{np.degrees(sigma):.2g}°, at most {np.degrees(worst):.2g}°"
+    title = f"error ellipsoids (1 sigma), enlarged {factor:g} times; longest semi-axis {unit}"
+    return Panel(title, draw, 1.2)
+
+
+def residuals_panel(lights: acquisition.Lights) -> Panel | None:
+    """Show the rms residual of the highlights of each light, None if it is not known."""
+    errors = lights.errors
+    if errors is None or errors.residual_px is None:
+        return None
+    residuals = errors.residual_px
+
+    def draw(axes: Axes) -> None:
+        where = np.arange(len(residuals))
+        axes.bar(where, np.nan_to_num(residuals), color="tab:blue", width=0.8)
+        axes.set_ylabel("px")
+        axes.set_xlim(-0.7, len(residuals) - 0.3)
+        names = short_names(lights.ids)
+        step = 1 if len(names) <= _FEW // 2 else -(-len(names) // (_FEW // 2))
+        axes.set_xticks(where[::step], names[::step], fontsize=7, rotation=90)
+
+    return Panel("rms distance of the highlights of each light from those predicted", draw, None)
+
+
+def _in_space(lights: acquisition.Lights) -> Array | None:
+    """Return covariances ``(N, 3, 3)`` of positions in mm^2, or of unit vectors."""
+    if lights.errors is None or lights.errors.covariances is None:
+        return None
+    if lights.directions is None:
+        return lights.errors.covariances
+    basis = acquisition.tangent_basis(lights.directions)
+    covariances: Array = basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
+    return covariances
+
+
+def _view() -> Array:
+    """Return the unit vectors of the picture's x and y, ``(2, 3)``."""
+    azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
+    right = [-np.sin(azimuth), np.cos(azimuth), 0.0]
+    up = [
+        -np.sin(elevation) * np.cos(azimuth),
+        -np.sin(elevation) * np.sin(azimuth),
+        np.cos(elevation),
+    ]
+    return np.array([right, up])
+
+
+def _round_factor(value: float) -> float:
+    """Return the largest of 1, 2, 5, 10, 20, ... that is not above a value, at least 1."""
+    if not value > 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in _STEPS if step * power <= value * (1 + 1e-9)))

@@ -1,0 +1,155 @@
+"""Lights from mirror spheres: what commands read, write, draw and report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+import calibration
+import rig
+from sgp._console import Stages
+from sgp._metrics import SpheresMetrics
+from sgp._output import provenance
+from sgp._result import Result, plain
+
+
+@dataclass(frozen=True, eq=False)
+class SphereLights:
+    """Lights from spheres next to the object.
+
+    Parameters
+    ----------
+    source
+        The complete recording.
+    estimate
+        The lights and the quality of the fit.
+    brightest
+        ``(H, W)`` float32, the brightest value of each pixel.
+    """
+
+    source: acquisition.Source
+    estimate: calibration.SphereCalibration
+    brightest: npt.NDArray[np.float32]
+
+
+def light_by_spheres(
+    source: acquisition.Source, radius_mm: Sequence[float]
+) -> tuple[acquisition.Source, SphereLights]:
+    """Estimate the lights of a recording from spheres next to its object.
+
+    Raises
+    ------
+    DataError, EstimateError
+        As `calibration.calibrate_spheres`.
+    """
+    stack = undivided_stack(source)
+    estimate = calibration.calibrate_spheres(
+        stack, camera=source.camera, radius_mm=given_radii(radius_mm)
+    )
+    estimate = calibration.record_setup(estimate, source)
+    brightest = np.zeros(stack.values.shape[1:], np.float32)
+    for image in stack.values:
+        np.fmax(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
+    seen = SphereLights(source, estimate, brightest)
+    return calibration.apply_spheres(source, estimate), seen
+
+
+def add_sphere_lights(
+    result: Result, folder: Path, seen: SphereLights | None, command: str
+) -> None:
+    """Write lights.json and lights.png into the folder of a result, and report them there."""
+    if seen is None:
+        return
+    described = describe_spheres(seen.estimate)
+    described.inputs = result.inputs
+    described.warnings = list(seen.estimate.warnings)
+    outputs = {"lights": folder / "lights.json", "lights_png": folder / "lights.png"}
+    write_calibration(
+        outputs["lights"], seen.estimate.lights, command, {"source": seen.source.path}, described
+    )
+    draw_spheres(outputs["lights_png"], seen.source, seen.brightest[None], seen.estimate)
+    result.outputs |= outputs
+    result.warnings = [*described.warnings, *result.warnings]
+    result.summary = [*described.summary, *result.summary]
+
+
+def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
+    """Return what `calibrate_spheres` expects: no radius, one for all, or one for each."""
+    if not radius_mm:
+        return None
+    return radius_mm[0] if len(radius_mm) == 1 else radius_mm
+
+
+def undivided_stack(
+    source: acquisition.Source, channel: Literal["gray", "rgb"] = "gray"
+) -> calibration.Stack:
+    """Read a stack as recorded, without dividing by the light intensities of the source."""
+    with Stages() as progress:
+        return calibration.linear_stack(
+            replace(source, lights=None), channel=channel, on_progress=progress
+        )
+
+
+def write_calibration(
+    out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
+) -> None:
+    """Write lights.json including its record, because the file is passed on without its folder."""
+    made_by = provenance(command, parameters, result.inputs)
+    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    acquisition.write_lights(out, lights, provenance=made_by)
+
+
+def describe_spheres(estimate: calibration.SphereCalibration) -> Result:
+    residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
+    metrics: SpheresMetrics = {
+        "lights": len(estimate.lights),
+        "near": estimate.lights.near,
+        "spheres": [
+            {
+                "centre_px": sphere.outline.centre_px,
+                "semi_axes_px": sphere.outline.semi_axes_px,
+                "centre_mm": sphere.centre_mm,
+                "radius_mm": sphere.radius_mm,
+                "coverage": sphere.coverage,
+                "rms_px": sphere.rms_px,
+            }
+            for sphere in estimate.spheres
+        ],
+        "residual_deg": float(np.mean(residual)) if len(residual) else None,
+    }
+    result = Result(metrics=metrics)
+    kind = "light position" if estimate.lights.near else "light direction"
+    balls = rig.pluralize(len(estimate.spheres), "sphere")
+    result.summary = [f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"]
+    for sphere in estimate.spheres:
+        (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
+        result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
+    if len(residual):
+        result.summary.append(f"spheres agree to {np.mean(residual):.2f} deg on average")
+    return result
+
+
+def draw_spheres(
+    path: Path,
+    source: acquisition.Source,
+    values: npt.NDArray[np.float32],
+    estimate: calibration.SphereCalibration,
+) -> None:
+    """Write a picture of the spheres in the images ``(N, H, W)`` and of their lights."""
+    from sgp._overview import source_title, write_overview
+    from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
+    from sgp._panels.lights import lights_panel, spheres_panel
+
+    panels = [
+        spheres_panel("spheres and highlights", values, estimate),
+        lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
+    ]
+    errors = [ellipsoids_panel(estimate.lights), residuals_panel(estimate.lights)]
+    panels += [panel for panel in errors if panel is not None]
+    write_overview(path, source_title(source, str(source.path)), panels, columns=2)

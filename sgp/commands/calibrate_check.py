@@ -1,0 +1,219 @@
+"""``sgp calibrate check``: two calibrations, or a calibration and the rig file, compared."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+import calibration
+import rig as rigs
+from sgp._exit import UsageError
+from sgp._metrics import CheckMetrics, LightDifferenceMetrics
+from sgp._options import Input, OptionalInput, Positive, RigOption
+from sgp._result import Result
+from sgp._user_config import chosen_rig
+
+_SHOWN = 12
+_LONGEST_ID = 14
+_NO_FACTOR = 5e-5
+# Lights that contradict a rig file; the code is that of `calibration.compare_with_rig`.
+_CONTRADICTION = "lights-changed"
+
+
+def check(
+    a: Input,
+    b: OptionalInput = None,
+    *,
+    rig: RigOption = None,
+    limit_deg: Positive | None = None,
+    limit_mm: Positive | None = None,
+    limit_percent: Positive | None = None,
+) -> Result:
+    """Compare a calibration of the lights with another one, or with a rig file.
+
+    Reports the differences of each light, the worst first; a rotation or a shift that all lights
+    have in common, as after a move of the camera; and lights at the places of others, as after
+    swapping wires. The exit code is 4 if a difference is beyond a limit, if the order or the sides
+    of the lights differ, or if a light contradicts the rig file.
+
+    For example:
+
+        sgp calibrate check before.json after.json
+        sgp calibrate check before.json after.json --limit-mm 3 --limit-percent 2
+        sgp calibrate check lights.json --rig bench.toml
+
+    Parameters
+    ----------
+    a
+        Lights file: the reference, or with --rig the lights to check.
+    b
+        Lights file to compare with it.
+    rig
+        Rig file (.toml) whose led_positions_mm the lights must match, instead of a second file.
+        These positions are assumed to be accurate to 10 mm, as with a tape measure.
+    limit_deg
+        Largest allowed angle between the directions from the origin, in degrees.
+    limit_mm
+        Largest allowed distance between positions, in mm.
+    limit_percent
+        Largest allowed difference of intensities, in percent. Intensities are relative: a common
+        factor of all lights is removed first.
+    """
+    if (b is None) == (rig is None):
+        raise UsageError("compare with one thing: give a second lights file, or --rig")
+    if rig is not None and limit_percent is not None:
+        raise UsageError("--limit-percent: a rig file has no intensities: give a lights file")
+    if b is not None and os.path.samefile(a, b):
+        raise UsageError(f"{a} and {b} are the same file: give two calibrations")
+    lights = acquisition.read_lights(a)
+    if b is None:
+        config = rigs.find_rig_config(chosen_rig(rig))
+        compared = calibration.compare_with_rig(lights, config)
+        inputs, title = [a], f"against the rig {config.name}"
+    else:
+        compared = calibration.compare_lights(lights, acquisition.read_lights(b))
+        inputs, title = [a, b], f"of {b.name} against {a.name}"
+    if limit_mm is not None and compared.distance_mm is None:
+        raise UsageError("--limit-mm needs lights with positions: give --limit-deg for directions")
+    beyond = _beyond(compared, limit_deg, limit_mm, limit_percent)
+    # Lights beyond a limit come first.
+    order = sorted(compared.worst_first.tolist(), key=lambda n: not beyond[n])
+    contradicted = b is None and any(one.code == _CONTRADICTION for one in compared.warnings)
+    limits = any(limit is not None for limit in (limit_deg, limit_mm, limit_percent))
+    return Result(
+        metrics=_metrics(compared, beyond, order),
+        warnings=list(compared.warnings),
+        summary=[
+            f"{rigs.pluralize(len(compared.ids), 'light')} {title}, the worst first",
+            *_rows(compared, beyond, order, intensities=b is not None),
+            *_verdict(compared, beyond, limits=limits, intensities=b is not None),
+        ],
+        inputs=inputs,
+        ok=compared.same_order and not beyond.any() and not contradicted,
+    )
+
+
+def _beyond(
+    compared: calibration.LightComparison,
+    limit_deg: float | None,
+    limit_mm: float | None,
+    limit_percent: float | None,
+) -> npt.NDArray[np.bool_]:
+    """Return which lights are beyond a limit, ``(N,)``."""
+    beyond = np.zeros(len(compared.ids), np.bool_)
+    if limit_deg is not None:
+        beyond |= compared.angle_deg > limit_deg
+    if limit_mm is not None and compared.distance_mm is not None:
+        beyond |= compared.distance_mm > limit_mm
+    if limit_percent is not None:
+        beyond |= np.abs(compared.intensity_percent) > limit_percent
+    return beyond
+
+
+def _metrics(
+    compared: calibration.LightComparison, beyond: npt.NDArray[np.bool_], order: list[int]
+) -> CheckMetrics:
+    far, rest = compared.distance_mm, compared.rest_mm
+    differences: list[LightDifferenceMetrics] = [
+        {
+            "id": compared.ids[n],
+            "angle_deg": float(compared.angle_deg[n]),
+            "distance_mm": None if far is None else float(far[n]),
+            "intensity_percent": float(compared.intensity_percent[n]),
+            "deviations": float(compared.deviations[n]),
+            "intensity_deviations": float(compared.intensity_deviations[n]),
+            "rest_deg": float(compared.rest_deg[n]),
+            "rest_mm": None if rest is None else float(rest[n]),
+            "beyond": bool(beyond[n]),
+        }
+        for n in order
+    ]
+    metrics: CheckMetrics = {
+        "lights": len(compared.ids),
+        "near": far is not None,
+        "beyond": int(beyond.sum()),
+        "intensity_factor": compared.intensity_factor,
+        "mirrored": compared.mirror,
+        "reversed": compared.is_reversed,
+        "exchanged": [list(cycle) for cycle in compared.exchanged],
+        "differences": differences,
+    }
+    if compared.motion is not None:
+        x, y, z = compared.motion.axis.tolist()
+        dx, dy, dz = compared.motion.shift_mm.tolist()
+        metrics["motion"] = {
+            "angle_deg": compared.motion.angle_deg,
+            "axis": (x, y, z),
+            "shift_mm": (dx, dy, dz),
+        }
+    return metrics
+
+
+def _rows(
+    compared: calibration.LightComparison,
+    beyond: npt.NDArray[np.bool_],
+    order: list[int],
+    *,
+    intensities: bool,
+) -> Iterator[str]:
+    """Yield a table of at most 78 characters; lights beyond a limit have an asterisk."""
+    columns = [("angle", [f"{value:.3f} deg" for value in compared.angle_deg])]
+    if compared.distance_mm is not None:
+        columns.append(("distance", [f"{value:.2f} mm" for value in compared.distance_mm]))
+    if intensities:
+        columns.append(("intensity", [f"{value:+.1f} %" for value in compared.intensity_percent]))
+    if not np.isnan(compared.deviations).all():
+        columns.append(("std. dev.", [_short(value) for value in compared.deviations]))
+    if compared.motion is not None or not compared.same_order:
+        rest, unit = compared.rest_mm, "mm"
+        if rest is None:
+            rest, unit = compared.rest_deg, "deg"
+        columns.append(("remains", [f"{value:.2f} {unit}" for value in rest]))
+    names = [name if len(name) <= _LONGEST_ID else f"{name[:11]}..." for name in compared.ids]
+    width = max(map(len, names))
+    yield f"    {'':{width}}" + "".join(f"{title:>13}" for title, _ in columns)
+    for n in order[:_SHOWN]:
+        mark = "*" if beyond[n] else " "
+        yield f"  {mark} {names[n]:{width}}" + "".join(f"{cells[n]:>13}" for _, cells in columns)
+    hidden = order[_SHOWN:]
+    if hidden:
+        most = [f"{compared.angle_deg[hidden].max():.3f} deg"]
+        if compared.distance_mm is not None:
+            most.append(f"{compared.distance_mm[hidden].max():.2f} mm")
+        if intensities:
+            most.append(f"{np.abs(compared.intensity_percent[hidden]).max():.1f} %")
+        marked = int(beyond[hidden].sum())
+        also = f", {marked} of them beyond a limit" if marked else ""
+        yield f"    and {len(hidden)} more, at most {', '.join(most)}{also}"
+
+
+def _short(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.1f}"
+
+
+def _verdict(
+    compared: calibration.LightComparison,
+    beyond: npt.NDArray[np.bool_],
+    *,
+    limits: bool,
+    intensities: bool,
+) -> Iterator[str]:
+    if intensities:
+        factor = compared.intensity_factor
+        yield (
+            "the intensities have no common factor"
+            if abs(factor - 1) < _NO_FACTOR
+            else f"intensities are relative: their common factor of {factor:.4g} was removed"
+        )
+    if limits:
+        count = int(beyond.sum())
+        of = rigs.pluralize(len(compared.ids), "light")
+        yield (
+            f"{count} of {of} {'is' if count == 1 else 'are'} beyond a limit (*)"
+            if count
+            else "all lights are within the limits"
+        )

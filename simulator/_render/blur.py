@@ -1,0 +1,131 @@
+"""The point-spread function of the lens: defocus that depends on depth, then a Gaussian.
+
+Images are radiance integrated over each pixel; both steps leave uniform radiance unchanged.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+
+Array = npt.NDArray[np.float64]
+Values = npt.NDArray[np.float32]
+Places = npt.NDArray[np.int64]
+
+# Circles of confusion are rounded to this many steps per pixel of diameter.
+_STEPS = 8
+_MOST_PX = 64.0
+_FINE = 16
+_REACH_SIGMAS = 4.0
+
+
+def blur(planes: Values, circle_px: Values, sigma_px: float) -> None:
+    """Blur images in place as the lens does.
+
+    Every pixel spreads its light over its own circle of confusion, and a pixel receives the mean of
+    what reaches it. Light from behind an edge that a wider aperture would see is missing.
+
+    Parameters
+    ----------
+    planes
+        ``(N, H, W)`` images of one scene.
+    circle_px
+        ``(H, W)`` diameter of the circle of confusion of what each pixel sees.
+    sigma_px
+        Standard deviation of the Gaussian.
+
+    Raises
+    ------
+    DataError
+        If a circle is larger than 64 pixels.
+    """
+    largest = float(circle_px.max(initial=0.0))
+    if largest > _MOST_PX:
+        raise DataError(
+            f"parts of the scene are out of focus by {largest:.0f} pixels, more than "
+            f"{_MOST_PX:.0f}: change focus_mm, f_number or the size of the image"
+        )
+    index = np.rint(circle_px * _STEPS).astype(np.int16)
+    count = int(index.max(initial=0))
+    if count:
+        table = np.stack([_disc(step / _STEPS, largest) for step in range(count + 1)])
+        reach = np.array([_reach(kernel) for kernel in table])
+        sides = 2 * int(reach.max()) + 1
+        inner = (table.shape[1] - sides) // 2
+        table = np.ascontiguousarray(table[:, inner : inner + sides, inner : inner + sides])
+        if reach.max():
+            spread = cv2.dilate((reach[index] > 0).astype(np.uint8), np.ones((sides, sides)))
+            y, x = np.nonzero(spread)
+            _defocus(planes, index, y, x, table)
+    kernel = gaussian(sigma_px)
+    for plane in planes:
+        cv2.sepFilter2D(plane, -1, kernel, kernel, dst=plane, borderType=cv2.BORDER_REPLICATE)
+
+
+def gaussian(sigma_px: float) -> Array:
+    """Return a Gaussian sampled at whole pixels, with the sum 1."""
+    reach = max(1, math.ceil(_REACH_SIGMAS * sigma_px))
+    kernel: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+    kernel /= kernel.sum()
+    return kernel
+
+
+def _disc(diameter_px: float, largest_px: float) -> Values:
+    """Return the kernel of a uniform disc, with the sum 1 and the disc's variance.
+
+    A disc that is integrated over pixels has the variance of the disc plus that of a pixel. The
+    diameter is reduced until the variance is the disc's, ``diameter^2 / 16`` along each axis.
+    """
+    half = math.ceil(largest_px / 2) + 1
+    fine = (np.arange((2 * half + 1) * _FINE) + 0.5) / _FINE - half - 0.5
+    squared = fine[:, None] ** 2 + fine**2
+    pixel = np.arange(-half, half + 1)
+
+    def covered(diameter: float) -> Array:
+        # The edge of the disc is a ramp of one sample, so the kernel changes continuously.
+        share = np.clip((diameter / 2 - np.sqrt(squared)) * _FINE + 0.5, 0.0, 1.0)
+        cells = share.reshape(2 * half + 1, _FINE, 2 * half + 1, _FINE).sum(axis=(1, 3))
+        total: Array = cells / max(cells.sum(), 1e-12)
+        return total
+
+    low, high = 0.1, max(diameter_px, 0.1) + 1.2
+    for _ in range(25):
+        middle = (low + high) / 2
+        variance = float((covered(middle).sum(axis=0) * pixel**2).sum())
+        low, high = (middle, high) if variance < diameter_px**2 / 16 else (low, middle)
+    return covered(low).astype(np.float32)
+
+
+def _reach(kernel: Values) -> int:
+    """Return how many pixels a kernel reaches from its middle."""
+    half = len(kernel) // 2
+    used = np.flatnonzero(kernel.sum(axis=0) > 1e-4)
+    return int(np.abs(used - half).max())
+
+
+@numba.njit(parallel=True, cache=True)
+def _defocus(
+    planes: Values, index: npt.NDArray[np.int16], y: Places, x: Places, table: Values
+) -> None:
+    """Gather pixels (y, x) from kernels that depend on where the light comes from."""
+    reach = table.shape[1] // 2
+    rows, columns = planes.shape[1:]
+    for n in numba.prange(len(planes)):
+        source = planes[n].copy()
+        for i in range(len(y)):
+            total = np.float32(0.0)
+            weight = np.float32(0.0)
+            for dy in range(-reach, reach + 1):
+                r = min(max(y[i] + dy, 0), rows - 1)
+                for dx in range(-reach, reach + 1):
+                    c = min(max(x[i] + dx, 0), columns - 1)
+                    share = table[index[r, c], reach - dy, reach - dx]
+                    total += share * source[r, c]
+                    weight += share
+            planes[n, y[i], x[i]] = total / weight

@@ -1,0 +1,332 @@
+"""Two calibrations of the same lights: differences, common motion, exchanged lights."""
+
+from __future__ import annotations
+
+import doctest
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import calibration._comparison.compare
+from acquisition import DataError, LightErrors, Lights
+from calibration import LightComparison, compare_lights, compare_with_rig
+from rig import RigConfig
+
+Array = npt.NDArray[np.float64]
+
+
+def dome(count: int, seed: int = 0) -> Lights:
+    """Return lights on three rings of a dome, 450 mm from the origin, up to some millimetres."""
+    rng = np.random.default_rng(seed)
+    rows = np.arange(count)
+    rise = np.radians(np.array([30, 50, 70])[rows % 3])
+    around = 2 * np.pi * rows / count
+    towards = [np.cos(rise) * np.cos(around), np.cos(rise) * np.sin(around), np.sin(rise)]
+    return Lights(positions_mm=450 * np.stack(towards, axis=1) + rng.normal(0, 4, (count, 3)))
+
+
+def ring(count: int) -> Lights:
+    around = 2 * np.pi * np.arange(count) / count
+    flat = np.stack([np.cos(around), np.sin(around), np.ones(count)], axis=1)
+    return Lights(positions_mm=300 * flat)
+
+
+def turned(angle_deg: float, axis: tuple[float, float, float]) -> Array:
+    unit = np.array(axis) / np.linalg.norm(axis)
+    return np.asarray(Rotation.from_rotvec(np.radians(angle_deg) * unit).as_matrix())
+
+
+def at(lights: Lights, vectors: Array) -> Lights:
+    if lights.near:
+        return replace(lights, positions_mm=vectors, axes=None)
+    return Lights(directions=vectors, ids=lights.ids)
+
+
+def codes(found: LightComparison) -> list[str]:
+    return [notice.code for notice in found.warnings]
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(1, 40), near=st.booleans())
+def test_a_calibration_equals_itself(seed: int, count: int, near: bool) -> None:
+    lights = dome(count, seed)
+    lights = replace(lights, intensities=np.random.default_rng(seed).uniform(0.1, 9, (count, 3)))
+    lights = lights if near else lights.distant()
+    found = compare_lights(lights, lights)
+    assert found.angle_deg.max() == pytest.approx(0, abs=1e-12)
+    assert near == (found.distance_mm is not None)
+    if found.distance_mm is not None:
+        assert not found.distance_mm.any()
+    assert found.intensity_factor == 1
+    assert not found.intensity_percent.any()
+    assert found.same_order
+    assert found.motion is None
+    assert found.warnings == ()
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    count=st.integers(5, 20),
+    angle=st.floats(0.05, 60),
+    axis=st.tuples(*[st.floats(-1, 1)] * 2, st.floats(0.2, 1)),
+    near=st.booleans(),
+)
+def test_a_turn_of_the_whole_is_named(
+    seed: int, count: int, angle: float, axis: tuple[float, float, float], near: bool
+) -> None:
+    before = dome(count, seed) if near else dome(count, seed).distant()
+    vectors = before.unit_directions if before.positions_mm is None else before.positions_mm
+    found = compare_lights(before, at(before, vectors @ turned(angle, axis).T))
+    assert codes(found) == ["lights-moved-together"]
+    assert "turned together by" in str(found.warnings[0])
+    assert found.motion is not None
+    assert found.motion.angle_deg == pytest.approx(angle, abs=1e-3)
+    np.testing.assert_allclose(found.motion.axis, axis / np.linalg.norm(axis), atol=1e-4)
+    assert found.rest_deg.max() < 1e-4
+    assert found.same_order
+
+
+SWAPPED = np.array([0, 1, 2, 3, 4, 5, 6, 8, 7, 9, 10, 11])
+CYCLE = np.array([0, 2, 3, 1, 4, 5, 6, 7, 8, 9, 10, 11])
+SHUFFLED = np.array([5, 8, 0, 11, 1, 3, 9, 4, 10, 2, 7, 6])
+
+
+@pytest.mark.parametrize("near", [True, False])
+@pytest.mark.parametrize("noise", [0, 1e-3], ids=["exact", "noise"])
+@pytest.mark.parametrize(
+    ("change", "expected", "words"),
+    [
+        pytest.param(lambda v: v, [], "", id="nothing"),
+        pytest.param(
+            lambda v: v[SWAPPED], ["lights-swapped"], "LED 7 and 8 are swapped", id="swap"
+        ),
+        pytest.param(
+            lambda v: v[CYCLE],
+            ["lights-swapped"],
+            "LED 1, 2 and 3 are exchanged: LED 1 is at the place of LED 2",
+            id="cycle of three",
+        ),
+        pytest.param(lambda v: v[SHUFFLED], ["lights-swapped"], "12 of 12 are at", id="shuffled"),
+        pytest.param(lambda v: v[::-1], ["lights-reversed"], "L00 is at the place of L", id="rev"),
+        pytest.param(
+            lambda v: v * [-1, 1, 1], ["lights-flipped"], "left and right are exch", id="mirrored x"
+        ),
+        pytest.param(
+            lambda v: v * [1, -1, 1], ["lights-flipped"], "top and bottom are exch", id="mirrored y"
+        ),
+        pytest.param(
+            lambda v: v[SWAPPED] @ turned(5, (0, 0, 1)).T,
+            ["lights-swapped", "lights-moved-together"],
+            "turned together by",
+            id="swap and turn",
+        ),
+        pytest.param(
+            lambda v: v * [1, -1, 1] @ turned(5, (0, 0, 1)).T,
+            ["lights-flipped", "lights-moved-together"],
+            "turned together by",
+            id="mirrored and turned",
+        ),
+    ],
+)
+def test_the_cause_is_named(
+    near: bool, noise: float, change: Callable[[Array], Array], expected: list[str], words: str
+) -> None:
+    before = dome(12) if near else dome(12).distant()
+    vectors = before.unit_directions if before.positions_mm is None else before.positions_mm
+    length = np.linalg.norm(vectors, axis=1).mean()
+    drawn = np.random.default_rng(1).normal(0, noise * length, vectors.shape)
+    found = compare_lights(before, at(before, change(vectors) + drawn))
+    assert codes(found) == expected
+    assert words in " ".join(map(str, found.warnings))
+    assert found.rest_deg.max() < max(1e-6, 4 * np.degrees(noise))
+
+
+def test_a_light_that_moved_alone_is_the_worst() -> None:
+    before = dome(12)
+    assert before.positions_mm is not None
+    moved = before.positions_mm.copy()
+    moved[4] += [0, 3, 4]
+    found = compare_lights(before, at(before, moved))
+    assert codes(found) == []
+    assert found.worst_first[0] == 4
+    assert found.distance_mm is not None
+    np.testing.assert_allclose(found.distance_mm, np.where(np.arange(12) == 4, 5, 0), atol=1e-12)
+    whole = compare_lights(before, at(before, moved @ turned(3, (1, 2, 3)).T + [9, 0, -4]))
+    assert codes(whole) == ["lights-moved-together"]
+    assert whole.rest_mm is not None
+    assert np.argmax(whole.rest_mm) == 4
+    assert whole.rest_mm[4] == pytest.approx(5, abs=0.1)
+
+
+def test_a_turned_regular_ring_is_a_turn_and_not_another_order() -> None:
+    before = ring(12)
+    assert before.positions_mm is not None
+    found = compare_lights(before, at(before, before.positions_mm @ turned(30, (0, 0, 1)).T))
+    assert codes(found) == ["lights-moved-together"]
+
+
+def test_a_shift_is_named_as_a_shift() -> None:
+    before = dome(12)
+    assert before.positions_mm is not None
+    found = compare_lights(before, at(before, before.positions_mm + np.array([3, 0, -4])))
+    assert found.motion is not None
+    assert found.motion.angle_deg < 1e-6
+    np.testing.assert_allclose(found.motion.shift_mm, [3, 0, -4], atol=1e-9)
+    assert "shifted together by 5 mm, (3, 0, -4)" in str(found.warnings[0])
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_noise_alone_is_no_cause(near: bool) -> None:
+    before = dome(36) if near else dome(36).distant()
+    vectors = before.unit_directions if before.positions_mm is None else before.positions_mm
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        after = vectors + rng.normal(0, 0.4 if near else 1e-3, vectors.shape)
+        assert codes(compare_lights(before, at(before, after))) == []
+
+
+def test_intensities_differ_after_removing_their_common_factor() -> None:
+    before = replace(dome(5), intensities=np.array([1, 2, 3, 4, 5.0]))
+    strong = np.array([1, 2, 3, 4, 5.0])[:, None] * 1.5 * np.ones(3)
+    strong[3, 1] *= 0.9
+    found = compare_lights(before, replace(before, intensities=strong))
+    assert found.intensity_factor == pytest.approx(1.5)
+    np.testing.assert_allclose(found.intensity_percent, [0, 0, 0, -10, 0], atol=1e-12)
+    assert found.worst_first[0] == 3
+    errors = LightErrors(intensity_std=np.array([0.03, 0.06, 0.09, 0.12, 0.15]))
+    known = compare_lights(
+        replace(before, errors=errors), replace(before, intensities=strong, errors=errors)
+    )
+    relative = np.hypot(0.12 / 4, 0.12 / (4 * 1.5 * 0.9))
+    np.testing.assert_allclose(known.intensity_deviations[3], -np.log(0.9) / relative)
+    assert np.isnan(found.intensity_deviations).all()
+
+
+def test_deviations_of_positions() -> None:
+    before = dome(12)
+    assert before.positions_mm is not None
+    covariances = np.tile(np.diag([1, 4, 9.0]), (12, 1, 1))
+    covariances[2] = np.nan
+    first = replace(before, errors=LightErrors(covariances=covariances))
+    second = replace(before, errors=LightErrors(covariances=3 * covariances))
+    moved = before.positions_mm.copy()
+    moved[4] += [2, 4, 60]
+    moved[2] += 1
+    found = compare_lights(first, replace(second, positions_mm=moved))
+    # The covariance of the difference is four times the first one: standard deviations 2, 4, 6.
+    assert found.deviations[4] == pytest.approx(np.sqrt(1 + 1 + 100))
+    assert np.isnan(found.deviations[2])
+    assert found.deviations[0] == 0
+    assert codes(found) == ["lights-changed"]
+    assert "1 light of 12 differs" in str(found.warnings[0])
+    assert "L04 (10.1)" in str(found.warnings[0])
+    assert np.isnan(compare_lights(before, second).deviations).all()
+    # A light of which no error is possible.
+    exact = LightErrors(covariances=np.zeros((12, 3, 3)))
+    sure = compare_lights(
+        replace(before, errors=exact), replace(before, positions_mm=moved, errors=exact)
+    )
+    assert np.isposinf(sure.deviations[4])
+    assert sure.deviations[0] == 0
+
+
+def test_deviations_of_directions_have_the_distribution_that_they_state() -> None:
+    before = dome(12).distant()
+    sigma = 2e-3
+    errors = LightErrors(covariances=np.tile(sigma**2 / 2 * np.eye(2), (12, 1, 1)))
+    before = replace(before, errors=errors)
+    rng = np.random.default_rng(0)
+    squares = []
+    for _ in range(20):
+        after = at(before, before.unit_directions + rng.normal(0, sigma, (12, 3)))
+        found = compare_lights(before, replace(after, errors=errors))
+        squares.extend(found.deviations**2)
+        assert codes(found) == []
+    # Chi-square with two degrees of freedom: mean 2, standard error 2 / sqrt(240).
+    assert np.mean(squares) == pytest.approx(2, abs=0.4)
+
+
+@pytest.mark.parametrize(
+    ("other", "match"),
+    [
+        pytest.param(dome(12).distant(), "calibration has positions, the second d", id="kind"),
+        pytest.param(dome(11), "the first calibration has 12 lights, the second 11", id="number"),
+        pytest.param(
+            replace(dome(12), ids=tuple(f"L{n:02d}" for n in range(1, 13))),
+            "name their lights differently: the second has no L00",
+            id="names",
+        ),
+    ],
+)
+def test_refused(other: Lights, match: str) -> None:
+    with pytest.raises(DataError, match=match) as caught:
+        compare_lights(dome(12), other)
+    assert "\n" not in str(caught.value)
+
+
+def test_lights_are_matched_by_name() -> None:
+    before = dome(12)
+    found = compare_lights(before, before.take(SHUFFLED.tolist()))
+    assert found.angle_deg.max() == 0
+    renamed = replace(before, ids=tuple(f"photo{n}.jpg" for n in range(12)))
+    assert codes(compare_lights(before, renamed)) == ["lights-matched-by-order"]
+
+
+def config(positions: Array) -> RigConfig:
+    rows = tuple(tuple(row) for row in positions.tolist())
+    return RigConfig(name="dome one", driver="bench", leds=len(rows), led_positions_mm=rows)
+
+
+@pytest.mark.parametrize("near", [True, False])
+def test_lights_against_a_rig_file(near: bool) -> None:
+    lights = dome(36) if near else dome(36).distant()
+    positions = dome(36).positions_mm
+    assert positions is not None
+    rough = np.round(positions / 10) * 10
+    assert codes(compare_with_rig(lights, config(rough))) == []
+    assert codes(compare_with_rig(lights.take(range(5, 30)), config(rough))) == []
+    swapped = rough.copy()
+    swapped[[7, 8]] = swapped[[8, 7]]
+    found = compare_with_rig(lights, config(swapped))
+    assert codes(found) == ["lights-swapped"]
+    assert "LED 7 and 8 are swapped" in str(found.warnings[0])
+    rough[20] += [80, 0, -60]
+    found = compare_with_rig(lights, config(rough))
+    assert codes(found) == ["lights-changed"]
+    assert "L20" in str(found.warnings[0])
+
+
+@pytest.mark.parametrize(
+    ("lights", "rig", "match"),
+    [
+        pytest.param(dome(6), RigConfig(name="r", driver="b"), "no led_positions_mm", id="none"),
+        pytest.param(
+            dome(6), config(np.eye(3) * 100), "light L03 is not one of the 3 LEDs", id="more LEDs"
+        ),
+        pytest.param(
+            replace(dome(2), ids=("a", "b")), config(np.eye(3) * 100), "light a is not", id="names"
+        ),
+        pytest.param(
+            replace(dome(2), ids=("L00", "L00_E1")),
+            config(np.eye(3) * 100),
+            "two lights belong to LED 0",
+            id="twice",
+        ),
+    ],
+)
+def test_rig_file_refused(lights: Lights, rig: RigConfig, match: str) -> None:
+    with pytest.raises(DataError, match=match):
+        compare_with_rig(lights, rig)
+
+
+def test_the_example_of_the_docstring() -> None:
+    result = doctest.testmod(calibration._comparison.compare)
+    assert result.attempted > 0
+    assert result.failed == 0

@@ -1,0 +1,139 @@
+"""Errors of lights against their covariances, from simulated outlines and highlights."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from acquisition import tangent_basis
+from calibration._spheres.direction_errors import direction_covariances
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.outline_noise import circle_covariance, slow_variance, viewing_cone
+from calibration._spheres.reflection import orthographic_directions
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+TURN = np.arange(800) * (2 * np.pi / 800)
+ONES = np.ones(800)
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    sys.path.insert(0, str(BENCHMARKS))
+    try:
+        spec = importlib.util.spec_from_file_location(
+            "light_uncertainty", BENCHMARKS / "light_uncertainty.py"
+        )
+        module = importlib.util.module_from_spec(spec)
+        sys.modules["light_uncertainty"] = module
+        spec.loader.exec_module(module)
+        yield module
+    finally:
+        sys.path.remove(str(BENCHMARKS))
+        sys.modules.pop("light_uncertainty", None)
+
+
+def test_a_few_seeds_agree_with_their_covariances(benchmark):
+    """The centres are shared by 36 lights, so a few seeds vary much."""
+    (layout,) = (layout for layout in benchmark.LAYOUTS if layout.name == "2 x R20")
+    result = benchmark.figures(layout, range(8))
+    assert 0.4 < result.together < 1.9
+    assert result.beyond <= 1
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("index", range(4))
+def test_errors_agree_with_their_covariances(benchmark, index):
+    result = benchmark.figures(benchmark.LAYOUTS[index], range(5000, 5200))
+    assert np.all((result.by_axis > 0.8) & (result.by_axis < 1.25))
+    # 0.2 seeds are expected; more than 2 have a probability of 0.1 %.
+    assert result.beyond <= 2
+
+
+@pytest.mark.parametrize("along_px", [0.0, 2.0, 4.0])
+def test_the_variance_of_slow_errors_includes_their_correlation(along_px):
+    """The mean of M errors has the variance 1 / M times the value that is estimated."""
+    rng = np.random.default_rng(1)
+    estimates, means = [], []
+    for _ in range(100):
+        error = rng.normal(0, 1, 800)
+        if along_px:
+            error = gaussian_filter1d(error, along_px, mode="wrap")
+        waves = [ONES, np.cos(TURN), np.sin(TURN)]
+        left = error - sum(w * (w @ error) / (w @ w) for w in waves)
+        estimates.append(slow_variance(TURN, left, ONES, 130.0, fitted=1))
+        means.append(error.mean())
+    actual = 800 * np.mean(np.square(means))
+    assert np.mean(estimates) == pytest.approx(actual, rel=0.35)
+
+
+def test_an_arc_and_a_few_points_have_a_variance():
+    rng = np.random.default_rng(5)
+    arc = TURN[:250]
+    error = rng.normal(0, 0.1, 250)
+    assert 0.005 < slow_variance(arc, error, np.ones(250), 127.0, fitted=1) < 0.04
+    assert slow_variance(TURN[:5], error[:5], np.ones(5), 1.0, fitted=1) > 0
+    assert slow_variance(TURN, 0 * ONES, ONES, 127.0, fitted=1) == pytest.approx(0.02**2)
+
+
+def test_the_covariance_of_a_cone_is_that_of_repeated_fits(benchmark):
+    model = benchmark.camera()
+    rng = np.random.default_rng(3)
+    centre = np.array([60.0, -40.0, 20.0])
+    cones = [
+        viewing_cone(
+            model.rays(benchmark.outline_points(model, centre, 20.0, rng)), 1 / model.focal_px
+        )
+        for _ in range(60)
+    ]
+    found = np.array([cone.axis / cone.sine for cone in cones])
+    # The scatter of the edge points does not contain the systematic part.
+    systematic = np.eye(3) * (benchmark.SYSTEMATIC_PX / 5000 * 580 / 20) ** 2
+    depth = (centre - model.centre_mm) / np.linalg.norm(centre - model.centre_mm)
+    predicted = np.mean([cone.covariance for cone in cones], axis=0)
+    sideways = np.eye(3) - np.outer(depth, depth)
+    actual = np.cov(found.T)
+    share = np.trace(sideways @ actual) / np.trace(sideways @ (predicted + systematic))
+    assert 0.6 < share < 1.6
+    in_depth = (benchmark.SYSTEMATIC_PX / 5000 * (580 / 20) ** 2) ** 2
+    share = (depth @ actual @ depth) / (depth @ predicted @ depth + in_depth)
+    assert 0.6 < share < 1.6
+
+
+def test_the_covariance_of_a_direction_is_that_of_repeated_observations():
+    rng = np.random.default_rng(7)
+    outline = Ellipse((100.0, 100.0), (60.0, 60.0))
+    pixels = np.array([[[100.0, 100.0]], [[130.0, 90.0]], [[88.0, 62.0]]])
+    sigma_px = np.array([[0.3], [0.1], [0.4]])
+    of_outline = np.diag([0.2, 0.1, 0.15]) ** 2
+
+    def rays_of(at, change):
+        x, y = outline.centre_px
+        size = 60.0 + change[0, 2]
+        moved = Ellipse((x + change[0, 0], y + change[0, 1]), (size, size))
+        return orthographic_directions(moved, at)
+
+    mean = rays_of(pixels, np.zeros((1, 3)))[:, 0]
+    predicted = direction_covariances(rays_of, pixels, sigma_px, of_outline[None])
+    drawn = []
+    for _ in range(3000):
+        at = pixels + rng.normal(0, 1, pixels.shape) * sigma_px[..., None]
+        drawn.append(rays_of(at, rng.normal(0, 1, (1, 3)) * [0.2, 0.1, 0.15])[:, 0])
+    basis = tangent_basis(mean)
+    for i in range(3):
+        actual = np.cov(basis[i] @ (np.array(drawn)[:, i] - mean[i]).T)
+        assert np.linalg.norm(actual - predicted[i]) < 0.12 * np.linalg.norm(actual)
+
+
+def test_the_covariance_of_a_circle_includes_correlated_errors():
+    rng = np.random.default_rng(9)
+    circle = Ellipse((100.0, 80.0), (127.0, 127.0))
+    error = gaussian_filter1d(rng.normal(0, 1, 800), 4.0, mode="wrap")
+    points = circle.point(TURN, 1 + error / 127.0)
+    # Without correlation, the variance of a centre is twice that of the points over their number.
+    plain = 2 * error.var() / 800
+    sigma_px = np.sqrt(np.diag(circle_covariance(points, circle)) - 0.05**2)
+    assert np.all(sigma_px[:2] > 2 * np.sqrt(plain))

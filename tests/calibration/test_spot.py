@@ -1,0 +1,105 @@
+"""Centres of drawn highlights whose truth is known: rays, glare, saturation, noise."""
+
+import numpy as np
+import pytest
+
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.spot import saturated_spot, unsaturated_spot
+
+CENTRE = np.array([40.3, 36.6])
+Y, X = np.indices((75, 80)) - CENTRE[::-1, None, None]
+R = np.hypot(X, Y)
+
+
+def core(radius_px, peak=30.0):
+    """Return a Gaussian that crosses white at a radius."""
+    return peak * np.exp(-np.log(peak) * (R / radius_px) ** 2)
+
+
+def ray(angle_deg, length_px, width_px=1.0):
+    """Return a ray that is above white up to a length."""
+    angle = np.radians(angle_deg)
+    along, across = X * np.cos(angle) + Y * np.sin(angle), Y * np.cos(angle) - X * np.sin(angle)
+    shape = 2.0 * np.exp(-along * np.log(2) / length_px) * np.exp(-((across / width_px) ** 2))
+    return np.where(along > 0, shape, 0.0)
+
+
+def located(light):
+    image = np.minimum(light, 1).astype(np.float32)
+    spot = saturated_spot(image, image > 0.84, 1.0)
+    return spot.centre - CENTRE, spot.sigma_px
+
+
+@pytest.mark.parametrize(("radius_px", "bound_px"), [(1.5, 0.2), (3, 0.1), (6, 0.05), (12, 0.05)])
+def test_a_core_without_rays(radius_px, bound_px):
+    error, sigma_px = located(core(radius_px))
+    assert np.abs(error).max() < bound_px
+    assert 0.01 < sigma_px < 0.12
+
+
+@pytest.mark.parametrize("radius_px", [4, 8])
+@pytest.mark.parametrize(
+    "rays",
+    [[10], [10, 40], [0, 60, 120, 180, 240, 300], [5, 17, 120, 200]],
+    ids=["one", "two near", "star", "uneven"],
+)
+def test_rays_do_not_move_the_centre(radius_px, rays):
+    light = core(radius_px) + sum(ray(angle, 2.5 * radius_px) for angle in rays)
+    error, sigma_px = located(light)
+    assert np.hypot(*error) < 0.12
+    assert sigma_px < 0.25
+    bright = light >= 0.98
+    moved = np.hypot(X[bright].mean(), Y[bright].mean())
+    assert len(rays) == 6 or moved > 0.3
+
+
+def test_an_elliptic_core():
+    turn = np.radians(25)
+    along, across = X * np.cos(turn) + Y * np.sin(turn), Y * np.cos(turn) - X * np.sin(turn)
+    error, _ = located(30 * np.exp(-np.log(30) * ((along / 7) ** 2 + (across / 5) ** 2)))
+    assert np.hypot(*error) < 0.05
+
+
+def test_glare_on_one_side_moves_the_centre_little_and_raises_the_sigma():
+    glare = 0.35 * np.exp(-((X - 9) ** 2 + Y**2) / (2 * 8.0**2))
+    _, sigma_px = located(core(5))
+    error, with_glare_px = located(core(5) + glare)
+    assert np.hypot(*error) < 0.3
+    assert with_glare_px > 1.5 * sigma_px
+    assert np.hypot(*error) < 3 * with_glare_px
+
+
+def test_the_sigma_of_an_unsaturated_peak_is_that_of_its_noise():
+    rng = np.random.default_rng(2)
+    light = 0.5 * np.exp(-(R**2) / (2 * 1.5**2))
+    region = light > 0.15
+    spots = [
+        unsaturated_spot((light + rng.normal(0, 0.03, R.shape)).astype(np.float32), region, 0.03)
+        for _ in range(60)
+    ]
+    error = np.array([spot.centre - CENTRE for spot in spots])
+    sigma_px = np.array([spot.sigma_px for spot in spots])
+    share = np.sqrt(np.mean((error / sigma_px[:, None]) ** 2))
+    assert 0.6 < share < 1.2
+    assert np.sqrt(np.mean(error**2)) > 0.03
+    quiet = unsaturated_spot(light.astype(np.float32), region, 0.0)
+    assert quiet.sigma_px == pytest.approx(0.02, abs=0.01)
+
+
+def test_a_streaked_highlight_is_found_and_a_fainter_second_one_ignored():
+    """The rays cover more than the largest allowed disc, and glare half of the sphere."""
+    light = core(5, 300.0) + sum(ray(a, 18, 1.5) for a in range(15, 375, 60))
+    light += 0.3 * np.exp(-(R**2) / (2 * 12.0**2))
+    light[60:62, 20:22] = 2.0
+    image = np.where(light >= 1, np.nan, light).astype(np.float32)
+    found = find_highlights(image[None], Ellipse((40.0, 37.0), (36.0, 36.0)))
+    assert found.saturated.all()
+    assert np.abs(found.pixels[0] - CENTRE).max() < 0.15
+    assert found.sigma_px[0] < 0.3
+
+
+def test_the_core_decides_which_saturated_highlight_is_wide():
+    """A saturated matte surface is no highlight."""
+    image = np.where(core(13, 2.0) >= 1, np.nan, core(13, 2.0)).astype(np.float32)
+    assert not find_highlights(image[None], Ellipse((40.0, 37.0), (36.0, 36.0))).found.any()

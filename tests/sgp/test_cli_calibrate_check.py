@@ -1,0 +1,152 @@
+"""``sgp calibrate check``: exit codes, table, refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import LightErrors, Lights, write_lights
+
+Sgp = Callable[..., "object"]
+
+
+def lights(count: int = 12) -> Lights:
+    rng = np.random.default_rng(0)
+    around, rise = 2 * np.pi * np.arange(count) / count, np.radians([30, 50, 70] * count)[:count]
+    towards = [np.cos(rise) * np.cos(around), np.cos(rise) * np.sin(around), np.sin(rise)]
+    covariances = np.tile(0.04 * np.eye(3), (count, 1, 1))
+    return Lights(
+        positions_mm=450 * np.stack(towards, axis=1) + rng.normal(0, 4, (count, 3)),
+        errors=LightErrors(covariances=covariances, intensity_std=np.full(count, 0.002)),
+    )
+
+
+def moved(led: int = 5, by: tuple[float, float, float] = (0, 3, 4)) -> Lights:
+    before = lights()
+    assert before.positions_mm is not None
+    positions = before.positions_mm.copy()
+    positions[led] += by
+    return replace(before, positions_mm=positions)
+
+
+SWAPPED = replace(lights(), positions_mm=np.asarray(lights().positions_mm)[[*range(10), 11, 10]])
+BRIGHTER = replace(lights(), intensities=np.where(np.arange(12) == 3, 1.1, 2))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    files = {
+        "a": lights(),
+        "copy": lights(),
+        "moved": moved(),
+        "swapped": SWAPPED,
+        "brighter": BRIGHTER,
+        "few": lights(11),
+        "distant": lights().distant(),
+        "photos": replace(lights(), ids=tuple(f"p{n}.jpg" for n in range(12))),
+    }
+    for name, value in files.items():
+        write_lights(tmp_path / f"{name}.json", value)
+    text = (tmp_path / "a.json").read_text().replace('"mu": 0.0', '"mu": NaN', 1)
+    (tmp_path / "nan.json").write_text(text)
+    rows = np.round(np.asarray(lights().positions_mm), -1).tolist()
+    head = 'name = "dome one"\ndriver = "bench"\nleds = 12\n'
+    (tmp_path / "rig.toml").write_text(f"{head}led_positions_mm = {rows}\n")
+    rows[10], rows[11] = rows[11], rows[10]
+    (tmp_path / "swapped.toml").write_text(f"{head}led_positions_mm = {rows}\n")
+    (tmp_path / "bare.toml").write_text(head)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        pytest.param("a.json copy.json", 0, ["no common factor"], id="equal"),
+        pytest.param("a.json moved.json", 0, ["L05", "5.00 mm", "17.7"], id="no limit"),
+        pytest.param("a.json moved.json --limit-mm 5.1", 0, ["within the limits"], id="within"),
+        pytest.param("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"], id="mm"),
+        pytest.param("a.json moved.json --limit-deg .3", 4, ["* L05"], id="deg"),
+        pytest.param(
+            "a.json brighter.json --limit-percent 40", 4, ["-45.0 %", "factor of 2 "], id="percent"
+        ),
+        pytest.param("a.json swapped.json", 4, ["LED 10 and 11 are swapped"], id="swapped"),
+        pytest.param("a.json --rig rig.toml", 0, ["the rig dome one"], id="rig"),
+        pytest.param("distant.json --rig rig.toml", 0, ["the rig dome one"], id="directions"),
+        pytest.param("a.json --rig swapped.toml", 4, ["LED 10 and 11 are swapped"], id="wires"),
+    ],
+)
+def test_verdict(
+    sgp: Callable[..., object],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+    code: int,
+    expected: list[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    answer = sgp("calibrate", "check", *words.split())
+    assert answer.code == code, answer.err
+    for text in expected:
+        assert text in answer.out + answer.err
+    assert max(map(len, answer.out.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "expected"),
+    [
+        pytest.param("a.json a.json", 2, "are the same file", id="same file"),
+        pytest.param("a.json ./a.json", 2, "are the same file", id="same file, other path"),
+        pytest.param("a.json", 2, "give a second lights file, or --rig", id="one file"),
+        pytest.param("a.json moved.json --rig rig.toml", 2, "or --rig", id="both"),
+        pytest.param("a.json none.json", 2, "none.json: no such file", id="missing"),
+        pytest.param("none.json a.json", 2, "none.json: no such file", id="first missing"),
+        pytest.param("a.json few.json", 4, "has 12 lights, the second 11", id="other number"),
+        pytest.param("a.json distant.json", 4, "has positions, the second directions", id="kind"),
+        pytest.param("a.json nan.json", 4, "nan.json", id="NaN"),
+        pytest.param("a.json moved.json --limit-mm nan", 2, "--limit-mm", id="NaN limit"),
+        pytest.param("a.json moved.json --limit-mm 0", 2, "--limit-mm", id="zero limit"),
+        pytest.param("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg", id="no mm"),
+        pytest.param("a.json --rig rig.toml --limit-percent 3", 2, "no intensities", id="percent"),
+        pytest.param("a.json --rig bare.toml", 4, "no led_positions_mm", id="no positions"),
+        pytest.param("photos.json --rig rig.toml", 4, "light p0.jpg is not one of", id="photos"),
+        pytest.param("a.json --rig none.toml", 2, "none.toml", id="no rig file"),
+    ],
+)
+def test_refused_in_one_line(
+    sgp: Callable[..., object],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: str,
+    code: int,
+    expected: str,
+) -> None:
+    monkeypatch.chdir(folder)
+    answer = sgp("calibrate", "check", *words.split())
+    assert answer.code == code, answer.err
+    assert expected in answer.err
+    assert len(answer.err.splitlines()) == 1
+    assert answer.out == ""
+
+
+def test_json(sgp: Callable[..., object], folder: Path) -> None:
+    answer = sgp(
+        "calibrate", "check", folder / "a.json", folder / "moved.json", "--limit-mm", 1, "--json"
+    )
+    assert answer.code == 4
+    result = json.loads(answer.out)
+    assert result["ok"] is False
+    metrics = result["metrics"]
+    assert metrics["lights"] == 12
+    assert metrics["beyond"] == 1
+    worst = metrics["differences"][0]
+    assert worst["id"] == "L05"
+    assert worst["beyond"] is True
+    assert worst["distance_mm"] == pytest.approx(5)
+    assert worst["deviations"] == pytest.approx(5 / np.sqrt(0.08))
+    assert "motion" not in metrics
+    assert [notice["code"] for notice in result["notices"]] == ["lights-changed"]

@@ -1,0 +1,95 @@
+"""``--spheres``: the lights come from chrome spheres next to the object."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, read_lights
+from processing import read_normals
+from sgp import read_record
+from tests.calibration.spheres_and_object import (
+    BALLS,
+    OBJECT,
+    OBJECT_RADIUS,
+    RADIUS,
+    directions,
+    normals_of,
+    write_recording,
+)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recording")
+    write_recording(folder)
+    return folder
+
+
+def angles_deg(a, b):
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
+
+
+def test_normals_with_the_lights_of_the_spheres(sgp, recording, tmp_path):
+    out = tmp_path / "normals"
+    result = sgp("normals", recording, "--spheres", "--out", out)
+    assert result.code == 0, result.err
+    assert "8 light directions from 2 spheres" in result.out
+    lights = read_lights(out / "lights.json")
+    assert angles_deg(lights.directions, directions()).max() < 0.4
+    assert (out / "lights.png").exists()
+    normals, _ = normals_of(OBJECT, OBJECT_RADIUS)
+    inside = normals_of(OBJECT, 0.7 * OBJECT_RADIUS)[1]  # lit by every light
+    assert angles_deg(read_normals(out).normal_map.normals, normals)[inside].mean() < 0.5
+    mask = read_image(out / "mask.png") > 0
+    for ball in BALLS:
+        assert not mask[normals_of(ball, RADIUS)[1]].any()
+    record = read_record(out / "normals.json")
+    assert record.parameters["spheres"] is True
+    assert {"lights", "lights_png"} <= record.outputs.keys()
+
+
+def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
+    """Parts of the recording are cut after the calibration in complete images."""
+    out = tmp_path / "result"
+    words = ("--crop", "85,35,130,130", "--exclude", "L03")
+    result = sgp("run", recording, "--spheres", *words, "--out", out, "--json")
+    assert result.code == 0, result.err
+    assert json.loads(result.out)["outputs"]["lights"] == str(out / "lights.json")
+    assert sgp("calibrate", "spheres", recording, "--out", tmp_path / "own.json").code == 0
+    found, own = read_lights(out / "lights.json"), read_lights(tmp_path / "own.json")
+    np.testing.assert_array_equal(found.directions, own.directions)
+    assert found.ids == own.ids
+    assert len(found) == 8
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--spheres", "--lights", "{recording}/L00.png"), "--lights and --spheres both give"),
+        (("--radius-mm", "12"), "give --spheres as well"),
+    ],
+    ids=["both", "radius only"],
+)
+@pytest.mark.parametrize("command", ["normals", "run", "inspect"])
+def test_contradictions_are_refused(sgp, recording, tmp_path, command, words, text):
+    words = [word.format(recording=recording) for word in words]
+    out = () if command == "inspect" else ("--out", tmp_path / "out")
+    result = sgp(command, recording, *words, *out)
+    assert result.code == 2
+    assert text in result.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recording_without_spheres_is_refused_in_one_line(sgp, recording, tmp_path):
+    words = ("--spheres", "--crop", "85,35,130,130", "--exclude", "L00-L07")
+    result = sgp("normals", recording, *words, "--out", tmp_path / "out")
+    assert result.code != 0
+    assert result.err.count("\n") == 1
+
+
+def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
+    result = sgp("inspect", recording, "--spheres")
+    assert result.code == 0, result.err
+    assert "8 images, distant lights" in result.out
