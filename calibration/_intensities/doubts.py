@@ -15,8 +15,9 @@ from rig import Notice
 # A gloss or a shape that moves samples by 1 % moves intensities by nearly as much.
 _POOR_FIT = 0.03
 _SMOOTH_MISFIT = 0.01
-# 1 mm of height changes intensities by .16 % in a dome of 450 mm; less is not worth a warning.
-_LEAST_MM = 0.5
+# Positions that are all too high by 1 mm look like a card that is 1 mm too low, and positions from
+# spheres have common errors of this size. 3 mm change intensities by .5 % in a dome of 450 mm.
+_LEAST_MM = 3.0
 _CONFIDENCE = 0.9999
 _FEWEST_LIGHTS = 4
 
@@ -35,9 +36,9 @@ def doubts(fit: Fit, blocks: Blocks, lights: Lights) -> tuple[Notice, ...]:
     height = _height(fit, blocks, lights) if blocks.cards else None
     if height is not None:
         text = (
-            f"the card is {abs(height[0]):.1f} mm (standard deviation {height[1]:.1f}) "
-            f"{'higher' if height[0] > 0 else 'lower'} than stated, or all lights point past the "
-            "origin alike: check the height of its upper side"
+            f"the card is about {abs(height[0]):.1f} mm (standard deviation {height[1]:.1f}) "
+            f"{'higher' if height[0] > 0 else 'lower'} than stated, or positions or axes of all "
+            "lights are off alike: check the height of its upper side"
         )
         found.append(Notice("card-off-plane", text))
     return tuple(found)

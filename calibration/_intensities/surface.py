@@ -69,6 +69,8 @@ class MatteSurface:
                 f"the shapes of the stack {values.shape}, the mask {mask.shape}, the points "
                 f"{points.shape} and the normals {normals.shape} do not match each other"
             )
+        if any(np.isinf(image).any() for image in values):
+            raise DataError("the images have infinite values: NaN means not measured")
         object.__setattr__(self, "mask", mask)
         object.__setattr__(self, "points_mm", points)
         object.__setattr__(self, "normals", normals)
