@@ -99,10 +99,6 @@ class LightErrors:
             covariances = basis @ self.covariances @ basis.transpose(0, 2, 1)
         return replace(self, covariances=covariances, axis_std_deg=None, mu_std=None)
 
-    def without_strengths(self) -> LightErrors:
-        """Return the errors of lights whose intensities and `mu` were replaced."""
-        return replace(self, intensity_std=None, mu_std=None)
-
 
 def tangent_basis(directions: npt.ArrayLike) -> Array:
     """Return two unit vectors at right angles to each direction, as rows: ``(N, 2, 3)``.

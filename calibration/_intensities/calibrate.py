@@ -10,13 +10,12 @@ import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights, tangent_basis
 from calibration._intensities.blocks import blocks_of
+from calibration._intensities.doubts import doubts
 from calibration._intensities.fit import Fit, covariance_of
 from calibration._intensities.model import Geometry, position_slopes
 from calibration._intensities.surface import Array, MatteSurface
 from calibration._intensities.vignetting import Vignetting, fit_vignetting
 from rig import Notice, check_type, pluralize
-
-_POOR_FIT = 0.03
 
 
 @dataclass(frozen=True)
@@ -128,13 +127,6 @@ def calibrate_intensities(
     known = None if lights.errors is None else lights.errors.covariances
     covariance = covariance_of(fit, slopes, known)
     errors = _errors(fit, covariance, np.asarray(calibrated.intensities), lights.errors)
-    warnings: tuple[Notice, ...] = ()
-    if fit.scale > _POOR_FIT:
-        text = (
-            f"the plane deviates from the model by {fit.scale:.1%}: check that it is matte and in "
-            "the working plane"
-        )
-        warnings = (Notice("plane-deviates", text),)
     return IntensityCalibration(
         replace(calibrated, errors=errors),
         float(fit.mu.mean()),
@@ -145,7 +137,7 @@ def calibrate_intensities(
         fit.scale,
         blocks.pixels,
         fit_vignetting(fit, blocks, covariance) if even else None,
-        warnings,
+        doubts(fit, blocks, lights),
     )
 
 
