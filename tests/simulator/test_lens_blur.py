@@ -165,7 +165,10 @@ def test_the_colours_of_a_mosaic_do_not_mix():
     [
         (lambda: Optics(f_number=0.0), "f_number"),
         (lambda: Optics(focus_mm=float("nan")), "focus_mm"),
-        (lambda: Lens.of(CAMERA, optics=Optics(focus_mm=10.0)), "within the focal length"),
+        (
+            lambda: Lens.of(CAMERA, sharp=False, optics=Optics(focus_mm=10.0)),
+            "within the focal length",
+        ),
         (
             lambda: render(
                 scene(Lens.of(CAMERA, sharp=False, optics=Optics(0.02, focus_mm=300.0)))
