@@ -301,7 +301,7 @@ def test_errors_stay_with_their_lights() -> None:
 
 
 @pytest.mark.parametrize(
-    "direction", [[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8], [1, -2, -3], [0, 1, 0]]
+    "direction", [[0, 0, 1], [0, 0, -1], [0.6, 0, 0.8], [1, -2, -3], [1, 2, 3], [0, 1, 0]]
 )
 def test_tangent_basis(direction: list[float]) -> None:
     unit = np.array(direction) / np.linalg.norm(direction)

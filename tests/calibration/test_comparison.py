@@ -188,6 +188,20 @@ def test_noise_alone_is_no_cause(near: bool) -> None:
         rng = np.random.default_rng(seed)
         after = vectors + rng.normal(0, 0.4 if near else 1e-3, vectors.shape)
         assert codes(compare_lights(before, at(before, after))) == []
+        # A common shift that is certain, but explains few of the differences.
+        shift = np.array([0.3, 0, 0]) / (1 if near else 400)
+        assert codes(compare_lights(before, at(before, after + shift))) == []
+
+
+def test_only_the_exchange_that_the_data_require_is_named() -> None:
+    positions = np.array(dome(12).positions_mm)
+    positions[1] = positions[0] + [0.24, 0.18, 0]
+    before = at(dome(12), positions)
+    order = np.array([1, 0, 2, 3, 4, 5, 6, 8, 7, 9, 10, 11])
+    noise = np.random.default_rng(0).normal(0, 0.4, positions.shape)
+    noise[:2] = 0
+    found = compare_lights(before, at(before, positions[order] + noise))
+    assert found.exchanged == (("L07", "L08"),)
 
 
 def test_intensities_differ_after_removing_their_common_factor() -> None:
