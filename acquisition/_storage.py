@@ -118,7 +118,28 @@ def write_durably(path: Path, *pieces: bytes | memoryview) -> None:
 
 
 def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
-    """Write a file like `write_durably`, whose pieces may be made one after the other."""
+    r"""Write a file like `write_durably`, whose pieces may be made one after the other.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pieces
+        Its content in order; a generator is advanced while the file is written.
+
+    Raises
+    ------
+    StorageError
+        If the disk refuses it; an earlier file of that name is unchanged.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import write_pieces
+    >>> write_pieces(Path("squares.txt"), (f"{n * n}\n".encode() for n in range(3)))
+    >>> Path("squares.txt").read_text().split()
+    ['0', '1', '4']
+    """
     with published(path) as part, disk(path, "write"):
         for piece in pieces:
             write_whole(part.descriptor, piece)

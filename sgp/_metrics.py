@@ -417,7 +417,10 @@ class LightDifferenceMetrics(TypedDict):
         float | None, "mm", "distance between its positions; null for directions"
     ]
     intensity_percent: Annotated[
-        float, "%", "difference of its intensity after removing `intensity_factor`"
+        float | None,
+        "%",
+        "difference of its intensity after removing `intensity_factor`; null if only one of the "
+        "calibrations has intensities",
     ]
     deviations: Annotated[
         float | None,
@@ -448,7 +451,10 @@ class CheckMetrics(TypedDict):
     near: Annotated[bool, "", "whether the lights have positions"]
     beyond: Annotated[int, "", "lights beyond a limit"]
     intensity_factor: Annotated[
-        float, "1", "common factor of all intensities, which is no difference"
+        float | None,
+        "1",
+        "common factor of all intensities, which is no difference; null if only one of the "
+        "calibrations has intensities",
     ]
     motion: NotRequired[
         Annotated[MotionMetrics, "", "motion that all lights have in common, if there is one"]

@@ -39,10 +39,11 @@ class LightComparison:
         ``(N,)`` distances between the positions; None for directions.
     intensity_factor
         Factor between all intensities of B and of A, the median of their ratios over lights and
-        channels. Intensities are relative, so it is no difference.
+        channels. Intensities are relative, so it is no difference. NaN if only one of them has
+        intensities: those of the other are all equal.
     intensity_percent
         ``(N,)`` differences of the intensities of B after removing the factor, relative to A, of
-        the channel that differs most.
+        the channel that differs most; NaN if only one of them has intensities.
     deviations
         ``(N,)`` differences of position or direction in combined standard deviations:
         ``sqrt(d^T C^-1 d)`` with the sum C of both covariances. NaN where one of them is not
@@ -98,7 +99,7 @@ class LightComparison:
         place = self.angle_deg / _EQUAL_DEG
         if self.distance_mm is not None:
             place = self.distance_mm / _EQUAL_MM
-        effect = np.maximum(place, np.abs(self.intensity_percent) / _EQUAL_PERCENT)
+        effect = np.fmax(place, np.abs(self.intensity_percent) / _EQUAL_PERCENT)
         return np.argsort(-effect, kind="stable")
 
 
@@ -222,6 +223,9 @@ def _typical(covariances: Sequence[Array | None], freedom: int, least: float) ->
 def _intensities(a: Lights, b: Lights) -> tuple[float, Array, Array]:
     """Return the common factor, and the differences in percent and in standard deviations."""
     strengths = [np.asarray(lights.intensities) for lights in (a, b)]
+    if bool(np.ptp(strengths[0])) != bool(np.ptp(strengths[1])):
+        unknown = np.full(len(a), np.nan)
+        return float("nan"), unknown, unknown
     ratio = np.log(strengths[1]) - np.log(strengths[0])
     factor = float(np.median(ratio))
     ratio -= factor

@@ -26,6 +26,7 @@ Mirror = Literal["", "x", "y"]
 
 # A common motion is named if it leaves at most this share of the differences.
 _EXPLAINS = 0.5
+_MORE = 3
 _ROUNDS = 4
 _FEWEST_TO_REVERSE = 3
 _SIDES = {"": (1, 1, 1), "x": (-1, 1, 1), "y": (1, -1, 1)}
@@ -121,11 +122,11 @@ def _trials(count: int) -> Iterator[tuple[bool, Mirror]]:
 
 
 def _kinds(count: int, freedom: int) -> Iterator[MotionKind]:
-    """Yield the motions that leave at least four numbers to contradict them."""
+    """Yield the motions that leave more numbers to contradict them than they have parameters."""
     yield "none"
     kinds: tuple[MotionKind, ...] = ("turn",) if freedom == 2 else ("shift", "turn", "both")
     for kind in kinds:
-        if freedom * count >= PARAMETERS[kind] + 4:
+        if freedom * count >= 2 * PARAMETERS[kind] + _MORE:
             yield kind
 
 

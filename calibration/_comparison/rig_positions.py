@@ -8,17 +8,22 @@ import numpy as np
 
 from acquisition import DataError, LightErrors, Lights, led_id, led_of
 from calibration._comparison.compare import LightComparison, compare_lights
+from calibration._comparison.motion import Array
 from rig import RigConfig, check_type, pluralize
 
 # Standard deviation of a coordinate that was measured with a tape measure.
 _TAPE_MM = 10.0
+# Spheres up to 150 mm from the origin see a light at 450 mm in directions that differ by this.
+_PARALLAX_DEG = 20.0
 
 
 def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     """Compare calibrated lights with the positions of the LEDs in a rig file.
 
     The positions of a rig file may have been measured with a tape measure: they have a standard
-    deviation of 10 mm in x, y and z. A calibration without errors is exact in comparison.
+    deviation of 10 mm in x, y and z. A calibration without errors is exact in comparison. Of
+    directions only the order is judged, and rotations of the whole by more than 20 degrees: they
+    were measured at the spheres, not at the origin.
 
     Parameters
     ----------
@@ -64,21 +69,36 @@ def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     if len(set(leds)) < len(leds):
         twice = next(led for led in leds if leds.count(led) > 1)
         raise DataError(f"two lights belong to LED {twice}: give lights with one id per LED")
+    places = np.array(config.led_positions_mm)[leds]
+    names = tuple(map(led_id, leds))
+    if not lights.near:
+        return _of_directions(lights, places, names)
     tape = np.broadcast_to(_TAPE_MM**2 * np.eye(3), (len(leds), 3, 3))
     measured = Lights(
-        positions_mm=np.array(config.led_positions_mm)[leds],
-        ids=tuple(map(led_id, leds)),
-        errors=LightErrors(covariances=tape),
+        positions_mm=places,
+        ids=names,
         intensities=lights.intensities,
+        errors=LightErrors(covariances=tape),
     )
-    named = replace(lights, ids=measured.ids, errors=_stated(lights))
-    return compare_lights(measured if lights.near else measured.distant(), named)
+    return compare_lights(measured, replace(lights, ids=names, errors=_stated(lights)))
+
+
+def _of_directions(lights: Lights, places: Array, names: tuple[str, ...]) -> LightComparison:
+    """Compare directions, which were not measured at the origin, but at the spheres.
+
+    They may differ from those of the rig file by many degrees, in part like a common rotation.
+    """
+    measured = Lights(positions_mm=places, ids=names, intensities=lights.intensities).distant()
+    compared = compare_lights(measured, replace(lights, ids=names, errors=None))
+    if compared.motion is None or compared.motion.angle_deg > _PARALLAX_DEG:
+        return compared
+    kept = (one for one in compared.warnings if one.code != "lights-moved-together")
+    return replace(compared, warnings=tuple(kept))
 
 
 def _stated(lights: Lights) -> LightErrors:
-    """Return the errors of lights with zero for covariances that are not known."""
+    """Return the errors of near lights with zero for covariances that are not known."""
     errors = lights.errors or LightErrors()
-    size = 3 if lights.near else 2
-    zero = np.zeros((len(lights), size, size))
+    zero = np.zeros((len(lights), 3, 3))
     known = zero if errors.covariances is None else np.nan_to_num(errors.covariances)
     return replace(errors, covariances=known)

@@ -104,6 +104,7 @@ def calibrate_intensities(
     --------
     >>> import numpy as np
     >>> from acquisition import CameraModel, Lights
+    >>> from calibration import MatteSurface, calibrate_intensities
     >>> camera = CameraModel(np.array([[90, 0, 31.5], [0, 90, 23.5], [0, 0, 1]]), 64, 48, 500)
     >>> lamps = Lights(
     ...     positions_mm=np.array([[200, 0, 300], [0, 250, 300], [-200, 0, 300], [0, -250, 300]])

@@ -14,6 +14,7 @@ from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.input_tests import check_inputs, doubts
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.outline_noise import circle_covariance, viewing_cone
@@ -301,6 +302,12 @@ def _positions(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
+    off_plane = any(warning.code == "spheres-off-the-plane" for warning in warnings)
+    if disagreement <= _UNTRUSTED_DEG and not off_plane:
+        outlines = [image.points_px for image in images]
+        weighed = np.where(used, sigma_px, np.inf)
+        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
+        warnings += doubts(tests, camera, radii)
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"

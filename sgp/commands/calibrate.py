@@ -6,11 +6,12 @@ from pathlib import Path
 
 import acquisition
 import calibration
-import rig
+import rig as rigs
 from sgp._exit import UsageError
-from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, numbers
+from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, RigOption, numbers
 from sgp._output import check_file
 from sgp._result import Result
+from sgp._rig_lights import rig_notices, rig_with_positions
 from sgp._spheres import (
     describe_spheres,
     draw_spheres,
@@ -30,7 +31,8 @@ def spheres(
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
     gamma: Gamma = "auto",
-    max_pixels: Pixels = rig.MAX_PIXELS,
+    rig: RigOption = None,
+    max_pixels: Pixels = rigs.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
@@ -66,6 +68,9 @@ def spheres(
     gamma
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
+    rig
+        Rig file (.toml) whose led_positions_mm the lights are compared with; default: the
+        configured rig if the session was recorded with it.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -74,6 +79,8 @@ def spheres(
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
+    if rig is not None:
+        rig_with_positions(rig)  # a mistake is reported before the images are read
     if mask and sphere:
         raise UsageError("--mask and --sphere both give the outlines of the spheres: give only one")
     outlines = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
@@ -105,7 +112,12 @@ def spheres(
     estimate = calibration.record_setup(estimate, opened)
     result = describe_spheres(estimate)
     result.outputs = outputs
-    result.warnings = [*opened.warnings, *stack.warnings, *estimate.warnings]
+    result.warnings = [
+        *opened.warnings,
+        *stack.warnings,
+        *estimate.warnings,
+        *rig_notices(estimate.lights, rig, opened.setup.rig),
+    ]
     result.inputs = files
     parameters = {
         "source": source,
@@ -114,6 +126,7 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
         "gamma": gamma,
+        "rig": rig,
         "transfer": opened.transfer.record(),
     }
     write_calibration(out, estimate.lights, "sgp calibrate spheres", parameters, result)

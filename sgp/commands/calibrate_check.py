@@ -15,7 +15,7 @@ from sgp._exit import UsageError
 from sgp._metrics import CheckMetrics, LightDifferenceMetrics
 from sgp._options import Input, OptionalInput, Positive, RigOption
 from sgp._result import Result
-from sgp._user_config import chosen_rig
+from sgp._rig_lights import rig_with_positions
 
 _SHOWN = 12
 _LONGEST_ID = 14
@@ -69,16 +69,21 @@ def check(
         raise UsageError("--limit-percent: a rig file has no intensities: give a lights file")
     if b is not None and os.path.samefile(a, b):
         raise UsageError(f"{a} and {b} are the same file: give two calibrations")
-    lights = acquisition.read_lights(a)
     if b is None:
-        config = rigs.find_rig_config(chosen_rig(rig))
-        compared = calibration.compare_with_rig(lights, config)
+        config = rig_with_positions(rig)
+        compared = calibration.compare_with_rig(acquisition.read_lights(a), config)
         inputs, title = [a], f"against the rig {config.name}"
     else:
-        compared = calibration.compare_lights(lights, acquisition.read_lights(b))
+        first, second = acquisition.read_lights(a), acquisition.read_lights(b)
+        compared = calibration.compare_lights(first, second)
         inputs, title = [a, b], f"of {b.name} against {a.name}"
     if limit_mm is not None and compared.distance_mm is None:
         raise UsageError("--limit-mm needs lights with positions: give --limit-deg for directions")
+    intensities = b is not None and not np.isnan(compared.intensity_factor)
+    if limit_percent is not None and not intensities:
+        raise UsageError(
+            "--limit-percent: only one of the files has intensities: compare two that have them"
+        )
     beyond = _beyond(compared, limit_deg, limit_mm, limit_percent)
     # Lights beyond a limit come first.
     order = sorted(compared.worst_first.tolist(), key=lambda n: not beyond[n])
@@ -89,8 +94,8 @@ def check(
         warnings=list(compared.warnings),
         summary=[
             f"{rigs.pluralize(len(compared.ids), 'light')} {title}, the worst first",
-            *_rows(compared, beyond, order, intensities=b is not None),
-            *_verdict(compared, beyond, limits=limits, intensities=b is not None),
+            *_rows(compared, beyond, order, intensities=intensities),
+            *_verdict(compared, beyond, limits=limits, intensities=intensities),
         ],
         inputs=inputs,
         ok=compared.same_order and not beyond.any() and not contradicted,

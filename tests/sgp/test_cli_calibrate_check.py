@@ -35,7 +35,8 @@ def moved(led: int = 5, by: tuple[float, float, float] = (0, 3, 4)) -> Lights:
 
 
 SWAPPED = replace(lights(), positions_mm=np.asarray(lights().positions_mm)[[*range(10), 11, 10]])
-BRIGHTER = replace(lights(), intensities=np.where(np.arange(12) == 3, 1.1, 2))
+UNEVEN = replace(lights(), intensities=np.linspace(1, 2, 12))
+DIMMER = replace(UNEVEN, intensities=2 * np.linspace(1, 2, 12) * ([1] * 3 + [0.55] + [1] * 8))
 
 
 @pytest.fixture
@@ -45,7 +46,8 @@ def folder(tmp_path: Path) -> Path:
         "copy": lights(),
         "moved": moved(),
         "swapped": SWAPPED,
-        "brighter": BRIGHTER,
+        "dimmer": DIMMER,
+        "uneven": UNEVEN,
         "few": lights(11),
         "distant": lights().distant(),
         "photos": replace(lights(), ids=tuple(f"p{n}.jpg" for n in range(12))),
@@ -72,8 +74,9 @@ def folder(tmp_path: Path) -> Path:
         pytest.param("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"], id="mm"),
         pytest.param("a.json moved.json --limit-deg .3", 4, ["* L05"], id="deg"),
         pytest.param(
-            "a.json brighter.json --limit-percent 40", 4, ["-45.0 %", "factor of 2 "], id="percent"
+            "uneven.json dimmer.json --limit-percent 40", 4, ["-45.0 %", "of 2 was"], id="percent"
         ),
+        pytest.param("a.json uneven.json", 0, ["0.000 deg"], id="intensities of one"),
         pytest.param("a.json swapped.json", 4, ["LED 10 and 11 are swapped"], id="swapped"),
         pytest.param("a.json --rig rig.toml", 0, ["the rig dome one"], id="rig"),
         pytest.param("distant.json --rig rig.toml", 0, ["the rig dome one"], id="directions"),
@@ -112,7 +115,8 @@ def test_verdict(
         pytest.param("a.json moved.json --limit-mm 0", 2, "--limit-mm", id="zero limit"),
         pytest.param("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg", id="no mm"),
         pytest.param("a.json --rig rig.toml --limit-percent 3", 2, "no intensities", id="percent"),
-        pytest.param("a.json --rig bare.toml", 4, "no led_positions_mm", id="no positions"),
+        pytest.param("a.json uneven.json --limit-percent 9", 2, "only one of", id="no strengths"),
+        pytest.param("a.json --rig bare.toml", 2, "no led_positions_mm", id="no positions"),
         pytest.param("photos.json --rig rig.toml", 4, "light p0.jpg is not one of", id="photos"),
         pytest.param("a.json --rig none.toml", 2, "none.toml", id="no rig file"),
     ],

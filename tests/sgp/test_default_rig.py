@@ -64,8 +64,8 @@ NEEDED = {
     ("rig", "light"): ["0"],
     ("rig", "snap"): ["--out", "new/frame.tif"],
 }
-# These only describe a plan.
-WITHOUT = {("capture", "plan")}
+# These only describe a plan, or compare calibrated lights with the positions in a rig file.
+WITHOUT = {("capture", "plan"), ("calibrate", "check"), ("calibrate", "spheres")}
 COMMANDS = sorted(set(with_rig_option(build())) - WITHOUT)
 
 
