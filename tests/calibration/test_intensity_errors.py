@@ -176,6 +176,19 @@ def test_vignetting_needs_an_even_card():
     assert seen.corner_std < 0.01
 
 
+def test_lights_that_were_calibrated_give_the_same_result_again():
+    """Estimated axes are no evidence about the axes."""
+    random = np.random.default_rng(7)
+    truth = truth_of(random)
+    card = MatteSurface.card(images(random, truth, CAMERA.points_on_plane()), CAMERA)
+    first = calibrate_intensities(card, Lights(positions_mm=truth.positions))
+    again = calibrate_intensities(card, first.lights)
+    np.testing.assert_array_equal(again.lights.axes, first.lights.axes)
+    np.testing.assert_array_equal(
+        again.lights.errors.axis_std_deg, first.lights.errors.axis_std_deg
+    )
+
+
 def test_a_glossy_card_is_named():
     random = np.random.default_rng(5)
     truth = truth_of(random)
