@@ -2,7 +2,8 @@
 
 Each seed draws a layout: 1 to 6 spheres of one to three sizes that rest on a plain or a patterned
 board, some next to a relief, a matte ball or a glossy ball, some cut by the frame. The images are
-rendered, blurred, recorded with two exposures by a 12-bit sensor, and calibrated with the camera
+rendered with the point-spread
+function of the lens, recorded with two exposures by a 12-bit sensor, and calibrated with the camera
 and the radii of all spheres. Only spheres that are completely visible and have a radius of at
 least 20 px must be found; other true spheres may be. A sphere that is found away from every true
 one is false. A layout is solvable if two such spheres or more are in it.
@@ -15,11 +16,10 @@ from __future__ import annotations
 import argparse
 import resource
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -27,19 +27,23 @@ from acquisition import CameraModel
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
 from calibration._spheres.ellipse import Ellipse
 from simulator import (
+    Ball,
+    BandNoise,
+    Box,
     ChArUco,
     Checker,
     ChromeSphere,
+    Cork,
     Even,
-    Ggx,
     Gradient,
-    Lambert,
     Lens,
     Paint,
     Pattern,
+    Print,
     Scene,
-    SphericalCap,
     Textile,
+    Weave,
+    Wood,
     bench_camera,
     bench_sensor,
     dome_lights,
@@ -151,12 +155,18 @@ def board_of(kind: str, rng: np.random.Generator) -> Pattern:
             )
         return Paint(0.35, 0.6, float(rng.uniform(80, 200)), seed)
     low, high = float(rng.uniform(0.04, 0.3)), float(rng.uniform(0.5, 0.9))
-    choice = rng.integers(4)
-    if choice == 0:
-        return ChArUco(20, 16, float(rng.uniform(12, 24)), low, high)
-    if choice == 1:
-        return Paint(low, high, float(rng.uniform(6, 40)), seed)
-    return Checker(low, high, float(rng.uniform(4, 30)))
+    turn = float(rng.uniform(0, 180))
+    boards: tuple[Callable[[], Pattern], ...] = (
+        lambda: Checker(low, high, float(rng.uniform(4, 30))),
+        lambda: Checker(low, high, float(rng.uniform(4, 30))),
+        lambda: ChArUco(20, 16, float(rng.uniform(12, 24)), low, high),
+        lambda: Paint(low, high, float(rng.uniform(6, 40)), seed),
+        lambda: Cork(low, high, float(rng.uniform(2, 5)), seed),
+        lambda: Wood(low, high, angle_deg=turn, seed=seed),
+        lambda: Print(high, low, float(rng.uniform(4, 10)), turn, seed),
+        lambda: Weave(low, high, float(rng.uniform(1, 3)), turn, seed),
+    )
+    return boards[rng.integers(len(boards))]()
 
 
 def scene_of(seed: int, kind: str, *, small: bool) -> Scene:
@@ -167,16 +177,14 @@ def scene_of(seed: int, kind: str, *, small: bool) -> Scene:
     camera = bench_camera(width, height)
     leds = int(rng.choice([16, 24, 36]))
     board = board_of(kind, rng)
-    body, material, pattern = None, Lambert(), Even(0.6)
-    clutter = rng.choice(["none", "none", "relief", "matte", "glossy"])
-    if clutter == "relief":
+    body = relief = None
+    pattern: Pattern = Even(0.6)
+    part = rng.random()
+    if part < 0.15:
         body = Textile(float(rng.uniform(25, 50)), 1.0, int(rng.integers(1 << 30)))
         pattern = Paint(0.3, 0.7, 30.0, int(rng.integers(1 << 30)))
-    elif clutter != "none":
-        size = float(rng.uniform(15, 35))
-        body, pattern = SphericalCap(size, size), Even(float(rng.uniform(0.2, 0.8)))
-        if clutter == "glossy":
-            material = Ggx(float(rng.uniform(0.1, 0.35)))
+    elif part < 0.3:
+        relief = BandNoise(200.0, float(rng.uniform(0.03, 0.12)), 12.0, 3.0, seed)
     radii = rng.choice(RADII_MM, int(rng.integers(1, 4)), replace=False)
     spheres: list[ChromeSphere] = []
     field_mm = 294.0
@@ -200,24 +208,51 @@ def scene_of(seed: int, kind: str, *, small: bool) -> Scene:
     return Scene(
         body=body,
         lights=dome_lights(leds, seed=seed),
-        lens=Lens.of(camera),
+        lens=Lens.of(camera, sharp=False),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         pattern=pattern,
-        material=material,
         board=board,
+        relief=relief,
         spheres=tuple(spheres),
+        clutter=clutter_of(spheres, 0.0 if body is None else body.radius_mm, rng),
     )
 
 
-def record(scene: Scene, seed: int, psf_px: float) -> Values:
+def clutter_of(
+    spheres: list[ChromeSphere], middle_mm: float, rng: np.random.Generator
+) -> tuple[Ball | Box, ...]:
+    """Draw a matte ball, a glossy ball and a box, each in a third of the layouts."""
+    items: list[Ball | Box] = []
+    taken = [(*s.centre_mm[:2], s.radius_mm) for s in spheres] + [(0.0, 0.0, middle_mm)]
+    for kind in ("matte", "glossy", "box"):
+        if rng.random() > 0.35:
+            continue
+        for _ in range(30):
+            size = float(rng.uniform(10, 25))
+            x, y = float(rng.uniform(-110, 110)), float(rng.uniform(-85, 85))
+            if any(np.hypot(x - a, y - b) < 1.2 * (size + r) for a, b, r in taken):
+                continue
+            albedo = float(rng.uniform(0.1, 0.8))
+            if kind == "box":
+                turn = float(rng.uniform(0, 90))
+                items.append(Box((x, y), (size, 0.8 * size, 0.6 * size), turn, albedo))
+            else:
+                roughness = float(rng.uniform(0.1, 0.35)) if kind == "glossy" else None
+                items.append(Ball((x, y, size), size, albedo, roughness))
+            taken.append((x, y, size))
+            break
+    return tuple(items)
+
+
+def record(scene: Scene, seed: int) -> Values:
     """Render a scene and merge two exposures of each image; NaN where both are saturated."""
     rendering, images = render(scene), []
     noise, width = scene.noise, scene.lens.size[1]
     exposures = (LONG_US, SHORT_US * (640 / width) ** 2)
     span = noise.white_level_dn - noise.black_level_dn
     for led, plane in enumerate(rendering.planes):
-        rate = cv2.GaussianBlur(plane + rendering.ambient, (0, 0), psf_px)
+        rate = plane + rendering.ambient
         merged = None
         for bracket, exposure_us in enumerate(exposures):
             electrons = (rate * exposure_us).astype(np.float32)
@@ -236,7 +271,7 @@ def layout_of(seed: int, kind: str, *, small: bool, cache: Path | None = None) -
     if place is not None and place.exists():
         values: Values = np.load(place)
     else:
-        values = record(scene, seed, 0.6)
+        values = record(scene, seed)
         if place is not None:
             np.save(place, values)
     lights_mm = np.asarray(scene.lights.positions_mm)

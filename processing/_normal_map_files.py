@@ -42,8 +42,8 @@ _CLOSE = 0.1
 _LONGEST = 1000.0
 # Vectors of a map of floats that decide how it is encoded.
 _MOST_COMPARED = 1 << 18
-# Rows that are encoded at a time.
-_BAND = 64
+# Rows that are read or encoded at a time.
+_BAND = 16
 
 
 class NormalMapFile(NamedTuple):
@@ -131,12 +131,15 @@ def read_normals(
             notes.append(Notice("alpha-ignored", text, str(file), "info"))
     if green == "down":
         vectors[..., 1] *= -1
-    length = np.sqrt(np.einsum("ijk,ijk->ij", vectors, vectors))
-    unit = np.abs(length - 1) < _LENGTH_TOLERANCE
-    drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
+    unit, drawn, near = (np.zeros(vectors.shape[:2], np.bool_) for _ in range(3))
+    for band in _bands(vectors):
+        length = np.sqrt(np.einsum("ijk,ijk->ij", vectors[band], vectors[band]))
+        off = np.abs(length - 1)
+        unit[band], near[band] = off < _LENGTH_TOLERANCE, off < _CLOSE
+        drawn[band] = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
     # Alpha often includes background: some programs erase only pixels of the object.
     candidates = drawn if mask is None else mask if mask_file is not None else mask & drawn
-    close = int(np.count_nonzero(candidates & (np.abs(length - 1) < _CLOSE)))
+    close = int(np.count_nonzero(candidates & near))
     count = int(np.count_nonzero(candidates))
     if 2 * close <= count:
         decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"

@@ -132,7 +132,24 @@ def describe_spheres(estimate: calibration.SphereCalibration) -> Result:
         result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
     if len(residual):
         result.summary.append(f"spheres agree to {np.mean(residual):.2f} deg on average")
+    result.summary += _say_errors(estimate.lights)
     return result
+
+
+def _say_errors(lights: acquisition.Lights) -> list[str]:
+    """Return a line with the standard deviations of the lights along their longest axes."""
+    from sgp._panels.light_errors import longest_sigmas
+
+    sigma = longest_sigmas(lights)
+    if sigma is None:
+        return []
+    unit = "mm" if lights.near else "deg"
+    if not lights.near:
+        sigma = np.degrees(sigma)
+    return [
+        f"standard deviation of a light: {np.median(sigma):.2g} {unit} (median), {sigma.max():.2g} "
+        f"{unit} (largest)"
+    ]
 
 
 def draw_spheres(

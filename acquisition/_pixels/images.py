@@ -270,5 +270,7 @@ def _opacity(
             f"{path}: an alpha channel of {alpha.dtype} and shape {alpha.shape} does not fit an "
             f"image of shape {array.shape[:2]}"
         )
-    opacity: npt.NDArray[np.generic] = alpha * np.iinfo(array.dtype.name).max
-    return opacity.astype(array.dtype.newbyteorder("="))
+    # Not alpha times a Python number, which would be in 64 bits.
+    opacity = alpha.astype(array.dtype.newbyteorder("="))
+    opacity *= opacity.dtype.type(np.iinfo(opacity.dtype).max)
+    return opacity

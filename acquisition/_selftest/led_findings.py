@@ -18,6 +18,10 @@ _DIM = 0.25
 _UNSTEADY = 0.04
 _FEWEST = 4
 _NOISES = 5.0
+# Least light with all LEDs off, relative to an LED, for an LED that may be always on.
+_AN_LED = 0.5
+# From here on the same is a number of times, not a percentage.
+_TIMES = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +104,10 @@ class _Judge:
     def brightness(self) -> list[Finding]:
         found = []
         stuck = self._stuck() if self._glows else None
+        unnamed: tuple[int, ...] = ()
         if self._glows and stuck is None:
-            share = self._glow / self._typical
-            found.append(
-                Finding(
-                    "room light",
-                    (),
-                    f"with all LEDs off there is {share:.0%} of an LED's light: darken the room, "
-                    "or look for a lamp or LED that the board does not switch",
-                    fault=False,
-                )
-            )
+            found.append(self._glow_of_others())
+            unnamed = found[0].leds
         if stuck is not None:
             found.append(
                 Finding(
@@ -128,7 +125,7 @@ class _Judge:
                 "in dead_leds of the rig file",
             )
             for led in self._names(~self.alive)
-            if led != stuck
+            if led != stuck and led not in unnamed
         ]
         dim = self.alive & (self._strength < _DIM * self._typical)
         for led in self._names(dim):
@@ -142,6 +139,30 @@ class _Judge:
                 )
             )
         return found
+
+    def _glow_of_others(self) -> Finding:
+        """Judge the light with all LEDs off if it is not that of one known LED."""
+        still = self._names(~self.alive)
+        share = self._glow / self._typical
+        if not self.alive.any():
+            text = (
+                "the camera sees light with all LEDs off, and no LED changes it: an LED that is "
+                "always on, or a lamp, outshines them; unplug the LEDs one by one to find it"
+            )
+            return Finding("always on", still, text)
+        times = f"{share:.0%} of" if share < _TIMES else f"{share:.0f} times"
+        if still and share > _AN_LED:
+            text = (
+                f"with all LEDs off there is {times} an LED's light, and the commands of "
+                f"LED {', '.join(map(str, still))} change nothing: these are always on or dead; "
+                "unplug them one by one, and look for a short or a broken driver output"
+            )
+            return Finding("always on", still, text)
+        text = (
+            f"with all LEDs off there is {times} an LED's light: darken the room, or look for a "
+            "lamp or LED that the board does not switch"
+        )
+        return Finding("room light", (), text, fault=False)
 
     def steadiness(self) -> list[Finding]:
         first, second = (known_mean(each, axis=1) for each in self._seen.light)

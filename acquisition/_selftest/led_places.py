@@ -18,6 +18,8 @@ _MORE, _LEAST_SHARE, _CLEARER = 1.15, 0.15, 1.7
 _BETTER = 1.5
 # and least difference, as a share of the image: below it both explanations are equally good.
 _BETTER_BY = 0.005
+# With fewer LEDs than this, one swap disturbs the fit of the scene.
+_MANY = 12
 
 
 def judge_places(
@@ -110,9 +112,11 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
     vague = ~moved & ~_better(np.minimum(own, best), np.maximum(own, best))
     if vague.any():
         unsure = _named(leds, rows[vague])
+        # Two wrong ones of a few pull the fit, and other LEDs than theirs become vague.
+        scope = "would" if len(rows) >= _MANY else "of these or of other LEDs would"
         text = (
             f"under LEDs {', '.join(map(str, unsure))} the view looks the same as under another, "
-            "so a swap would not be noticed: put something larger or less flat under the camera"
+            f"so a swap {scope} not be noticed: put something larger or less flat under the camera"
         )
         found.append(Finding("ambiguous", unsure, text, fault=False))
     return found

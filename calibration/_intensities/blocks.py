@@ -39,6 +39,10 @@ class Blocks:
         ``(P,)`` index of the surface.
     pixels
         Number of pixels in all blocks.
+    upward
+        ``(P, 3)`` displacements of the seen points if the surfaces are 1 mm higher.
+    cards
+        Whether all surfaces are cards, parallel to the working plane.
     """
 
     values: Array
@@ -47,6 +51,8 @@ class Blocks:
     radius: Array
     part: npt.NDArray[np.intp]
     pixels: int
+    upward: Array
+    cards: bool
 
 
 def blocks_of(surfaces: Sequence[MatteSurface], lights: Lights) -> Blocks:
@@ -66,6 +72,8 @@ def blocks_of(surfaces: Sequence[MatteSurface], lights: Lights) -> Blocks:
         np.concatenate([part.radius for part in parts]),
         np.concatenate([part.part for part in parts]),
         sum(part.pixels for part in parts),
+        np.concatenate([part.upward for part in parts]),
+        all(part.cards for part in parts),
     )
     per_light = np.isfinite(values).all(axis=0).sum(axis=1)
     if per_light.min() < _FEWEST:
@@ -113,6 +121,11 @@ def _blocks_of(surface: MatteSurface, lights: Lights, index: int, count: int) ->
     _check_channels(values)
     # A pixel whose albedo is free says something about the lights only if two of them reach it.
     keep = (np.isfinite(values).sum(axis=1) >= 2).all(axis=0)
+    up = np.array([0.0, 0.0, 1.0])
+    upward = np.broadcast_to(up, where.shape)
+    if surface.camera_mm is not None:
+        toward = surface.camera_mm - where
+        upward = toward / toward[:, 2:]
     return Blocks(
         values[:, :, keep],
         where[keep],
@@ -120,6 +133,8 @@ def _blocks_of(surface: MatteSurface, lights: Lights, index: int, count: int) ->
         radius[keep] / np.hypot(height / 2, width / 2),
         np.full(int(keep.sum()), index),
         int(keep.sum()) * side**2,
+        upward[keep],
+        bool(np.all(normals == up)),
     )
 
 

@@ -10,13 +10,12 @@ import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights, tangent_basis
 from calibration._intensities.blocks import blocks_of
+from calibration._intensities.doubts import doubts
 from calibration._intensities.fit import Fit, covariance_of
 from calibration._intensities.model import Geometry, position_slopes
 from calibration._intensities.surface import Array, MatteSurface
 from calibration._intensities.vignetting import Vignetting, fit_vignetting
 from rig import Notice, check_type, pluralize
-
-_POOR_FIT = 0.03
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class IntensityCalibration:
         Mean exponent of the radiation pattern, at least 0.
     own_mu, own_axis
         ``(N,)`` whether a light has its own value. Otherwise it has the `mu` that such lights
-        share, or the axis of the given lights, and the spread as standard deviation.
+        share, or the axis before the fit, and the spread as standard deviation.
     mu_spread, axis_spread_deg
         Standard deviation of `mu` and of a component of the axis among the lights.
     residual
@@ -75,15 +74,16 @@ def calibrate_intensities(
     objects on a surface are outliers with a low weight (Cauchy). `mu` and axis differ between
     lights by a normal distribution whose width is estimated (MacKay, Bayesian interpolation,
     1992). Standard deviations are those of a sandwich estimate (Huber, 1981) plus the propagated
-    covariances of the positions, if `Lights.errors` has them. They do not include deviations of
-    the surface from the model.
+    covariances of the positions, if `Lights.errors` has them; errors of different positions count
+    as independent. They do not include deviations of the surface from the model.
 
     Parameters
     ----------
     surfaces
         Cards or balls, each under all lights in the order of ``lights``; all gray or all RGB.
     lights
-        N near lights; their intensities and `mu` are ignored. Their axes are the shared ones.
+        N near lights; their intensities and `mu` are ignored. Axes are fitted around their axes, or
+        around the directions to the origin if the axes are estimates with standard deviations.
     even
         Whether the albedo of each surface is the same everywhere, to determine the vignetting.
 
@@ -120,6 +120,8 @@ def calibrate_intensities(
     for part in parts:
         check_type("surfaces", part, MatteSurface, "MatteSurface.card(values, camera)")
     _check(parts, lights)
+    if lights.errors is not None and lights.errors.axis_std_deg is not None:
+        lights = replace(lights, axes=None)  # estimated before, perhaps from the same images
     blocks = blocks_of(parts, lights)
     fit = Fit(blocks.values, Geometry.of(lights, blocks.points_mm, blocks.normals))
     fit.run()
@@ -128,13 +130,6 @@ def calibrate_intensities(
     known = None if lights.errors is None else lights.errors.covariances
     covariance = covariance_of(fit, slopes, known)
     errors = _errors(fit, covariance, np.asarray(calibrated.intensities), lights.errors)
-    warnings: tuple[Notice, ...] = ()
-    if fit.scale > _POOR_FIT:
-        text = (
-            f"the plane deviates from the model by {fit.scale:.1%}: check that it is matte and in "
-            "the working plane"
-        )
-        warnings = (Notice("plane-deviates", text),)
     return IntensityCalibration(
         replace(calibrated, errors=errors),
         float(fit.mu.mean()),
@@ -145,7 +140,7 @@ def calibrate_intensities(
         fit.scale,
         blocks.pixels,
         fit_vignetting(fit, blocks, covariance) if even else None,
-        warnings,
+        doubts(fit, blocks, lights),
     )
 
 

@@ -33,6 +33,8 @@ class MatteSurface:
         ``(H, W)`` pixels that show the surface; objects on it need not be left out.
     normals
         ``(H, W, 3)`` unit normals; default: +Z.
+    camera_mm
+        ``(3,)`` centre of projection, for the test of a card's height; default: far above.
 
     Raises
     ------
@@ -46,6 +48,7 @@ class MatteSurface:
     points_mm: Array
     mask: npt.NDArray[np.bool_]
     normals: Array | None = None
+    camera_mm: Array | None = None
 
     __repr__ = short_repr
 
@@ -66,6 +69,8 @@ class MatteSurface:
                 f"the shapes of the stack {values.shape}, the mask {mask.shape}, the points "
                 f"{points.shape} and the normals {normals.shape} do not match each other"
             )
+        if any(np.isinf(image).any() for image in values):
+            raise DataError("the images have infinite values: NaN means not measured")
         object.__setattr__(self, "mask", mask)
         object.__setattr__(self, "points_mm", points)
         object.__setattr__(self, "normals", normals)
@@ -104,7 +109,12 @@ class MatteSurface:
                 f"a card at {z_mm:g} mm is not in front of the camera at {camera.centre_mm[2]:g} mm"
             )
         whole = np.ones(camera.size, np.bool_)
-        return cls(values, camera.points_on_plane(z_mm), whole if mask is None else mask)
+        return cls(
+            values,
+            camera.points_on_plane(z_mm),
+            whole if mask is None else mask,
+            camera_mm=camera.centre_mm,
+        )
 
     @classmethod
     def ball(

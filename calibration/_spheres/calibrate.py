@@ -14,6 +14,7 @@ from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.input_tests import check_inputs, doubts
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.outline_noise import circle_covariance, viewing_cone
@@ -42,6 +43,8 @@ _POOR_RESIDUAL_DEG = 0.2
 # means an error of many degrees of the lights.
 _UNTRUSTED_DEG = 0.5
 _LEAST_AGREEING = 0.5
+# A standard deviation above which an error of 2 mm is likely.
+_UNCERTAIN_MM = 1.6
 
 
 def calibrate_spheres(
@@ -147,7 +150,7 @@ def calibrate_spheres(
         spheres = seen_spheres(images)
         covariances = [cone.covariance + systematic(cone, camera) for cone in cones]
         return _directions(names, spheres, images, perspective, covariances, warnings)
-    radii = one_radius_each(radii, images, found=found)
+    radii = one_radius_each(radii, images, camera, found=found)
     placed = place(cones, radii, camera)
     warnings += off_the_plane(placed, camera)
     if len(images) > 1:
@@ -301,10 +304,23 @@ def _positions(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
+    off_plane = any(warning.code == "spheres-off-the-plane" for warning in warnings)
+    if disagreement <= _UNTRUSTED_DEG and not off_plane:
+        outlines = [image.points_px for image in images]
+        weighed = np.where(used, sigma_px, np.inf)
+        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
+        warnings += doubts(tests, camera, radii)
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
         warnings.append(Notice("highlights-left-out", text))
+    sigma_mm = float(np.sqrt(np.trace(located.refined.covariance_mm2, axis1=1, axis2=2).mean()))
+    if sigma_mm > _UNCERTAIN_MM:
+        text = (
+            f"the positions of the lights are uncertain by {sigma_mm:.1f} mm (standard deviation): "
+            "use larger spheres, more of them, farther apart, or a camera with more pixels"
+        )
+        warnings.append(Notice("lights-uncertain", text))
     errors = LightErrors(
         located.refined.covariance_mm2,
         residual_px=located.residuals_px,

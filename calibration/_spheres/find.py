@@ -13,13 +13,14 @@ from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.mirrors import Mirror, find_mirror
+from calibration._spheres.mirrors import Mirror, find_mirror, fit_mirror, outline_of
 from calibration._spheres.outline import outline_image, refine_outline
+from calibration._spheres.painted import is_painted
 from calibration._spheres.ratio_outline import refine_in_ratios
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import SpotCluster, reduce_stack, spot_clusters
-from calibration._spheres.surroundings import MirroredPlane
+from calibration._spheres.surroundings import MirroredPlane, outlines_of
 
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
@@ -28,8 +29,6 @@ _CENTRES = 60
 _CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
-_CLEAR_COVERAGE = 0.8
-_CLEAR_SCATTER_PX = 0.15
 
 
 def find_spheres(
@@ -45,8 +44,9 @@ def find_spheres(
     then its outline is refined. If no ball mirrors a plane, because there is none or it is black,
     the round edges of the mean image around that place are examined: one of them is the outline if
     more than a third of it is visible, it shows a compact highlight under at least half of the
-    lights, and the highlight moves with the light, by 1 px and 2 % of the radius. Of overlapping
-    edges (a sphere mirrors circles inside itself), the largest well-covered one is the outline.
+    lights, the highlight moves with the light, by 1 px and 2 % of the radius, and its middle is not
+    shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors circles inside
+    itself), the largest well-covered one is the outline.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def find_spheres(
         mirror = find_mirror(plane, cluster)
         if mirror is None:
             undecided.append(cluster)
-        elif _expected(mirror.outline, radii_px):
-            sphere = _mirror_sphere(values, mirror)
+        elif _expected(mirror.outline(plane.camera), radii_px):
+            sphere = _mirror_sphere(values, plane, mirror)
             if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
                 spheres.append(sphere)
     if undecided:
@@ -91,40 +91,30 @@ def find_spheres(
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
 
 
-def _mirror_sphere(values: npt.NDArray[np.float32], mirror: Mirror) -> SphereImage:
-    """Refine the outline of a sphere that is known to 1 % of its radius."""
-    guess = mirror.outline
-    outline, points, coverage = guess, guess.point(np.linspace(0, 2 * np.pi, 90)), 0.0
-    for refine in (_refine_in_mean, refine_in_ratios):
+def _mirror_sphere(
+    values: npt.NDArray[np.float32], plane: MirroredPlane, mirror: Mirror
+) -> SphereImage:
+    """Return the sphere of a ball that mirrors the plane, with an outline to a few hundredths px.
+
+    What the ball mirrors determines its outline better than the edge, whose place within its blur
+    is unknown. If the fit ends elsewhere, the edge in the ratios is the outline.
+    """
+    start = mirror.outline(plane.camera)
+    ball = fit_mirror(plane, mirror)
+    if ball is not None:
+        outline = outline_of(plane.camera, ball)
+        count = int(np.clip(2 * np.pi * outline.radius_px, 90, 720))
+        points = outlines_of(plane.camera, ball, count)[0]
+        height, width = values.shape[1:]
+        visible = np.all((points > 0) & (points < (width - 1, height - 1)), axis=1)
+        points, coverage = points[visible], float(visible.mean())
+    else:
         try:
-            refined, seen, share = refine(values, guess)
+            outline, points, coverage = refine_in_ratios(values, start)
         except EstimateError:
-            continue
-        moved = np.hypot(*(np.array(refined.centre_px) - guess.centre_px))
-        if moved + abs(refined.radius_px - guess.radius_px) > max(2.0, 0.04 * guess.radius_px):
-            continue
-        outline, points, coverage = refined, seen, share
-        # On a plain board the mean is less noisy than the ratios.
-        scatter = 1.4826 * float(np.median(np.abs(refined.distance_px(seen))))
-        if share > _CLEAR_COVERAGE and scatter < _CLEAR_SCATTER_PX:
-            break
+            outline, points, coverage = start, start.point(np.linspace(0, 2 * np.pi, 90)), 0.0
     highlights = find_highlights(values, outline)
     return SphereImage(outline, points, coverage, highlights, mirrors=True)
-
-
-def _refine_in_mean(
-    values: npt.NDArray[np.float32], guess: Ellipse
-) -> tuple[Ellipse, Array, float]:
-    """Refine an outline that is known to 1 % of its radius in the mean image."""
-    centre, reach = np.array(guess.centre_px), 1.1 * guess.radius_px + 12
-    low = np.maximum((centre - reach).astype(int), 0)
-    high = (centre + reach).astype(int) + 2
-    image = outline_image(values[:, low[1] : high[1], low[0] : high[0]])
-    x, y = (float(v) for v in centre - low)
-    near = Ellipse((x, y), guess.semi_axes_px, guess.angle_deg)
-    refined, points, coverage = refine_outline(image, near, max(2.5, 0.02 * guess.radius_px))
-    x, y = (float(v) for v in np.array(refined.centre_px) + low)
-    return Ellipse((x, y), refined.semi_axes_px, refined.angle_deg), points + low, coverage
 
 
 def _by_edges(
@@ -182,6 +172,8 @@ def _verify(
     if len(seen) < 0.5 * len(values):
         return None
     if len(seen) > 1 and np.max(np.ptp(seen, axis=0)) < max(1.0, 0.02 * outline.radius_px):
+        return None
+    if is_painted(values, outline, highlights):
         return None
     return SphereImage(outline, points, coverage, highlights)
 

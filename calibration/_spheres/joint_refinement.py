@@ -110,7 +110,7 @@ def refine(
     """
     lights, centres = positions_mm, spheres.centres_mm.copy()
     for _ in range(_ROUNDS):
-        system = _linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
+        system = linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
         _check_determined(system.of_light, lights, ids)
         move_light, move_centre = system.steps()
         # Limit the step to a fifth of the distance, where the linear model is valid.
@@ -118,7 +118,7 @@ def refine(
         length = np.linalg.norm(move_light, axis=1)
         lights = lights + move_light * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
         centres = centres + move_centre
-    system = _linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
+    system = linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
     # Outlines give as many values as there are unknowns of the centres.
     freedom = 2 * int(np.isfinite(sigma_px).sum()) - lights.size
     chi_square = system.square / freedom if freedom > 0 else float("nan")
@@ -127,12 +127,13 @@ def refine(
 
 
 @dataclass(frozen=True, eq=False)
-class _System:
+class System:
     """Normal equations of N lights and K centres.
 
     ``of_light (N, 3, 3)``, ``cross (N, 3, 3 K)`` and ``of_centre (3 K, 3 K)`` are the blocks of the
-    information matrix, ``pull_light (N, 3)`` and ``pull_centre (3 K,)`` its right side, and
-    ``square`` is the sum of the squared errors.
+    information matrix, ``pull_light (N, 3)`` and ``pull_centre (3 K,)`` its right side, ``square``
+    is the sum of the squared errors, and ``by_light`` and ``by_centre (N, K, 2, 3)`` are the
+    derivatives of the highlights.
     """
 
     of_light: Array
@@ -141,6 +142,10 @@ class _System:
     pull_light: Array
     pull_centre: Array
     square: float
+    by_light: Array
+    by_centre: Array
+
+    __repr__ = short_repr
 
     def _eliminated(self) -> tuple[Array, Array]:
         """Return ``of_light^-1 cross`` and the information about the centres without the lights."""
@@ -150,13 +155,23 @@ class _System:
 
     def steps(self) -> tuple[Array, Array]:
         """Return the Gauss-Newton steps ``(N, 3)`` of the lights and ``(K, 3)`` of the centres."""
+        of_light, of_centre = self.solve(self.pull_light, self.pull_centre)
+        return -of_light, -of_centre.reshape(-1, 3)
+
+    def solve(self, light: Array, centre: Array) -> tuple[Array, Array]:
+        """Return the inverse of the information times a vector ``(N, 3)``, ``(3 K,)``."""
         gain, schur = self._eliminated()
-        right = self.pull_centre - np.einsum("nap,na->p", gain, self.pull_light)
-        of_centre: Array = -np.asarray(np.linalg.solve(schur, right), np.float64)
-        pull = self.pull_light + self.cross @ of_centre
-        of_light: Array = -np.asarray(np.linalg.solve(self.of_light, pull[..., None]), np.float64)
-        of_light = of_light[..., 0]
-        return of_light, of_centre.reshape(-1, 3)
+        right = centre - np.einsum("nap,na->p", gain, light)
+        of_centre: Array = np.asarray(np.linalg.solve(schur, right), np.float64)
+        left = (light - self.cross @ of_centre)[..., None]
+        of_light: Array = np.asarray(np.linalg.solve(self.of_light, left), np.float64)[..., 0]
+        return of_light, of_centre
+
+    def square_at_minimum(self) -> float:
+        """Return the sum of the squared errors after a step, if the system is linear."""
+        of_light, of_centre = self.solve(self.pull_light, self.pull_centre)
+        change = np.sum(of_light * self.pull_light) + of_centre @ self.pull_centre
+        return self.square - float(change)
 
     def covariance(self) -> Array:
         """Return the blocks ``(N, 3, 3)`` of the lights of the inverse of the information."""
@@ -166,14 +181,15 @@ class _System:
         return covariance
 
 
-def _linearise(
+def linearise(
     camera: CameraModel,
     spheres: KnownSpheres,
     lights: Array,
     centres: Array,
     highlights_px: Array,
     sigma_px: Array,
-) -> _System:
+) -> System:
+    """Return the normal equations of the errors that `refine` minimises, with its parameters."""
     n, k = sigma_px.shape
     use = np.isfinite(sigma_px)
     weight = np.where(use, sigma_px, np.inf)[..., None] ** -2.0 * np.ones(2)
@@ -197,7 +213,7 @@ def _linearise(
     blocks = np.einsum("nkia,nki,nkib->kab", by_centre, weight, by_centre)
     for j in range(k):
         of_centre[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] += blocks[j]
-    return _System(
+    return System(
         of_light=np.einsum("nkia,nki,nkib->nab", by_light, weight, by_light),
         cross=np.einsum("nkia,nki,nkib->nakb", by_light, weight, by_centre).reshape(n, 3, 3 * k),
         of_centre=of_centre,
@@ -205,6 +221,8 @@ def _linearise(
         pull_centre=np.einsum("nkia,nki->ka", by_centre, weight * error).ravel()
         + information @ off,
         square=float(np.sum(weight * error**2) + off @ information @ off),
+        by_light=by_light,
+        by_centre=by_centre,
     )
 
 

@@ -12,7 +12,7 @@ from calibration._spheres.robust import Array, tukey_weights
 
 # Systematic error of the position and of the radius of an outline, which no scatter shows: where
 # the edge is within a blurred step.
-OUTLINE_SIGMA_PX = 0.05
+OUTLINE_SIGMA_PX = 0.03
 # Edge points are smoothed along the outline by a Gaussian of 4 px: harmonics up to a number of an
 # eighth of the radius in pixels keep their power.
 _RADIUS_PER_HARMONIC_PX = 8.0

@@ -18,12 +18,25 @@ from rig import Notice, pluralize
 # fraction of the working distance, the radius is probably wrong. A wrong radius also scales the
 # positions of the lights, which no residual would show.
 _FARTHEST_SHARE = 0.05
+_SAME_SIZE = 0.08
 
 
-def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> Array:
-    """Return one radius for each sphere, in their order; sort the radii by size if `found`."""
+def one_radius_each(
+    radii: Array, images: list[SphereImage], camera: CameraModel | None = None, *, found: bool
+) -> Array:
+    """Return one radius for each sphere, in their order.
+
+    If `found`, radii and spheres are sorted by size. If their numbers differ, each sphere has the
+    radius that fits its apparent size on the working plane, to 8 %.
+    """
     if len(radii) == 1:
         return np.repeat(radii, len(images))
+    if found and len(radii) != len(images) and camera is not None:
+        sizes = np.array([radius_on_plane_mm(camera, image) for image in images])
+        off = np.abs(sizes[:, None] / radii - 1)
+        if off.min(axis=1).max() < _SAME_SIZE:
+            nearest: Array = radii[np.argmin(off, axis=1)]
+            return nearest
     if found and len(radii) != len(images):
         raise EstimateError(
             f"{pluralize(len(images), 'sphere')} found for {len(radii)} radii, {places(images)}: "
@@ -38,6 +51,12 @@ def one_radius_each(radii: Array, images: list[SphereImage], *, found: bool) -> 
         order = np.argsort([image.outline.radius_px for image in images])
         radii = np.sort(radii)[np.argsort(order)]
     return radii
+
+
+def radius_on_plane_mm(camera: CameraModel, image: SphereImage) -> float:
+    """Return the radius of a sphere on the working plane with the apparent size of an image."""
+    size = image.outline.radius_px
+    return float(camera.centre_mm[2]) * size / (camera.focal_px + size)
 
 
 def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:

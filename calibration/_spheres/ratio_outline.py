@@ -11,7 +11,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.limb import REACH_PX, edge_costs, offsets_of, profile_offsets
 from calibration._spheres.robust import Array
-from calibration._spheres.spots import Values, without_nan
+from calibration._spheres.spots import Values, reduced_image, without_nan
 
 _LIGHTS = 16
 _ALONG_PX = 3.0
@@ -69,9 +69,9 @@ def _refined(values: Values, guess: Ellipse, factor: int) -> tuple[Ellipse, Arra
         )
     stack = []
     for image in values[:, low[1] : high[1], low[0] : high[0]]:
-        part = without_nan(image)[: size[1] * factor, : size[0] * factor]
+        part = without_nan(image)
         if factor > 1:
-            part = cv2.resize(part, tuple(map(int, size)), interpolation=cv2.INTER_AREA)
+            part = reduced_image(part, (int(size[0]), int(size[1])), factor)
         stack.append(part)
     outline = _scaled(guess, low, factor)
     for _ in range(_ROUNDS):

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.find import find_spheres, overlap, round_outlines
+from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice
@@ -63,7 +64,7 @@ def searched_spheres(
     parted, _ = _parted([*images, *find_spheres(values, excluded=images, camera=camera)])
     others = [image for image in parted if image not in images]
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
-    sizes = ", ".join(f"{_radius_mm(camera, other):.1f}" for other in others)
+    sizes = ", ".join(f"{radius_on_plane_mm(camera, other):.1f}" for other in others)
     if not images and others:
         raise EstimateError(
             f"no sphere of {wanted} mm found, but {places(others)} of about {sizes} mm: "
@@ -109,9 +110,3 @@ def _blurred_notices(images: list[SphereImage]) -> list[Notice]:
         )
         for image in images
     ]
-
-
-def _radius_mm(camera: CameraModel, image: SphereImage) -> float:
-    """Return the radius of a sphere on the working plane with the apparent size of an image."""
-    size = image.outline.radius_px
-    return float(camera.centre_mm[2]) * size / (camera.focal_px + size)

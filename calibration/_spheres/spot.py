@@ -28,7 +28,7 @@ _ROUNDS = 12
 _TUKEY = 4.685
 _FINEST_SCATTER_PX = 0.08
 # What remains of a sharp, unsaturated peak without noise.
-_PEAK_SIGMA_PX = 0.02
+_PEAK_SIGMA_PX = 0.01
 _WIDER = 1.5
 
 
@@ -83,7 +83,7 @@ def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
     """Locate an unsaturated highlight by its Gaussian-weighted centroid.
 
     The standard deviation contains the noise in the window, the shift of the centroid in a window
-    that is wider by half (glare, a skew spot), and 0.02 px.
+    that is wider by half (glare, a skew spot), and 0.01 px.
 
     Parameters
     ----------

@@ -77,9 +77,15 @@ def reduce_stack(values: Values) -> ReducedStack:
             mean[k] = peak[k] = filled
             continue
         whole = filled[: rows * factor, : columns * factor]
-        mean[k] = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+        mean[k] = reduced_image(filled, (columns, rows), factor)
         peak[k] = cv2.dilate(whole, block, anchor=(0, 0))[::factor, ::factor]
     return ReducedStack(factor, mean, peak)
+
+
+def reduced_image(image: Values, size: tuple[int, int], factor: int) -> Values:
+    """Return an image of ``size`` (columns, rows) that averages ``factor x factor`` pixels."""
+    whole = image[: size[1] * factor, : size[0] * factor]
+    return cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
 
 
 def without_nan(image: Values) -> Values:

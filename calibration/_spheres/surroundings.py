@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._spheres.robust import Array
-from calibration._spheres.spots import ReducedStack, Values, without_nan
+from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 
 # The focal length of an unknown camera, in multiples of the larger side of the image. Half or twice
 # of it moves the mirrored points by less than the tolerance.
@@ -19,6 +19,7 @@ _LIGHTS = 12
 # Near the limb, the sphere mirrors the plane up to three radii from its centre.
 _DEPTHS = (0.88, 0.92, 0.96)
 _TOLERANCE = 0.05
+_FINE_TOLERANCE = 0.03
 _DOWNWARD = 0.05
 
 
@@ -32,10 +33,13 @@ class Balls:
         ``(H, 2)`` pixels of their centres.
     radii_px
         ``(H,)`` radii of their outlines across the direction to the image's centre.
+    slopes
+        ``(H, 2)`` slopes of the plane under each ball along x and y; default 0.
     """
 
     axes_px: Array
     radii_px: Array
+    slopes: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +100,7 @@ class MirroredPlane:
     ) -> None:
         height, width = values.shape[1:]
         self.camera = usual_camera(width, height) if camera is None else camera
+        self.camera_known = camera is not None
         self._some = slice(None, None, max(len(values) // _LIGHTS, 1))
         self._values = values[self._some]
         self._factor = reduced.factor
@@ -126,8 +131,58 @@ class MirroredPlane:
         points = np.maximum(use.sum(axis=-1), 1) * len(near)
         return Likeness(1 - left / np.maximum(total, 1e-9), total / points, use.mean(axis=-1))
 
+    def differences(
+        self,
+        balls: Balls,
+        depths: npt.NDArray[np.floating],
+        spokes: int,
+        spread_px: Array,
+        weights: Array,
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Return how the images near the limb differ from the mirrored plane, and where they can.
+
+        Parameters
+        ----------
+        balls
+            H balls that hardly differ.
+        depths
+            Distances from a ball's axis in multiples of that of its outline.
+        spokes
+            Number of angles around the outline.
+        spread_px, weights
+            Distances along the radius over which a pixel averages, and their shares.
+
+        Returns
+        -------
+        differences
+            ``(C, H, P)``: for each light the difference of the ratios, and last the difference of
+            the logarithms of the means up to a constant; all in multiples of noise and tolerance.
+        use
+            ``(H, P)``.
+        """
+        angles = np.arange(spokes) * (2 * np.pi / spokes)
+        size = float(np.median(balls.radii_px))
+        limb, _, use = _points(self.camera, balls, depths, angles)
+        near, inside = self._limb(limb, size / 4)
+        use = use & inside
+        far = np.zeros_like(near)
+        for shift, weight in zip(spread_px, weights, strict=True):
+            at = np.clip(depths + shift / size, 0.0, 0.998)
+            _, mirrored, down = _points(self.camera, balls, at, angles)
+            part, inside = self._mirrored(mirrored, 0.0)
+            far += weight * part
+            use = use & down & inside
+        mean_near = np.maximum(near.mean(axis=0), 1e-6)
+        mean_far = np.maximum(far.mean(axis=0), 1e-6)
+        noise = (self._noise / mean_near) ** 2 + (0.3 * self._noise / mean_far) ** 2
+        ratios = (near / mean_near - far / mean_far) / np.sqrt(noise + _FINE_TOLERANCE**2)
+        fading = np.log(mean_near / mean_far)
+        fading -= np.median(fading[use]) if use.any() else 0.0
+        fading *= 0.5 * np.sqrt(len(near) / (noise / len(near) + _TOLERANCE**2))
+        return np.concatenate([ratios, fading[None]]), use
+
     def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Sample the images near the limb, at a resolution of a fortieth of the radius."""
+        """Sample the images near the limb, at a resolution of a fortieth of a size."""
         factor = max(int(size / 40), 1)
         side = np.array(self._values.shape[:0:-1])
         low = np.clip(pixels.min(axis=(0, 1)) - 2, 0, side - 1)
@@ -152,8 +207,7 @@ class MirroredPlane:
         for image in self._values[:, y0:y1, x0:x1]:
             part = without_nan(image)
             if factor > 1:
-                whole = part[: shape[1] * factor, : shape[0] * factor]
-                part = cv2.resize(whole, shape, interpolation=cv2.INTER_AREA)
+                part = reduced_image(part, shape, factor)
             stack.append(part)
         return factor, box.astype(np.float64), stack
 
@@ -186,7 +240,10 @@ def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.b
 
 
 def _points(
-    camera: CameraModel, balls: Balls, depths: Array, angles: Array
+    camera: CameraModel,
+    balls: Balls,
+    depths: npt.NDArray[np.floating],
+    angles: npt.NDArray[np.floating],
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """Return pixels ``(H, P, 2)`` on balls, the pixels of what they mirror, and which look down.
 
@@ -218,7 +275,14 @@ def _points(
     view = points - eye
     view /= np.linalg.norm(view, axis=-1, keepdims=True)
     mirrored = view - 2 * np.sum(view * normals, axis=-1, keepdims=True) * normals
-    down = mirrored[..., 2] < -_DOWNWARD
-    reach = np.where(down, -points[..., 2] / np.minimum(mirrored[..., 2], -_DOWNWARD), 0.0)
+    upward = np.array([[0.0, 0.0, 1.0]])
+    if balls.slopes is not None:
+        upward = np.column_stack([-balls.slopes, np.ones(len(balls.slopes))])
+        upward /= np.linalg.norm(upward, axis=1, keepdims=True)
+    # The plane touches the ball from below.
+    rise = np.sum((points - centres[:, None]) * upward[:, None], axis=-1) + radii[:, None]
+    fall = np.sum(mirrored * upward[:, None], axis=-1)
+    down = fall < -_DOWNWARD
+    reach = np.where(down, -rise / np.minimum(fall, -_DOWNWARD), 0.0)
     targets = np.where(down[..., None], points + reach[..., None] * mirrored, 0.0)
     return camera.project(points), camera.project(targets), down

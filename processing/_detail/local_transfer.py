@@ -16,7 +16,7 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing._normal_map import NormalMap, check_normal_map
-from rig import pluralize
+from rig import Progress, no_progress, pluralize
 
 Mask = npt.NDArray[np.bool_]
 
@@ -86,6 +86,7 @@ def transfer_local(
     amplitude: float = 1.0,
     shape_filter: ShapeFilter = ShapeFilter(w=10),
     reach_px: float | None = None,
+    on_progress: Progress = no_progress,
 ) -> LocalTransferResult:
     """Transfer the coarse detail of a part of a source into a target without a visible seam.
 
@@ -116,6 +117,8 @@ def transfer_local(
     reach_px
         Distance from the seam at which the compensated difference has fallen to 1/e. Default: the
         filter's ``w``.
+    on_progress
+        Receives the stage ``transferring``, five steps.
 
     Returns
     -------
@@ -159,6 +162,7 @@ def transfer_local(
     at = pose.at
     if at is None:
         at = anchor if target_mask is None else _middle(room)
+    on_progress("transferring", 0, 5)
     placement = Similarity(anchor, at, pose.scale, pose.rotate_deg, pose.mirror)
     placed = placement.place(source, target.size)
     region = placement.place_mask(part, target.size) & room
@@ -168,14 +172,18 @@ def transfer_local(
             "choose another position, scale or mask"
         )
     region &= placed.mask
+    on_progress("transferring", 1, 5)
     detail = scale_slopes(separate(placed, shape_filter=shape_filter).detail, amplitude)
+    on_progress("transferring", 2, 5)
     ground = separate(target, shape_filter=shape_filter)
+    on_progress("transferring", 3, 5)
     blended = blend_detail(detail, ground.detail, region, reach)
+    on_progress("transferring", 4, 5)
     turned = rotate_from_z(blended, ground.shape.normals)
     normals = np.where(region[..., None], turned, target.normals)
-    return LocalTransferResult(
-        NormalMap(normals, target.mask), target, region, placed, placement, shape_filter, amplitude
-    )
+    result = NormalMap(normals, target.mask)
+    on_progress("transferring", 5, 5)
+    return LocalTransferResult(result, target, region, placed, placement, shape_filter, amplitude)
 
 
 def _checked(mask: Mask | None, normal_map: NormalMap, name: str) -> Mask:

@@ -68,7 +68,7 @@ def separate(
     shape_filter
         The low-pass filter; ``ShapeFilter(order=1)`` is the paper's.
     on_progress
-        Receives the stage ``detail``: one step, the filter.
+        Receives the stage ``detail``, one step per pass of the filter and one for the normals.
 
     Returns
     -------
@@ -90,10 +90,7 @@ def separate(
     NormalMap(float32[32, 32, 3], 1024 normals)
     """
     check_normal_map("normal_map", normal_map)
-    on_progress("detail", 0, 1)
-    parts = shape_filter.split(normal_map)
-    on_progress("detail", 1, 1)
-    return Separation(*parts, shape_filter)
+    return Separation(*shape_filter.split(normal_map, on_progress), shape_filter)
 
 
 def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:

@@ -13,6 +13,7 @@ from processing._detail.edge_aware import leave_within_edges
 from processing._detail.filter_kind import FILTER_KINDS, FilterKind
 from processing._detail.separation_kernels import finish, gains, leave, separate_once
 from processing._normal_map import NormalMap
+from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 
@@ -81,7 +82,9 @@ class ShapeFilter:
         """Return the shape component of a normal map; see `split`."""
         return self.split(normal_map)[0]
 
-    def split(self, normal_map: NormalMap) -> tuple[NormalMap, NormalMap]:
+    def split(
+        self, normal_map: NormalMap, on_progress: Progress = no_progress
+    ) -> tuple[NormalMap, NormalMap]:
         """Return the shape and the detail of a normal map.
 
         Only pixels inside the mask count. Outside the frame the image is mirrored about its
@@ -91,6 +94,8 @@ class ShapeFilter:
         ----------
         normal_map
             Any normal map, at least 2w+1 pixels wide and high.
+        on_progress
+            Receives the stage ``detail``, one step per pass of the filter and one for the normals.
 
         Returns
         -------
@@ -107,16 +112,20 @@ class ShapeFilter:
         height, _ = normal_map.size
         normals, mask = normal_map.normals.reshape(height, -1), normal_map.mask
         shape, detail = np.zeros_like(normals), np.zeros_like(normals)
+        steps = self.passes + 1
+        on_progress("detail", 0, steps)
         if self.passes == 1:
             separate_once(normals, mask, self._kernel, shape, detail)
+            on_progress("detail", 1, steps)
         else:
-            shape, detail = self._repeat(normals, mask, shape, detail)
+            shape, detail = self._repeat(normals, mask, shape, detail, on_progress)
         size = normal_map.normals.shape
         if self.kind == "guided" or self.kind == "bilateral":
             detail = leave_within_edges(
                 self.kind, normal_map.normals, mask, shape.reshape(size), self.w
             ).reshape(height, -1)
             finish(normals, mask, shape, detail)
+        on_progress("detail", steps, steps)
         return (
             NormalMap.of_unit_vectors(shape.reshape(size), mask),
             NormalMap.of_unit_vectors(detail.reshape(size), mask),
@@ -142,7 +151,12 @@ class ShapeFilter:
             )
 
     def _repeat(
-        self, normals: Float, mask: npt.NDArray[np.bool_], shape: Float, detail: Float
+        self,
+        normals: Float,
+        mask: npt.NDArray[np.bool_],
+        shape: Float,
+        detail: Float,
+        on_progress: Progress,
     ) -> tuple[Float, Float]:
         kernel, gain = self._kernel, np.zeros(mask.shape, np.float32)
         gains(mask, mask.astype(np.float32), kernel, gain)
@@ -151,6 +165,7 @@ class ShapeFilter:
         for done in range(self.passes):
             leave(mask, rest, gain, kernel, free[done % 2])
             rest = free[done % 2]
+            on_progress("detail", done + 1, self.passes + 1)
         if rest is shape:
             shape, detail = detail, shape
         finish(normals, mask, shape, detail)

@@ -16,6 +16,7 @@ from processing._detail.separation import Separation, separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
+from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 
@@ -51,12 +52,12 @@ class TransferFidelity:
         """``(H, W)`` angle between the intended and the resulting detail, NaN outside."""
         return angle_map_deg(self.detail.normals, self.result.detail.normals, self.detail.mask)
 
-    @property
+    @cached_property
     def shape_mae_deg(self) -> float:
         """Mean shape error over every pixel that received detail."""
         return float(np.mean(self.shape_error_deg[self.detail.mask], dtype=np.float64))
 
-    @property
+    @cached_property
     def detail_mae_deg(self) -> float:
         """Mean detail error over every pixel that received detail."""
         return float(np.mean(self.detail_error_deg[self.detail.mask], dtype=np.float64))
@@ -135,6 +136,7 @@ def transfer(
     refine: int = 0,
     shape_filter: ShapeFilter = ShapeFilter(),
     at: tuple[int, int] | None = None,
+    on_progress: Progress = no_progress,
 ) -> TransferResult:
     """Transfer the detail of a source to the shape of a target (eq. ``eq_transfer`` of the paper).
 
@@ -162,6 +164,8 @@ def transfer(
     at
         Column and row of the target at which the source's first pixel is placed; negative values
         are allowed. Target pixels that receive no source pixel inside the mask keep their normals.
+    on_progress
+        Receives the stage ``transferring``: three steps, and one per correction.
 
     Returns
     -------
@@ -189,20 +193,26 @@ def transfer(
     check_normal_map("target", target)
     if refine < 0:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
+    steps = 3 + refine
+    on_progress("transferring", 0, steps)
     placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)
     detail = placement.place(separate(source, shape_filter=shape_filter).detail, target)
     detail = scale_slopes(detail, amplitude)
     received = detail.mask
+    on_progress("transferring", 1, steps)
     shape = shape_filter.shape(target)
+    on_progress("transferring", 2, steps)
     ground = target if keep_target_detail else shape
     normals = np.where(
         received[..., None], rotate_from_z(detail.normals, ground.normals), target.normals
     )
-    for _ in range(refine):
+    for done in range(refine):
         result_shape = shape_filter.shape(NormalMap(normals, target.mask))
         turned = rotate_between(normals, result_shape.normals, shape.normals)
         normals = np.where(received[..., None], turned, normals)
+        on_progress("transferring", 3 + done, steps)
     result = NormalMap(normals, target.mask)
+    on_progress("transferring", steps, steps)
     return TransferResult(result, source, target, shape_filter, amplitude, placement, shape, detail)
 
 

@@ -16,7 +16,7 @@ from processing._projection.point_cloud import draw_points, fit_surfels, too_few
 from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
 from processing._projection.view import Raster, fit_raster
-from rig import Notice, short_repr
+from rig import Notice, Progress, no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -61,6 +61,7 @@ def project(
     centred: bool = True,
     smooth: bool = True,
     neighbours: int = 16,
+    on_progress: Progress = no_progress,
 ) -> Projection:
     """Draw a mesh or a point cloud as a normal map.
 
@@ -87,6 +88,8 @@ def project(
         Blend normals over the faces of a mesh; otherwise the faces are flat.
     neighbours
         Number of points to which a normal of a point cloud is fitted if the cloud has no normals.
+    on_progress
+        Receives the stage ``projecting``: three steps, of which the second is the longest.
 
     Returns
     -------
@@ -113,6 +116,7 @@ def project(
     """
     if not (math.isfinite(unit_mm) and unit_mm > 0):
         raise DataError(f"a unit of {unit_mm} mm is not a positive length")
+    on_progress("projecting", 0, 3)
     turn = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
     points = turned(geometry.vertices, unit_mm * turn)
     low, high = bounds(points)
@@ -123,11 +127,13 @@ def project(
         points -= middle
         low, high = low - middle, high - middle
     raster = _raster(low, high, size, pixel_mm, camera)
+    on_progress("projecting", 1, 3)
     if geometry.faces is not None:
         drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth)
     else:
         normals = None if geometry.normals is None else geometry.normals @ turn.T
         drawn = draw_points(fit_surfels(points, normals, neighbours), raster)
+    on_progress("projecting", 2, 3)
     mask = np.isfinite(drawn.height)
     if not mask.any():
         raise EstimateError(
@@ -137,8 +143,10 @@ def project(
             + " x ".join(f"{span:.3g}" for span in (high - low)[:2])
             + " mm in size"
         )
+    normal_map = NormalMap(drawn.normals, mask)
+    on_progress("projecting", 3, 3)
     return Projection(
-        normal_map=NormalMap(drawn.normals, mask),
+        normal_map=normal_map,
         height=drawn.height,
         depth=None if camera is None else np.float32(raster.eye_mm) - drawn.height,
         pixel_mm=raster.pixel_mm,

@@ -32,14 +32,12 @@ def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
     points of the unit sphere.
     """
     covariances = _in_space(lights)
-    if covariances is None:
+    sigmas = longest_sigmas(lights)
+    if covariances is None or sigmas is None:
         return None
-    near = lights.positions_mm is not None
-    places = lights.positions_mm if near else lights.directions
-    assert places is not None  # noqa: S101 - one of the two is given
-    sizes = np.sqrt(np.linalg.eigvalsh(covariances)[:, -1].clip(0))
+    places = lights.unit_directions if lights.positions_mm is None else lights.positions_mm
     distance = float(np.median(np.linalg.norm(places, axis=1)))
-    factor = _round_factor(_SHARE * distance / max(float(np.nanmedian(sizes)), 1e-12 * distance))
+    factor = _round_factor(_SHARE * distance / max(float(np.median(sigmas)), 1e-12 * distance))
 
     def draw(axes: Axes) -> None:
         from matplotlib.patches import Ellipse
@@ -74,13 +72,25 @@ def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
         axes.margins(0.08)
         axes.axis("off")
 
-    sigma = float(np.nanmedian(sizes))
-    worst = float(np.nanmax(sizes))
-    unit = f"{sigma:.2g} mm, at most {worst:.2g} mm"
-    if not near:
-        unit = f"{np.degrees(sigma):.2g}°, at most {np.degrees(worst):.2g}°"
-    title = f"error ellipsoids (1 sigma), enlarged {factor:g} times; longest semi-axis {unit}"
+    unit, scale = (" mm", 1.0) if lights.near else ("°", 180 / np.pi)
+    median, largest = scale * np.median(sigmas), scale * sigmas.max()
+    text = f"median {median:.2g}{unit}, largest {largest:.2g}{unit}"
+    title = f"error ellipsoids (1 sigma), enlarged {factor:g} times; {text}"
     return Panel(title, draw, 1.2)
+
+
+def longest_sigmas(lights: acquisition.Lights) -> Array | None:
+    """Return the standard deviations of lights along the longest axes of their ellipsoids.
+
+    In mm, or in radians for directions; lights without errors are left out. None if there are no
+    others.
+    """
+    covariances = _in_space(lights)
+    if covariances is None:
+        return None
+    known = covariances[np.isfinite(covariances).all(axis=(1, 2))]
+    sigmas: Array = np.sqrt(np.linalg.eigvalsh(known)[:, -1].clip(0))
+    return sigmas if len(sigmas) else None
 
 
 def residuals_panel(lights: acquisition.Lights) -> Panel | None:

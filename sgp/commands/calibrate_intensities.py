@@ -203,14 +203,14 @@ def _lines(estimate: calibration.IntensityCalibration) -> list[str]:
         + _shared(estimate.own_axis, lights.ids, "own", "given axis"),
     ]
     vignetting = estimate.vignetting
+    if errors.covariances is None:
+        lines.append("  std without errors of the positions: the lights file does not state them")
     if vignetting is None:
-        lines.append(
-            "  vignetting cannot be separated from the card's albedo: needs --even, an even card"
-        )
+        lines.append("  vignetting cannot be separated from the card's albedo without --even")
     else:
         lines.append(
-            f"  vignetting: corners at {vignetting.corner:.1%} of the middle, "
-            f"std {vignetting.corner_std:.1%}"
+            f"  vignetting: corners at {vignetting.corner:.2%} of the middle, "
+            f"std {vignetting.corner_std:.2%}"
         )
     return [*lines, f"  residual on the card {estimate.residual:.2%}, {estimate.pixels} pixels"]
 

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 import acquisition
 import processing
 import rig
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import TransferMetrics
 from sgp._options import (
@@ -149,36 +150,42 @@ def transfer(
     second = processing.read_normals(target, green=target_green, max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
     done: processing.TransferResult | processing.LocalTransferResult
-    if is_local:
-        done = processing.transfer_local(
-            *maps,
-            source_mask=_mask(local.source_mask, maps[0]),
-            target_mask=_mask(local.target_mask, maps[1]),
-            pose=processing.Pose(
-                None if place is None else (place[0], place[1]),
-                local.scale,
-                local.rotate_deg,
-                local.mirror,
-            ),
-            amplitude=amplitude,
-            shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
-        )
-    else:
-        done = processing.transfer(
-            *maps,
-            keep_target_detail=keep_target_detail,
-            amplitude=amplitude,
-            refine=refine,
-            shape_filter=processing.ShapeFilter(filter, order, 5 if w is None else w),
-            at=None if place is None else _whole(place),
-        )
+    with Stages() as progress:
+        if is_local:
+            done = processing.transfer_local(
+                *maps,
+                source_mask=_mask(local.source_mask, maps[0]),
+                target_mask=_mask(local.target_mask, maps[1]),
+                pose=processing.Pose(
+                    None if place is None else (place[0], place[1]),
+                    local.scale,
+                    local.rotate_deg,
+                    local.mirror,
+                ),
+                amplitude=amplitude,
+                shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
+                on_progress=progress,
+            )
+        else:
+            done = processing.transfer(
+                *maps,
+                keep_target_detail=keep_target_detail,
+                amplitude=amplitude,
+                refine=refine,
+                shape_filter=processing.ShapeFilter(filter, order, 5 if w is None else w),
+                at=None if place is None else _whole(place),
+                on_progress=progress,
+            )
     masks = [path for path in (local.source_mask, local.target_mask) if path is not None]
     result = Result(
         warnings=[*first.warnings, *second.warnings],
         inputs=[*first.files, *second.files, *masks],
     )
     claim_folder(out, "normals.json")
-    result.outputs = processing.write_normals(out, done.normal_map, green=written.green_out)
+    with Stages() as progress:
+        result.outputs = processing.write_normals(
+            out, done.normal_map, green=written.green_out, on_progress=progress
+        )
     title = f"Detail of {source.name} on {target.name}"
     metrics = _write_errors(out, title, done, result)
     if profile:

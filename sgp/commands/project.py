@@ -12,6 +12,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
+from sgp._console import Stages, shown
 from sgp._exit import UsageError
 from sgp._metrics import ProjectMetrics
 from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
@@ -117,22 +118,27 @@ def project(
         model = replace(model, working_distance_mm=distance_mm)
     if model is not None and model.working_distance_mm is None:
         raise UsageError(f"{camera}: the camera has no working distance: give --distance-mm")
-    read = processing.read_geometry(geometry)
+    (read,) = [processing.read_geometry(path) for path in shown("reading", [geometry])]
     used: Unit = unit or ("m" if geometry.suffix.lower() == ".glb" else "mm")
-    seen = processing.project(
-        read,
-        rotation,
-        unit_mm=_UNIT_MM[used],
-        size=pixels,
-        pixel_mm=pixel_mm,
-        camera=model,
-        centred=not keep_origin,
-        smooth=shading == "smooth",
-        neighbours=neighbours,
-    )
-    claim_folder(out, "project.json")
+    with Stages() as progress:
+        seen = processing.project(
+            read,
+            rotation,
+            unit_mm=_UNIT_MM[used],
+            size=pixels,
+            pixel_mm=pixel_mm,
+            camera=model,
+            centred=not keep_origin,
+            smooth=shading == "smooth",
+            neighbours=neighbours,
+            on_progress=progress,
+        )
+        claim_folder(out, "project.json")
+        outputs = processing.write_normals(
+            out, seen.normal_map, green=maps.green_out, on_progress=progress
+        )
     result = Result(
-        outputs=processing.write_normals(out, seen.normal_map, green=maps.green_out),
+        outputs=outputs,
         warnings=list(seen.warnings),
         inputs=[geometry, *([] if camera is None else [camera])],
     )

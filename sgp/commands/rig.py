@@ -227,6 +227,8 @@ def selftest(*, rig: RigOption = None) -> Result:
     if name in rigs.rig_names():  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else rigs.pluralize(len(faults), "fault")
+    if result.ok and any(finding.kind == "ambiguous" for finding in notes):
+        verdict = "no faults found, but swapped LEDs could not be excluded"
     return Result(
         metrics={
             "leds": list(result.leds),

@@ -23,18 +23,23 @@ _STEPS = 8
 _MOST_PX = 64.0
 _FINE = 16
 _REACH_SIGMAS = 4.0
+# Weight of hidden parts: enough to define them, too little to blur what is in focus.
+_SPARE = 1e-3
 
 
-def blur(planes: Values, circle_px: Values, sigma_px: float) -> None:
+def blur(planes: Values, depth_mm: Array, circle_px: Values, sigma_px: float) -> None:
     """Blur images in place as the lens does.
 
-    Every pixel spreads its light over its own circle of confusion, and a pixel receives the mean of
-    what reaches it. Light from behind an edge that a wider aperture would see is missing.
+    Every pixel spreads its light over its own circle of confusion. Around each pixel, the nearer
+    half of the depths covers the farther half as far as its circles reach; what a lens sees behind
+    an edge continues what is next to it.
 
     Parameters
     ----------
     planes
         ``(N, H, W)`` images of one scene.
+    depth_mm
+        ``(H, W)`` depth of what each pixel sees.
     circle_px
         ``(H, W)`` diameter of the circle of confusion of what each pixel sees.
     sigma_px
@@ -62,7 +67,8 @@ def blur(planes: Values, circle_px: Values, sigma_px: float) -> None:
         if reach.max():
             spread = cv2.dilate((reach[index] > 0).astype(np.uint8), np.ones((sides, sides)))
             y, x = np.nonzero(spread)
-            _defocus(planes, index, y, x, table)
+            middle, widest = _split(depth_mm, index, y, x, sides // 2)
+            _defocus(planes, depth_mm, index, y, x, middle, widest, table)
     kernel = gaussian(sigma_px)
     for plane in planes:
         cv2.sepFilter2D(plane, -1, kernel, kernel, dst=plane, borderType=cv2.BORDER_REPLICATE)
@@ -110,22 +116,59 @@ def _reach(kernel: Values) -> int:
 
 
 @numba.njit(parallel=True, cache=True)
+def _split(
+    depth: Array, index: npt.NDArray[np.int16], y: Places, x: Places, reach: int
+) -> tuple[Array, Places]:
+    """Return the depth between near and far, and the largest index, around pixels (y, x)."""
+    rows, columns = depth.shape
+    middle, widest = np.zeros(len(y)), np.zeros(len(y), np.int64)
+    for i in numba.prange(len(y)):
+        near, far, most = depth[y[i], x[i]], depth[y[i], x[i]], 0
+        for r in range(max(y[i] - reach, 0), min(y[i] + reach + 1, rows)):
+            for c in range(max(x[i] - reach, 0), min(x[i] + reach + 1, columns)):
+                near, far = min(near, depth[r, c]), max(far, depth[r, c])
+                most = max(most, index[r, c])
+        middle[i], widest[i] = (near + far) / 2.0, most
+    return middle, widest
+
+
+@numba.njit(parallel=True, cache=True)
 def _defocus(
-    planes: Values, index: npt.NDArray[np.int16], y: Places, x: Places, table: Values
+    planes: Values,
+    depth: Array,
+    index: npt.NDArray[np.int16],
+    y: Places,
+    x: Places,
+    middle: Array,
+    widest: Places,
+    table: Values,
 ) -> None:
-    """Gather pixels (y, x) from kernels that depend on where the light comes from."""
+    """Gather pixels (y, x) from kernels that depend on where the light comes from.
+
+    What is nearer than ``middle`` covers what is farther as far as its kernels reach.
+    """
     reach = table.shape[1] // 2
     rows, columns = planes.shape[1:]
     for n in numba.prange(len(planes)):
         source = planes[n].copy()
         for i in range(len(y)):
-            total = np.float32(0.0)
-            weight = np.float32(0.0)
+            front, covered = np.float32(0.0), np.float32(0.0)
+            back, weight = np.float32(0.0), np.float32(0.0)
             for dy in range(-reach, reach + 1):
                 r = min(max(y[i] + dy, 0), rows - 1)
                 for dx in range(-reach, reach + 1):
                     c = min(max(x[i] + dx, 0), columns - 1)
                     share = table[index[r, c], reach - dy, reach - dx]
-                    total += share * source[r, c]
-                    weight += share
-            planes[n, y[i], x[i]] = total / weight
+                    if depth[r, c] < middle[i]:
+                        front += share * source[r, c]
+                        covered += share
+                    else:
+                        # What is hidden behind an edge continues what is seen next to it.
+                        share += np.float32(_SPARE) * table[widest[i], reach - dy, reach - dx]
+                        back += share * source[r, c]
+                        weight += share
+            if weight <= 0.0:
+                planes[n, y[i], x[i]] = front / covered
+            else:
+                open_ = max(np.float32(1.0) - covered, np.float32(0.0))
+                planes[n, y[i], x[i]] = (front + open_ * back / weight) / (covered + open_)

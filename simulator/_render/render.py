@@ -246,7 +246,7 @@ class _Canvas:
         self._draw_again(*np.nonzero(edge), only_met=False)
         circle = lens.circle_px(self._depth).astype(np.float32)
         for images in (self._planes, self._ambient[None]):
-            blur(images, circle, lens.blur_px)
+            blur(images, self._depth, circle, lens.blur_px)
 
     def _integrate_shadows(self, allowed: Mask) -> None:
         """Average the edges of shadows over their pixels."""

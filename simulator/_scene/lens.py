@@ -95,7 +95,7 @@ class Lens:
             )
         elif self.camera.working_distance_mm is None:
             raise DataError("a simulated camera needs a working distance: give working_distance_mm")
-        elif self._focus_mm <= self.optics.focal_length_mm:
+        elif not self.sharp and self._focus_mm <= self.optics.focal_length_mm:
             raise DataError(
                 f"lens: the plane of focus at {self._focus_mm:g} mm is within the focal length of "
                 f"{self.optics.focal_length_mm:g} mm: give another focus_mm or focal_length_mm"

@@ -135,6 +135,40 @@ def test_many_faults_at_once_are_distinguished():
     ]
 
 
+def glowing(off, *, leds=12, alive=True):
+    """Return the findings if these LEDs are always on; of a rig whose others are off if asked."""
+    light, positions, places = scene("coin", leds, 11)
+    light = light.copy()
+    glow = light[list(off)].sum(axis=0)
+    light[list(off) if alive else slice(None)] = 0
+    draw = np.random.default_rng(3)
+    twice = np.stack([light + draw.normal(0, 0.1, light.shape) for _ in range(2)])
+    return findings(Evidence(tuple(range(leds)), twice, glow, places, positions))
+
+
+def test_two_leds_that_are_always_on_are_named():
+    found = glowing((3, 8))
+    assert [(one.kind, one.leds) for one in found if one.fault] == [("always on", (3, 8))]
+    assert "LED 3, 8 change nothing" in found[0].text
+
+
+def test_light_that_no_led_changes_is_not_a_percentage():
+    (found, *rest) = glowing((3,), alive=False)
+    assert (found.kind, found.leds) == ("always on", tuple(range(12)))
+    assert "no LED changes it" in found.text
+    assert "%" not in found.text
+    assert [one.kind for one in rest] == ["ambiguous"]
+
+
+def test_bright_room_light_is_a_number_of_times():
+    light, positions, places = scene("coin", 12, 11)
+    twice = np.stack([light, light])
+    (found,) = findings(Evidence(tuple(range(12)), twice, 40 * light.mean(0), places, positions))
+    assert found.kind == "room light"
+    assert "% of" not in found.text
+    assert " times an LED's light" in found.text
+
+
 def test_a_rig_whose_leds_are_all_dead():
     _, positions, places = scene("coin", 12, 12)
     light = np.zeros((12, len(places)))

@@ -115,7 +115,7 @@ def test_another_number_of_radii_is_refused(found, error):
 
 
 def test_spheres_are_placed_by_their_radius(bench):
-    """The covariance includes a systematic outline error of 0.05 px, sideways and in depth."""
+    """The covariance includes a systematic outline error of 0.03 px, sideways and in depth."""
     spheres = [((30.0, -20.0, 12.0), 12.0), ((-100.0, 60.0, 30.0), 30.0)]
     cones = [fit_cone(bench.camera.rays(bench.outline(*s)), 1 / bench.focal_px)[0] for s in spheres]
     placed = place(cones, np.array([12.0, 30.0]), bench.camera)
@@ -126,7 +126,7 @@ def test_spheres_are_placed_by_their_radius(bench):
         own = placed.covariance_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
         systematic = own - radius**2 * cone.covariance
         distance = np.linalg.norm(np.asarray(centre) - bench.eye)
-        angle, half = 0.05 / bench.focal_px, np.arcsin(radius / distance)
+        angle, half = 0.03 / bench.focal_px, np.arcsin(radius / distance)
         sideways, depth = distance * angle, distance * angle / np.tan(half)
         along = cone.axis @ systematic @ cone.axis
         assert along == pytest.approx(sideways**2 + depth**2, rel=1e-3)

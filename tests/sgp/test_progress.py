@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import processing
 from sgp import _console
@@ -30,6 +31,47 @@ def test_integration_reports_percent_of_the_digits_that_it_gains() -> None:
     assert done == sorted(done)
     assert (done[0], done[-1]) == (0, 100)
     assert len(set(done)) > 3
+
+
+@pytest.mark.parametrize(
+    ("stage", "steps", "call"),
+    [
+        ("detail", 9, lambda report: processing.separate(dome(), on_progress=report)),
+        (
+            "detail",
+            2,
+            lambda report: processing.separate(
+                dome(), shape_filter=processing.ShapeFilter("guided"), on_progress=report
+            ),
+        ),
+        (
+            "transferring",
+            5,
+            lambda report: processing.transfer(dome(), dome(), refine=2, on_progress=report),
+        ),
+        (
+            "transferring",
+            5,
+            lambda report: processing.transfer_local(
+                dome(), dome(), target_mask=dome().normals[..., 0] > 0, on_progress=report
+            ),
+        ),
+        (
+            "projecting",
+            3,
+            lambda report: processing.project(
+                processing.Geometry(np.eye(3), np.array([[0, 1, 2]])),
+                pixel_mm=0.1,
+                on_progress=report,
+            ),
+        ),
+    ],
+    ids=["filter", "guided filter", "transfer", "local transfer", "projection"],
+)
+def test_long_functions_report_every_step_once(stage, steps, call) -> None:
+    reported: list[tuple[str, int, int]] = []
+    call(lambda *report: reported.append(report))
+    assert reported == [(stage, done, steps) for done in range(steps + 1)]
 
 
 def stages_of(monkeypatch, call) -> dict[str, tuple[int, int]]:

@@ -12,7 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from processing import NormalMap, write_normals
 from sgp._fitted import fitted
+from tests.sgp.conftest import ball
 
 pty = pytest.importorskip("pty")
 fcntl = pytest.importorskip("fcntl")
@@ -146,3 +148,44 @@ def test_commands_fit_a_terminal(program: str, words: list[str], recording, tmp_
     # A list grows with what it lists: frames here, the ports and drivers of the computer there.
     if "--frames" not in words and words != ["doctor"]:
         assert len(lines) <= ROWS, lines
+
+
+SPHERES = ["simulate", "spheres", "--size", "320x256", "--led-count", "6", "--out", "spheres"]
+CARD = ["simulate", "white-plane", "--size", "160x128", "--led-count", "6", "--out", "card"]
+TRUTH = "{}/derived/truth/{}.json"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ([], ["inspect", "ball", "--lights", "lights.json"]),
+        ([], ["normals", "ball", "--lights", "lights.json", "--out", "out"]),
+        ([], ["run", "ball", "--lights", "lights.json", "--out", "out", "--glb"]),
+        ([], ["surface", "map", "--out", "out", "--pixel-mm", "0.1", "--stl"]),
+        ([], ["detail", "separate", "map", "--out", "out"]),
+        ([], ["detail", "transfer", "map", "map", "--out", "out", "--profile"]),
+        ([], ["detail", "transfer", "map", "map", "--scale", "0.9", "--out", "out"]),
+        ([], ["detail", "properties", "map", "map", "--out", "out"]),
+        ([], ["compare", "map", "map"]),
+        ([], ["project", "mesh.obj", "--size", "40x30", "--out", "out"]),
+        (SPHERES, ["calibrate", "spheres", "spheres", "--out", "found.json"]),
+        (
+            CARD,
+            ["calibrate", "intensities", "card", "--lights", TRUTH.format("card", "lights"),
+             "--camera", TRUTH.format("card", "camera"), "--out", "found.json"],
+        ),
+    ],
+    ids=lambda words: "-".join(words[:2]),
+)  # fmt: skip
+def test_processing_fits_a_terminal(before, words, recording, tmp_path) -> None:
+    write_normals(tmp_path / "map", NormalMap.from_vectors(*ball()))
+    (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    if before:
+        check(on_terminal("sgp", *before, folder=tmp_path))
+    lines = on_terminal("sgp", *words, folder=tmp_path)
+    check(lines)
+    # A bar is erased when its stage ends.
+    lines = [line for line in lines if "━" not in line]
+    assert 0 < len(lines) <= ROWS, lines
+    assert not any(line.startswith("error:") for line in lines), lines

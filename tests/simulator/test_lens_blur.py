@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 from scipy.stats import norm
 
@@ -11,6 +12,7 @@ from acquisition import DataError, Lights
 from simulator import (
     Ball,
     Box,
+    Checker,
     ChromeSphere,
     Even,
     Lens,
@@ -24,6 +26,8 @@ from simulator import (
 )
 from simulator._render.blur import blur
 from simulator._render.mirror import image_depth_mm
+from simulator._render.shade import Shader
+from simulator._render.trace import see
 
 CAMERA = bench_camera(160, 120)
 ABOVE = Lights(directions=np.array([[0.0, 0.0, 1.0]]))
@@ -93,7 +97,7 @@ def test_uniform_radiance_stays_uniform_at_all_depths():
 def test_a_point_becomes_a_disc_with_the_variance_of_the_circle_of_confusion(circle):
     image = np.zeros((1, 41, 41), np.float32)
     image[0, 20, 20] = 1.0
-    blur(image, np.full((41, 41), circle, np.float32), 0.7)
+    blur(image, np.full((41, 41), 600.0), np.full((41, 41), circle, np.float32), 0.7)
     across = image[0].sum(axis=0)
     assert image.sum() == pytest.approx(1.0, abs=1e-5)
     place = np.arange(41) - 20
@@ -161,7 +165,10 @@ def test_the_colours_of_a_mosaic_do_not_mix():
     [
         (lambda: Optics(f_number=0.0), "f_number"),
         (lambda: Optics(focus_mm=float("nan")), "focus_mm"),
-        (lambda: Lens.of(CAMERA, optics=Optics(focus_mm=10.0)), "within the focal length"),
+        (
+            lambda: Lens.of(CAMERA, sharp=False, optics=Optics(focus_mm=10.0)),
+            "within the focal length",
+        ),
         (
             lambda: render(
                 scene(Lens.of(CAMERA, sharp=False, optics=Optics(0.02, focus_mm=300.0)))
@@ -173,3 +180,52 @@ def test_the_colours_of_a_mosaic_do_not_mix():
 def test_impossible_optics_are_refused(make, message):
     with pytest.raises(DataError, match=message):
         make()
+
+
+def through_an_aperture(scene, fine=8):
+    """Return plane and ambient image from ``fine`` x ``fine`` rays per pixel and aperture point.
+
+    The rays of a position in the image meet in the plane of focus.
+    """
+    lens, margin = scene.lens, 4
+    rows, columns = lens.size
+    x, y = ((np.arange(-margin * fine, (n + margin) * fine) + 0.5) / fine - 0.5
+            for n in (columns, rows))  # fmt: skip
+    origins, rays = lens.origins_and_rays(*(v.ravel() for v in np.meshgrid(x, y)))
+    radius = lens.optics.focal_length_mm / lens.optics.f_number / 2
+    images = np.zeros((2, len(y), len(x)))
+    angles = np.arange(6) * np.pi / 3
+    # Three rings of equal area.
+    points = [(r * np.cos(a + r), r * np.sin(a + r)) for r in np.sqrt([1 / 6, 0.5, 5 / 6])
+              for a in angles]  # fmt: skip
+    for point in points:
+        shift = np.array([*(radius * np.array(point)), 0.0])
+        seen = see(scene, origins + shift, np.ascontiguousarray(rays - shift / lens.camera_z_mm))
+        albedo = scene.albedo(*seen.points_mm[:, :2].T, seen.on_object, seen.item)
+        lit, ambient, _ = Shader(scene, 1.0).shade(seen, albedo, np.full(len(albedo), -1, np.int8))
+        for image, light in zip(images, (lit[0], ambient), strict=True):
+            image += light.reshape(image.shape) / len(points)
+    size = (2, rows + 2 * margin, fine, columns + 2 * margin, fine)
+    spread = gaussian_filter(images, (0, lens.blur_px * fine, lens.blur_px * fine))
+    return spread.reshape(size).mean(axis=(2, 4))[:, margin:-margin, margin:-margin]
+
+
+@pytest.mark.parametrize(("f_number", "largest", "rms"), [(8.0, 0.05, 0.008), (0.08, 0.1, 0.012)])
+def test_an_image_is_that_of_many_rays_through_the_aperture(f_number, largest, rms):
+    """Balls, boxes, their shadows, and a board seen directly and in a mirror, also out of focus."""
+    lens = Lens.of(bench_camera(64, 52), sharp=False, optics=Optics(f_number))
+    near = Lights(positions_mm=np.array([[-200.0, 100.0, 300.0]]))
+    board = Checker(0.3, 0.7, 50.0, angle_deg=10.0)
+    things = (Ball((-70.0, 40.0, 40.0), 40.0), Box((50.0, -40.0), (60.0, 40.0, 60.0), 25.0, 0.9))
+    mirror = (ChromeSphere((-60.0, -50.0, 40.0), 40.0),)
+    inner = (slice(3, -3), slice(3, -3))
+    lit = scene(lens, near, board=Even(0.2), clutter=things)
+    mirrored = scene(lens, near, board=board, spheres=mirror, ambient=0.5)
+    pairs = (
+        (render(lit).planes[0], through_an_aperture(lit)[0]),
+        (render(mirrored).ambient, through_an_aperture(mirrored)[1]),
+    )
+    for image, expected in pairs:
+        error = (image - expected)[inner] / expected.max()
+        assert np.abs(error).max() < largest
+        assert np.sqrt(np.mean(error**2)) < rms

@@ -1,0 +1,216 @@
+"""Tests of the given radius, distance, focal length and distortion against the images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from acquisition import CameraModel
+from calibration._spheres.cone import fit_cone
+from calibration._spheres.joint_refinement import (
+    KnownSpheres,
+    Refined,
+    linearise,
+    predicted_highlights,
+)
+from calibration._spheres.robust import Array
+from rig import Notice, short_repr
+
+# A value is doubted if it deviates by more than this: 0.1 % of correct values do.
+_SIGMAS = 3.3
+# How well spheres rest on the working plane: common height and height of each, relative to the
+# distance, and slope in radians.
+_HEIGHT_SHARE = 1e-3
+_EACH_SHARE = 5e-4
+_SLOPE = np.radians(0.5)
+_STEP = 1e-4
+# Difference of chi-square up to which two explanations count as equally good.
+_EQUAL = 9.0
+RATIO, FOCAL, DISTORTION = "ratio", "focal", "distortion"
+_CODES: Final = {
+    RATIO: "ratio-contradicted",
+    FOCAL: "focal-length-contradicted",
+    DISTORTION: "distortion-contradicted",
+}
+
+
+@dataclass(frozen=True)
+class InputTest:
+    """The change of a given value that explains the data best.
+
+    Parameters
+    ----------
+    name
+        ``ratio`` (of radius to working distance), ``focal`` or ``distortion``.
+    change
+        Relative change of the given value; of the distortion, the change of k1.
+    sigma
+        Standard deviation of the change.
+    """
+
+    name: str
+    change: float
+    sigma: float
+
+    __repr__ = short_repr
+
+    @property
+    def sigmas(self) -> float:
+        """Absolute change in standard deviations."""
+        return abs(self.change) / self.sigma
+
+
+def check_inputs(
+    camera: CameraModel,
+    spheres: KnownSpheres,
+    outlines_px: list[Array],
+    refined: Refined,
+    highlights_px: Array,
+    sigma_px: Array,
+) -> list[InputTest]:
+    """Estimate how the given values would have to change, each one alone.
+
+    To the least squares of `refine`, the heights of the spheres are added: they rest on the working
+    plane, to 0.1 % of the working distance, 0.05 % each, and half a degree of slope. Each value is
+    added as one more unknown, and one step of Gauss-Newton from the refined lights gives its change
+    (Rao's score test).
+
+    Parameters
+    ----------
+    camera
+        Camera with a working distance.
+    spheres
+        K spheres as their outlines show them.
+    outlines_px
+        K arrays ``(M, 2)`` of outline points.
+    refined
+        Result of `refine`.
+    highlights_px
+        ``(N, K, 2)``.
+    sigma_px
+        ``(N, K)``; infinite for highlights that do not count.
+
+    Returns
+    -------
+    list of InputTest
+        The changes of ratio, focal length and distortion, most significant first.
+    """
+    system = linearise(
+        camera, spheres, refined.positions_mm, refined.centres_mm, highlights_px, sigma_px
+    )
+    centres, radii = refined.centres_mm, spheres.radii_mm
+    count = len(centres)
+    up = np.kron(np.eye(count), [[0.0, 0.0, 1.0]])
+    height = centres[:, 2] - radii
+    distance = camera.centre_mm[2]
+    spread = (_HEIGHT_SHARE * distance) ** 2 * np.ones((count, count))
+    spread += _SLOPE**2 * (centres[:, :2] @ centres[:, :2].T)
+    spread += (_EACH_SHARE * distance) ** 2 * np.eye(count)
+    of_height = np.linalg.inv(spread)
+    system = replace(
+        system,
+        of_centre=system.of_centre + up.T @ of_height @ up,
+        pull_centre=system.pull_centre + up.T @ of_height @ height,
+        square=system.square + float(height @ of_height @ height),
+    )
+    freedom = max(2 * int(np.isfinite(sigma_px).sum()) - refined.positions_mm.size + count - 1, 1)
+    information = np.linalg.inv(spheres.covariance_mm2)
+    off = (centres - spheres.centres_mm).ravel()
+    use = np.isfinite(sigma_px)[..., None] & np.ones(2, bool)
+    weight = np.where(use, np.where(use, sigma_px[..., None], 1.0) ** -2, 0.0)
+    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(highlights_px), 0.0)
+    tests = []
+    for name in (RATIO, FOCAL, DISTORTION):
+        other, size = _changed(camera, name)
+        grown = radii * (1 + size) if name == RATIO else radii
+        slope = np.where(use, _predict(other, refined, grown) - _predict(camera, refined, radii), 0)
+        slope = slope / size
+        moved = (_placed(other, grown, outlines_px) - _placed(camera, radii, outlines_px)) / size
+        by_height = -(grown - radii) / size
+        of_value = np.sum(weight * slope**2) + moved @ information @ moved
+        of_value += by_height @ of_height @ by_height
+        pull = np.sum(weight * slope * error) - moved @ information @ off
+        pull += by_height @ of_height @ height
+        by_light = np.einsum("nkia,nki->na", system.by_light, weight * slope)
+        by_centre = np.einsum("nkia,nki->ka", system.by_centre, weight * slope).ravel()
+        by_centre += -information @ moved + up.T @ of_height @ by_height
+        left, right = system.solve(by_light, by_centre)
+        left_over = of_value - np.sum(by_light * left) - by_centre @ right
+        pull -= np.sum(left * system.pull_light) + right @ system.pull_centre
+        change = -float(pull / left_over)
+        remaining = (system.square_at_minimum() - pull**2 / left_over) / freedom
+        tests.append(InputTest(name, change, float(np.sqrt(max(remaining, 1.0) / left_over))))
+    return sorted(tests, key=lambda test: -test.sigmas)
+
+
+def doubts(tests: list[InputTest], camera: CameraModel, radii_mm: Array) -> list[Notice]:
+    """Return a warning about the value whose change explains the data best, if one is doubtful.
+
+    Parameters
+    ----------
+    tests
+        Result of `check_inputs`.
+    camera
+        Camera with a working distance.
+    radii_mm
+        ``(K,)`` radii of the spheres.
+    """
+    best = tests[0]
+    if best.sigmas <= _SIGMAS:
+        return []
+    # Changes that explain the data nearly as well are named as well.
+    equal = [test for test in tests if test.sigmas**2 > max(best.sigmas**2 - _EQUAL, _SIGMAS**2)]
+    explanations = "; or ".join(_explanation(test, camera, radii_mm) for test in equal)
+    text = f"highlights, outlines and the working plane contradict the given values: {explanations}"
+    return [Notice(_CODES[best.name], text)]
+
+
+def _explanation(test: InputTest, camera: CameraModel, radii_mm: Array) -> str:
+    """Return the changes of given values that a test stands for."""
+    if test.name == FOCAL:
+        focal_px, change, sigma = camera.focal_px, test.change, test.sigma
+        return f"focal length {focal_px * (1 + change):.1f} +- {focal_px * sigma:.1f} px"
+    if test.name == DISTORTION:
+        return f"distortion k1 changed by {test.change:+.3f} +- {test.sigma:.3f}"
+    share = f"{100 * test.change:+.2f} +- {100 * test.sigma:.2f} %"
+    radius = f"radius {radii_mm[0] * (1 + test.change):.2f} mm"
+    if np.ptp(radii_mm) > 0:
+        radius = f"all radii times {1 + test.change:.4f}"
+    distance_mm = camera.centre_mm[2] / (1 + test.change)
+    return (
+        f"{radius}, or working distance {distance_mm:.1f} mm ({share}), unless the spheres do not "
+        "rest on the working plane"
+    )
+
+
+def _changed(camera: CameraModel, name: str) -> tuple[CameraModel, float]:
+    """Return a camera with one value changed, and the size of the change."""
+    if name == FOCAL:
+        scale = np.diag([1 + _STEP, 1 + _STEP, 1.0])
+        # Only the focal lengths: the principal point keeps its place.
+        K = camera.K.copy()
+        K[:2, :2] = (scale @ camera.K)[:2, :2]
+        return replace(camera, K=K), _STEP
+    if name == DISTORTION:
+        step = 10 * _STEP
+        distortion = np.zeros(max(len(camera.distortion), 5))
+        distortion[: len(camera.distortion)] = camera.distortion
+        distortion[0] += step
+        return replace(camera, distortion=distortion), step
+    return camera, _STEP
+
+
+def _predict(camera: CameraModel, refined: Refined, radii: Array) -> Array:
+    return predicted_highlights(camera, refined.centres_mm, radii, refined.positions_mm)
+
+
+def _placed(camera: CameraModel, radii: Array, outlines_px: list[Array]) -> Array:
+    """Return the centres ``(3 K,)`` that follow from outlines and radii."""
+    cones = [fit_cone(camera.rays(points), 1 / camera.focal_px)[0] for points in outlines_px]
+    centres = [
+        camera.centre_mm + radius / cone.sine * cone.axis
+        for cone, radius in zip(cones, radii, strict=True)
+    ]
+    return np.concatenate(centres)
