@@ -1,12 +1,12 @@
 """Random layouts of mirror spheres: which are found, and how wrong are the positions of the lights.
 
 Each seed draws a layout: 1 to 6 spheres of one to three sizes that rest on a plain or a patterned
-board, some next to a relief, a matte ball or a glossy ball, some cut by the frame. The images are
-rendered with the point-spread
-function of the lens, recorded with two exposures by a 12-bit sensor, and calibrated with the camera
-and the radii of all spheres. Only spheres that are completely visible and have a radius of at
-least 20 px must be found; other true spheres may be. A sphere that is found away from every true
-one is false. A layout is solvable if two such spheres or more are in it.
+board, some with a relief, a matte ball, a glossy ball or a box, some cut by the frame. The images
+are rendered with the point-spread function of the lens, recorded with two exposures by a 12-bit
+sensor, and calibrated with the camera and the radii of all spheres. Only spheres that are
+completely visible and have a radius of at least 20 px must be found; other true spheres may be. A
+sphere that is found away from every true one is false. A layout is solvable if two such spheres or
+more are in it.
 
     python benchmarks/sphere_layouts.py --board patterned --first 5000 --layouts 100
 """

@@ -1,0 +1,46 @@
+"""Spheres on a checkerboard are found by what they mirror; painted balls are refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration._spheres.ellipse import fit_ellipse
+from calibration._spheres.find import find_spheres
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.painted import is_painted
+from simulator import Ball, Checker, ChromeSphere, render, scene_named
+
+
+@pytest.fixture(scope="module")
+def checkered():
+    scene = scene_named("spheres", width=480, height=384, leds=12, seed=2)
+    scene = replace(
+        scene,
+        board=Checker(0.08, 0.7, 15.0),
+        spheres=(ChromeSphere((-60.0, 30.0, 20.0), 20.0), ChromeSphere((70.0, 35.0, 16.0), 16.0)),
+        clutter=(Ball((0.0, -60.0, 20.0), 20.0, 0.3, 0.1),),
+    )
+    rendering = render(scene)
+    values = (rendering.planes + rendering.ambient) * np.float32(5.0)
+    return values, rendering.truth
+
+
+def test_outlines_on_a_checkerboard(checkered):
+    values, truth = checkered
+    spheres = find_spheres(values, camera=truth.camera)
+    assert [sphere.mirrors for sphere in spheres] == [True, True]
+    for sphere, mask in zip(spheres, truth.sphere_masks, strict=True):
+        rows, columns = np.nonzero(mask)
+        assert sphere.outline.centre_px == pytest.approx((columns.mean(), rows.mean()), abs=0.3)
+        assert sphere.outline.radius_px == pytest.approx(np.sqrt(mask.sum() / np.pi), abs=0.3)
+
+
+def test_a_glossy_ball_is_shaded_and_a_mirror_is_not(checkered):
+    values, truth = checkered
+    angles = np.linspace(0, 2 * np.pi, 90)
+    ring = 18 * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(90)])
+    painted, _ = fit_ellipse(truth.camera.project(ring + np.array([0.0, -60.0, 20.0])))
+    assert is_painted(values, painted, find_highlights(values, painted))
+    (mirror, _) = find_spheres(values, camera=truth.camera)
+    assert not is_painted(values, mirror.outline, mirror.highlights)
