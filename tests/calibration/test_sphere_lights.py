@@ -24,6 +24,21 @@ VALUES = np.zeros((10, 330, 420), np.float32)
 MARK = [np.zeros((330, 420), bool)]
 
 
+@pytest.fixture(autouse=True)
+def certain_enough(monkeypatch):
+    """With 1200 px of focal length, the positions are uncertain by some mm, which is reported."""
+    monkeypatch.setattr(calibrate, "_UNCERTAIN_MM", np.inf)
+
+
+@pytest.mark.parametrize(("limit_mm", "reported"), [(7.0, True), (8.0, False)])
+def test_uncertain_positions_are_reported(monkeypatch, limit_mm, reported):
+    monkeypatch.setattr(calibrate, "_UNCERTAIN_MM", limit_mm)
+    images = [seen(sphere, LIGHTS) for sphere in TWO]
+    result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
+    codes = [warning.code for warning in result.warnings]
+    assert codes == (["lights-uncertain"] if reported else [])
+
+
 def seen(sphere, lights, noise_px=0.0, seed=0):
     """Return a sphere as the camera sees it, with exact outline and highlights."""
     outline_px = BENCH.outline(*sphere)
