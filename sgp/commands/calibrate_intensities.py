@@ -33,7 +33,7 @@ def intensities(
     camera: OptionalInput = None,
     mask: OptionalInput = None,
     height_mm: tuple[Real, ...] = (),
-    ball: str = "",
+    ball: str | None = None,
     radius_mm: Positive | None = None,
     channel: Literal["gray", "rgb"] = "gray",
     even: bool = False,
@@ -94,11 +94,11 @@ def intensities(
             f"--height-mm is given {rig.pluralize(len(height_mm), 'time')} for "
             f"{rig.pluralize(len(source), 'source')}: give it once for each source"
         )
-    if bool(ball) != (radius_mm is not None):
+    if (ball is None) != (radius_mm is None):
         raise UsageError("a matte ball needs both --ball x,y,radius and --radius-mm")
-    if ball and (height_mm or mask is not None or even):
+    if ball is not None and (height_mm or mask is not None or even):
         raise UsageError("--height-mm, --mask and --even describe a card: do not give --ball")
-    outline = tuple(numbers("--ball", ball, 3)) if ball else ()
+    outline = () if ball is None else tuple(numbers("--ball", ball, 3))
     positions = acquisition.read_lights(lights)
     surfaces: list[calibration.MatteSurface] = []
     files, warnings, curves = [lights], list[rig.Notice](), list[dict[str, Any]]()

@@ -13,6 +13,8 @@ from acquisition import DataError
 from simulator._scene.clutter import BALL
 from simulator._scene.scene import Scene
 
+# Compiled in: simulator/_scene/clutter.py ec764cfc5498
+
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 

@@ -15,6 +15,7 @@ import io
 import json
 import os
 import sys
+import threading
 from pathlib import Path
 
 ROOT, VICTIMS, KIND = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
@@ -24,7 +25,9 @@ planted: list[str] = []
 followed: list[str] = []
 made: set[str] = set()
 _seen: set[tuple[str, str]] = set()
-_busy = False
+# Of each thread: files may be written at the same time.
+_here = threading.local()
+_one_at_a_time = threading.Lock()
 
 
 def plant(path: str) -> None:
@@ -44,8 +47,7 @@ def plant(path: str) -> None:
 
 
 def watch(event: str, values: tuple[object, ...]) -> None:
-    global _busy
-    if _busy or event not in ("open", "os.rename"):
+    if getattr(_here, "busy", False) or event not in ("open", "os.rename"):
         return
     place = values[1] if event == "os.rename" else values[0]
     if not isinstance(place, str | bytes | os.PathLike):
@@ -53,7 +55,7 @@ def watch(event: str, values: tuple[object, ...]) -> None:
     path = os.path.abspath(os.fsdecode(place))
     if not path.startswith(f"{ROOT}/"):
         return
-    _busy = True
+    _here.busy = True
     try:
         if event == "os.rename":
             made.add(path)
@@ -70,11 +72,12 @@ def watch(event: str, values: tuple[object, ...]) -> None:
             if not flags & os.O_EXCL:
                 followed.append(path)
             made.add(path)
-        if (event, path) not in _seen:
-            _seen.add((event, path))
-            plant(path)
+        with _one_at_a_time:
+            if (event, path) not in _seen:
+                _seen.add((event, path))
+                plant(path)
     finally:
-        _busy = False
+        _here.busy = False
 
 
 def files() -> set[str]:
@@ -84,15 +87,14 @@ def files() -> set[str]:
 def main() -> None:
     from sgp.app import build, run
 
-    global _busy
     before = files()
     sys.addaudithook(watch)
     ended = []
     for words in COMMANDS:
         if words[0] == "python":  # changes the files between two commands
-            _busy = True
+            _here.busy = True
             exec(words[1], {"ROOT": ROOT})
-            _busy = False
+            _here.busy = False
             before |= files()
             continue
         errors = io.StringIO()

@@ -81,7 +81,7 @@ def test_text_options_of_numbers_are_known() -> None:
         for file in Path(sgp.commands.__path__[0]).glob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
-    assert named == {"--at", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
+    assert named == {"--at", "--ball", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
 
 
 @pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
@@ -116,6 +116,10 @@ def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, arg
     "command",
     [
         ("calibrate", "spheres", "images", "--out=l.json", "--sphere={}"),
+        (
+            *("calibrate", "intensities", "images", "--lights=images", "--out=l.json"),
+            *("--radius-mm=9", "--ball={}"),
+        ),
         ("project", "a.obj", "--out=o", "--look={}"),
         ("project", "a.obj", "--out=o", "--rotate-deg={}"),
         ("detail", "transfer", "a", "b", "--out=o", "--at={}"),
