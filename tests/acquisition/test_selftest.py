@@ -270,6 +270,7 @@ def test_the_mounting_of_the_camera_is_applied():
     assert 3 not in result.leds
 
 
+@pytest.mark.slow
 def test_dark_and_bright_scenes_are_metered():
     for scale, low_us, high_us in ((20.0, 200, 5000), (0.02, 100_000, 500_000)):
         scene_ = scene_named("white-plane", **SMALL)

@@ -55,6 +55,7 @@ def test_errors_agree_with_their_covariances(benchmark, index):
     assert result.beyond <= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("along_px", [0.0, 2.0, 4.0])
 def test_the_variance_of_slow_errors_includes_their_correlation(along_px):
     """The mean of M errors has the variance 1 / M times the value that is estimated."""

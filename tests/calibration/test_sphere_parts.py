@@ -257,6 +257,7 @@ def test_colour_counts_as_grey_and_the_stack_names_the_lights(drawn):
     assert error_mm(calibration) < 2.0
 
 
+@pytest.mark.slow
 def test_search_sorts_from_the_left_and_skips_known_spheres(drawn):
     values, _ = drawn
     spheres = find_spheres(values)

@@ -111,6 +111,7 @@ def test_a_warning_if_spheres_contradict_each_other(one):
     assert any("do not trust these lights" in w for w in map(str, result.warnings))
 
 
+@pytest.mark.slow
 def test_spheres_of_another_size_are_left_out(one):
     values, truth = one
     with pytest.raises(
@@ -171,6 +172,7 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
     assert len(directions.spheres) == 1
 
 
+@pytest.mark.slow
 def test_the_message_names_the_sizes_if_no_sphere_fits(one):
     values, truth = one
     with pytest.raises(EstimateError, match=r"no sphere of 2.6 mm .* px of about 20.\d, 14.\d, "):
@@ -237,6 +239,7 @@ def test_one_sphere_gives_the_directions_at_its_position(one):
     assert any("one sphere" in warning for warning in map(str, result.warnings))
 
 
+@pytest.mark.slow
 def test_spheres_of_a_near_light_disagree_and_this_is_reported(one):
     values, truth = one
     result = calibrate_spheres(values, camera=truth.camera)
@@ -244,6 +247,7 @@ def test_spheres_of_a_near_light_disagree_and_this_is_reported(one):
     assert any("near" in warning for warning in map(str, result.warnings))
 
 
+@pytest.mark.slow
 def test_names_come_from_the_stack(one):
     values, _ = one
     names = tuple(f"led{i}" for i in range(len(values)))
@@ -341,6 +345,7 @@ def test_a_marked_sphere_without_highlights_is_reported_and_harmless(one, distor
     assert result.warnings[0] in calibrate_spheres(values, **options).warnings
 
 
+@pytest.mark.slow
 def test_the_scale_of_the_images_does_not_matter(one):
     values, _ = one
     for sphere, scaled in zip(find_spheres(values), find_spheres(1000 * values), strict=True):

@@ -22,6 +22,7 @@ from simulator import VirtualBoard
 from simulator._bench_state import BenchState
 from simulator._board.faults import BoardFault
 from simulator._camera.gentl_camera import GentlCamera
+from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped
 
 SIZE = (24, 32)
@@ -404,40 +405,49 @@ SNAP = ["rig", "snap", "--led", "4", "--exposure-us", "5000", "--out", "frame.ti
 
 @pytest.mark.parametrize(
     ("spoil", "words", "message"),
-    [
-        pytest.param(no_port, SNAP, "/dev/no-such-port: the port cannot be opened", id="no port"),
-        pytest.param(busy, SNAP, "cannot be opened .* no other program uses it", id="port busy"),
-        pytest.param(echo, SNAP, "no answer within .* is the LED board", id="not our device"),
-        pytest.param(silent, SNAP, "no answer within", id="silent device"),
-        pytest.param(protocol_1, SNAP, "protocol 1, but this software speaks 2", id="protocol"),
-        pytest.param(other_board, SNAP, "is sgp-virtual-board, .* requires led-dome-3", id="board"),
-        pytest.param(missing_cti, SNAP, r"maker\.cti", id="missing cti"),
-        pytest.param(corrupt_cti, SNAP, r"maker\.cti", id="corrupt cti"),
-        pytest.param(cut_cti, SNAP, r"maker\.cti", id="cti cut off"),
-        pytest.param(no_node, SNAP, "cam-7 .*lacks nodes: ExposureTime", id="no exposure node"),
-        pytest.param(other_camera, SNAP, "cam-8.* cam-7", id="another camera"),
-        pytest.param(no_such_line, SNAP, "Line9", id="no such line"),
-        pytest.param(
-            not_wired, SNAP, "Line0.* frame 0 .*LED 4: check the wire", id="trigger not wired"
-        ),
-        pytest.param(
-            active_not_wired, SNAP, "LED 4: the camera's exposure-active", id="active not wired"
-        ),
-        pytest.param(
-            lambda bench: None,
-            [*SNAP[:5], "0.5", *SNAP[6:]],
-            "ExposureTime: 0.5 us is outside .* 10 to",
-            id="exposure too short",
-        ),
-        pytest.param(
-            lambda bench: None,
-            [*SNAP[:5], "20000000", *SNAP[6:]],
-            "ExposureTime: 2e.07 us is outside .* to 1e.07 us",
-            id="exposure too long",
-        ),
-        pytest.param(no_cti, SNAP, "option 'cti'", id="no cti"),
-        pytest.param(misspelt, SNAP, "unknown option 'prot'; known are", id="misspelt option"),
-    ],
+    quick(
+        [
+            pytest.param(
+                no_port, SNAP, "/dev/no-such-port: the port cannot be opened", id="no port"
+            ),
+            pytest.param(
+                busy, SNAP, "cannot be opened .* no other program uses it", id="port busy"
+            ),
+            pytest.param(echo, SNAP, "no answer within .* is the LED board", id="not our device"),
+            pytest.param(silent, SNAP, "no answer within", id="silent device"),
+            pytest.param(protocol_1, SNAP, "protocol 1, but this software speaks 2", id="protocol"),
+            pytest.param(
+                other_board, SNAP, "is sgp-virtual-board, .* requires led-dome-3", id="board"
+            ),
+            pytest.param(missing_cti, SNAP, r"maker\.cti", id="missing cti"),
+            pytest.param(corrupt_cti, SNAP, r"maker\.cti", id="corrupt cti"),
+            pytest.param(cut_cti, SNAP, r"maker\.cti", id="cti cut off"),
+            pytest.param(no_node, SNAP, "cam-7 .*lacks nodes: ExposureTime", id="no exposure node"),
+            pytest.param(other_camera, SNAP, "cam-8.* cam-7", id="another camera"),
+            pytest.param(no_such_line, SNAP, "Line9", id="no such line"),
+            pytest.param(
+                not_wired, SNAP, "Line0.* frame 0 .*LED 4: check the wire", id="trigger not wired"
+            ),
+            pytest.param(
+                active_not_wired, SNAP, "LED 4: the camera's exposure-active", id="active not wired"
+            ),
+            pytest.param(
+                lambda bench: None,
+                [*SNAP[:5], "0.5", *SNAP[6:]],
+                "ExposureTime: 0.5 us is outside .* 10 to",
+                id="exposure too short",
+            ),
+            pytest.param(
+                lambda bench: None,
+                [*SNAP[:5], "20000000", *SNAP[6:]],
+                "ExposureTime: 2e.07 us is outside .* to 1e.07 us",
+                id="exposure too long",
+            ),
+            pytest.param(no_cti, SNAP, "option 'cti'", id="no cti"),
+            pytest.param(misspelt, SNAP, "unknown option 'prot'; known are", id="misspelt option"),
+        ],
+        every=3,
+    ),
 )
 def test_a_faulty_bench_gets_one_line(bench, sgp, spoil, words, message, monkeypatch):
     monkeypatch.chdir(bench.file.parent)

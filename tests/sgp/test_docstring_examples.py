@@ -24,6 +24,8 @@ WITHOUT = {
 NOT_RUN = {"acquisition.read_raw": "needs a camera RAW file"}
 # Examples with one of these start the process of a virtual board.
 _STARTS_BOARD = ("open_rig", "open_board", "simulated_rig", "VirtualBoard")
+# In these rooms most examples compile kernels first.
+_COMPILED = ("processing", "simulator")
 _FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 _FINDER = doctest.DocTestFinder(recurse=False)
 
@@ -49,7 +51,9 @@ def examples(function: Callable[..., object]) -> list[doctest.Example]:
 def cases() -> Iterator[object]:
     for name, function in FUNCTIONS.items():
         code = "".join(example.source for example in examples(function))
-        slow = pytest.mark.slow if any(word in code for word in _STARTS_BOARD) else ()
+        compiled = name.startswith(_COMPILED)
+        long = compiled or any(word in code for word in _STARTS_BOARD)
+        slow = pytest.mark.slow if long else ()
         if code and name not in NOT_RUN:
             yield pytest.param(function, id=name, marks=slow)
 

@@ -210,6 +210,7 @@ def through_an_aperture(scene, fine=8):
     return spread.reshape(size).mean(axis=(2, 4))[:, margin:-margin, margin:-margin]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("f_number", "largest", "rms"), [(8.0, 0.05, 0.008), (0.08, 0.1, 0.012)])
 def test_an_image_is_that_of_many_rays_through_the_aperture(f_number, largest, rms):
     """Balls, boxes, their shadows, and a board seen directly and in a mirror, also out of focus."""
