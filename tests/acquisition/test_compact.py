@@ -380,7 +380,10 @@ def server() -> Iterator[Callable[[Path, int], int]]:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
-@pytest.mark.parametrize("plan", [pytest.param(PLAN, id="planned"), pytest.param(None, id="free")])
+@pytest.mark.parametrize(
+    "plan",
+    [pytest.param(PLAN, id="planned"), pytest.param(None, id="free", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("complete", [True, False], ids=["complete", "incomplete"])
 def test_death_at_every_call_to_the_disk(
     server: Callable[[Path, int], int], tmp_path: Path, plan: CapturePlan | None, complete: bool

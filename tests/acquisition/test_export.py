@@ -166,7 +166,11 @@ def same_lights(one: Lights | None, two: Lights | None) -> None:
     ],
 )
 @pytest.mark.parametrize(
-    "lights", [pytest.param(NEAR, id="near"), pytest.param(NEAR.distant(), id="distant")]
+    "lights",
+    [
+        pytest.param(NEAR, id="near"),
+        pytest.param(NEAR.distant(), id="distant", marks=pytest.mark.slow),
+    ],
 )
 @pytest.mark.parametrize("compacted", [False, True], ids=["as-recorded", "compacted"])
 def test_export_and_import_lose_nothing(

@@ -110,7 +110,7 @@ HARMS = [
 ]
 
 
-@pytest.mark.parametrize("at", [8, 11])
+@pytest.mark.parametrize("at", [8, pytest.param(11, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("harm", "names"), HARMS)
 def test_damage_is_named_and_retaken_only_on_request(
     rig: Rig,

@@ -22,6 +22,7 @@ from calibration._spheres.sphere_image import (
     saturation_warning,
 )
 from tests.calibration.conftest import Bench, dome
+from tests.quick_sample import quick
 
 SMALL = Bench(focal_px=1200.0, width=420, height=330)
 SPHERES = [((-55.0, 20.0, 20.0), 20.0), ((50.0, 35.0, 16.0), 16.0), ((10.0, -45.0, 20.0), 20.0)]
@@ -169,7 +170,7 @@ def error_mm(calibration):
     return np.linalg.norm(calibration.lights.positions_mm - LIGHTS, axis=1).max()
 
 
-@pytest.mark.parametrize("marked", ["masks", "one mask", "circles", "found"])
+@pytest.mark.parametrize("marked", quick(["found", "masks", "one mask", "circles"], every=2))
 def test_rendered_spheres_give_the_positions(drawn, marked):
     values, masks = drawn
     circles = [(*SMALL.project(np.array(c)), 1200 * r / 590 + 1.5) for c, r in SPHERES]

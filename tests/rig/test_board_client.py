@@ -4,12 +4,14 @@ import signal
 import termios
 import threading
 import time
+from itertools import product
 
 import pytest
 import serial
 
 from rig import Board, BoardError, Step
 from simulator._board.faults import BoardFault
+from tests.quick_sample import quick
 from tests.rig.conftest import led_on
 
 
@@ -98,8 +100,10 @@ VERBS = {
 }
 
 
-@pytest.mark.parametrize("verb", VERBS)
-@pytest.mark.parametrize("kind", ["drop-command", "drop-reply", "corrupt-reply", "double-reply"])
+@pytest.mark.parametrize(
+    ("kind", "verb"),
+    quick(product(("drop-command", "drop-reply", "corrupt-reply", "double-reply"), VERBS), every=3),
+)
 def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board, verb, kind):
     board.load([Step(9, 1000, 2000, 0)])
     lit = len(bench.state.periods())

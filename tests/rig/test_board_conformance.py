@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_sample import quick
 from tests.rig.conformance import CHECKS, BoardUnderTest, run_checks
 from tests.rig.firmware import builds
 
@@ -36,7 +37,7 @@ def board(request, tmp_path_factory) -> Iterator[BoardUnderTest]:
         yield board
 
 
-@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize("name", quick(CHECKS, every=2))
 def test_board(board, name):
     # A busy computer may keep a board program from running while a check waits for it.
     assert run_checks(board, [name], attempts=3) == []

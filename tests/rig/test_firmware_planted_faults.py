@@ -221,6 +221,7 @@ def test_a_planted_fault_is_noticed(tmp_path: Path, fault: Fault) -> None:
     assert failures(builds.host, HOST_LATE_US, tmp_path, fault)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", PIN_FAULTS.values(), ids=PIN_FAULTS)
 def test_a_fault_at_the_pins_is_noticed(tmp_path: Path, fault: Fault) -> None:
     assert failures(builds.avr, AVR_LATE_US, tmp_path, fault)

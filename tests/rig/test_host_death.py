@@ -157,6 +157,7 @@ def test_a_sequence_of_a_killed_host_lasts_to_the_end_of_its_step(host):
     assert len(bench.triggers()) == 3
 
 
+@pytest.mark.slow
 def test_a_declared_flash_of_five_seconds_is_not_cut_off(bench):
     board = Board(bench.virtual.port)
     trips = board.status().trips

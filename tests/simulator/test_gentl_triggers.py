@@ -200,8 +200,13 @@ def test_a_setting_moves_the_start_of_the_exposure(bench, node, value, later_ns)
 def test_the_line_status_follows_the_pulse(bench):
     device = bench.camera(armed=False)
     assert device.get("LineStatus") == 0
-    bench.writer.pulse(time.monotonic_ns())
-    assert device.get("LineStatus") == 1
+
+    def high() -> bool:
+        bench.writer.pulse(time.monotonic_ns())
+        return device.get("LineStatus") == 1
+
+    # A busy computer may read only after the pulse of 200 us.
+    assert any(high() for _ in range(100))
     time.sleep(0.001)
     assert device.get("LineStatus") == 0
 
