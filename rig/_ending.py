@@ -23,7 +23,10 @@ SIGNALLED = 128
 # pydantic compiles models, and turns exceptions into errors about the model.
 _COMPILERS = ("numba", "llvmlite", "pydantic")
 # Imports, which would fail half-way, and garbage collector callbacks, which swallow exceptions.
-_BRIEF = ("importlib", "_frozen_importlib", "_frozen_importlib_external", "weakref")
+_BRIEF = (
+    *("importlib", "_frozen_importlib", "_frozen_importlib_external"),
+    *("weakref", "_weakrefset"),
+)
 _FINALIZER = "__del__"
 # An import may run an entire program, so the wait is limited; a compiler always ends.
 _BRIEF_PATIENCE_S = 10.0

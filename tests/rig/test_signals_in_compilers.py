@@ -133,6 +133,30 @@ def test_a_finalizer_is_not_interrupted(taken):
     assert seen == ["continued"]
 
 
+def test_a_weak_set_that_loses_a_member_is_not_interrupted(taken):
+    class Members(set):
+        def discard(self, member: object) -> None:
+            signal.raise_signal(signal.SIGINT)
+            seen.append("continued")
+            super().discard(member)
+
+    class Held:
+        pass
+
+    def dropped() -> None:
+        held = Held()
+        weak = weakref.WeakSet([held])
+        weak.data = Members(weak.data)
+        del held
+        gc.collect()
+        time.sleep(5)
+
+    seen: list[str] = []
+    with pytest.raises(KeyboardInterrupt):
+        dropped()
+    assert seen == ["continued"]
+
+
 def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
     class Held:
         pass
