@@ -115,7 +115,9 @@ def calibrate_spheres(
             f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
         )
     radii = None if radius_mm is None else _radii(radius_mm, camera)
-    masks, circles = list(masks or ()), list(circles or ())
+    # Arrays of several masks or circles have no truth value.
+    masks = [] if masks is None else list(masks)
+    circles = [] if circles is None else list(circles)
     if masks and circles:
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles

@@ -306,3 +306,11 @@ def test_colour_images_count_by_their_mean(monkeypatch):
     assert given[0][3, 5, 7] == pytest.approx(0.3)
     assert np.isnan(given[0][3, 5, 8])
     assert result.lights.ids == names
+
+
+def test_masks_and_circles_may_be_arrays():
+    with pytest.raises(EstimateError, match="a sphere mask is empty"):
+        calibrate_spheres(VALUES, masks=np.stack(MARK))
+    circles = np.array([[200.0, 150.0, 40.0]])
+    with pytest.raises(EstimateError, match="\\(200, 150\\)"):
+        calibrate_spheres(VALUES, circles=circles)
