@@ -17,7 +17,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.input_tests import check_inputs, doubts
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
-from calibration._spheres.outline_noise import circle_covariance, viewing_cone
+from calibration._spheres.outline_noise import cone_of, outline_covariance
 from calibration._spheres.placed import off_the_plane, one_radius_each, place, systematic
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
 from calibration._spheres.robust import Array
@@ -140,9 +140,9 @@ def calibrate_spheres(
             rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
             return np.stack(rays, axis=1)
 
-        covariances = [circle_covariance(image.points_px, image.outline) for image in images]
+        covariances = [outline_covariance(image) for image in images]
         return _directions(names, seen_spheres(images), images, orthographic, covariances, warnings)
-    cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
+    cones = [cone_of(camera, image) for image in images]
 
     def perspective(pixels: Array, change: Array) -> Array:
         centres = np.array([cone.axis / cone.sine for cone in cones]) + change
