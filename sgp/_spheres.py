@@ -120,12 +120,14 @@ def describe_spheres(
                 "radius_mm": sphere.radius_mm,
                 "coverage": sphere.coverage,
                 "rms_px": sphere.rms_px,
-                **({"recording": str(recordings[sphere.recording])} if several else {}),
             }
             for sphere in estimate.spheres
         ],
         "residual_deg": float(np.mean(residual)) if len(residual) else None,
     }
+    for figures, sphere in zip(metrics["spheres"], estimate.spheres, strict=True):
+        if several:
+            figures["recording"] = str(recordings[sphere.recording])
     result = Result(metrics=metrics)
     kind = "light position" if estimate.lights.near else "light direction"
     balls = rig.pluralize(len(estimate.spheres), "sphere")

@@ -167,46 +167,45 @@ def calibrate_moved_spheres(
     ...     radius_mm=[sphere.radius_mm for sphere in scene.spheres[:2]],
     ... )
     >>> result.lights, [sphere.recording for sphere in result.spheres]
-    (Lights(3 positions, L00 to L02), [0, 0, 1, 1])
+    (Lights(3 positions in mm, L00 to L02), [0, 0, 1, 1])
     """
     radii = None if radius_mm is None else _radii(radius_mm, camera)
-    marks, rounds = {"masks": list(masks), "circles": list(circles)}, list(names)
+    labels = list(names)
     seen: list[SeenSpheres] = []
     for k, stack in enumerate(stacks):
-        if len(rounds) == k:
-            rounds.append(f"recording {k + 1}")
-        of_this = {what: (given[k] if k < len(given) else None) for what, given in marks.items()}
-        lights = _known_lights(stack, seen, rounds)
+        if len(labels) == k:
+            labels.append(f"recording {k + 1}")
+        lights = _known_lights(stack, seen, labels)
         try:
             found = seen_in(
                 stack,
-                of_this["masks"],
-                of_this["circles"],
+                masks[k] if k < len(masks) else None,
+                circles[k] if k < len(circles) else None,
                 camera,
                 radii,
                 all_radii=False,
                 lights=lights,
             )
         except (DataError, EstimateError) as error:
-            raise type(error)(f"{rounds[k]}: {error}") from error
+            raise type(error)(f"{labels[k]}: {error}") from error
         if seen and found.size != seen[0].size:
             raise DataError(
-                f"{rounds[k]} has images of {found.size[1]} x {found.size[0]} pixels, {rounds[0]} "
+                f"{labels[k]} has images of {found.size[1]} x {found.size[0]} pixels, {labels[0]} "
                 f"of {seen[0].size[1]} x {seen[0].size[0]}: the recordings must have one size"
             )
         seen.append(found)
-    if len(seen) < 2 or len(rounds) != len(seen) or max(map(len, marks.values())) > len(seen):
+    if len(seen) < 2 or len(labels) != len(seen) or max(len(masks), len(circles)) > len(seen):
         raise DataError(
             f"moved spheres need two or more recordings, and at most one name and one list of "
             f"masks or circles for each: {pluralize(len(seen), 'recording')} given"
         )
-    return _calibrate(seen, tuple(rounds), camera)
+    return _calibrate(seen, tuple(labels), camera)
 
 
 def _known_lights(
     stack: Stack | npt.NDArray[np.float32], seen: list[SeenSpheres], names: list[str]
 ) -> tuple[str, ...] | None:
-    """Return the lights of the first recording, None if there is none so far.
+    """Return the lights of the first recording; None before it has been read.
 
     Raises
     ------
