@@ -29,13 +29,19 @@ class SphereLights:
         The complete recording.
     estimate
         The lights and the quality of the fit.
+    lights
+        The same lights with the intensities, axes and angular falloff of the recording.
     brightest
         ``(H, W)`` float32, the brightest value of each pixel.
+    warnings
+        Doubts about the lights.
     """
 
     source: acquisition.Source
     estimate: calibration.SphereCalibration
+    lights: acquisition.Lights
     brightest: npt.NDArray[np.float32]
+    warnings: tuple[rig.Notice, ...]
 
 
 def light_by_spheres(
@@ -53,8 +59,9 @@ def light_by_spheres(
         stack, camera=source.camera, radius_mm=given_radii(radius_mm)
     )
     estimate = calibration.record_setup(estimate, source)
-    seen = SphereLights(source, estimate, brightest_of(stack))
-    return calibration.apply_spheres(source, estimate), seen
+    lit = calibration.apply_spheres(source, estimate)
+    lights = estimate.lights if lit.lights is None else lit.lights
+    return lit, SphereLights(source, estimate, lights, brightest_of(stack), estimate.warnings)
 
 
 def add_sphere_lights(
@@ -65,10 +72,10 @@ def add_sphere_lights(
         return
     described = describe_spheres(seen.estimate)
     described.inputs = result.inputs
-    described.warnings = list(seen.estimate.warnings)
+    described.warnings = list(seen.warnings)
     outputs = {"lights": folder / "lights.json", "lights_png": folder / "lights.png"}
     write_calibration(
-        outputs["lights"], seen.estimate.lights, command, {"source": seen.source.path}, described
+        outputs["lights"], seen.lights, command, {"source": seen.source.path}, described
     )
     shown = [ShownSpheres(seen.source, seen.brightest)]
     draw_spheres(outputs["lights_png"], shown, seen.estimate)
