@@ -19,7 +19,7 @@ from calibration._spheres.outline import outline_image, refine_outline
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.spots import SpotCluster, reduce_stack, spot_clusters
+from calibration._spheres.spots import ReducedStack, SpotCluster, reduce_stack, spot_clusters
 from calibration._spheres.surroundings import MirroredPlane
 
 _SEARCH_SIZE_PX = 700
@@ -36,6 +36,7 @@ def find_spheres(
     radii_px: Sequence[float] = (),
     excluded: Sequence[SphereImage] = (),
     camera: CameraModel | None = None,
+    reduced: ReducedStack | None = None,
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
@@ -58,6 +59,8 @@ def find_spheres(
         Spheres that are already known; candidates that overlap them are skipped.
     camera
         Camera of the images. Default: unknown.
+    reduced
+        The images at a lower resolution, if they are known.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def find_spheres(
     >>> find_spheres(np.full((3, 48, 64), 0.2, np.float32))  # no sphere in even images
     []
     """
-    reduced = reduce_stack(values)
+    reduced = reduced or reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
     spheres: list[SphereImage] = []
     undecided: list[SpotCluster] = []
