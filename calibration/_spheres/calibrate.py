@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.input_tests import check_inputs, doubts
+from calibration._spheres.known_places import known_places
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.outline_noise import circle_covariance, viewing_cone
@@ -54,6 +55,7 @@ def calibrate_spheres(
     circles: Sequence[tuple[float, float, float]] | None = None,
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None = None,
 ) -> SphereCalibration:
     """Estimate lights from their highlights on mirror spheres.
 
@@ -83,6 +85,10 @@ def calibrate_spheres(
     radius_mm
         Radius of the spheres, or one radius for each in the order of masks or circles. For spheres
         that were searched for, larger radii are assigned to larger outlines.
+    led_positions_mm
+        Positions of LEDs that are known independently, by the ids of the lights, for example from
+        the rig file: x, y, z in mm in the house frame. They do not enter the lights. If the images
+        contradict the radius or the working distance, they decide which of the two is wrong.
 
     Returns
     -------
@@ -115,6 +121,7 @@ def calibrate_spheres(
             f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
         )
     radii = None if radius_mm is None else _radii(radius_mm, camera)
+    known = known_places(led_positions_mm, names)
     # Arrays of several masks or circles have no truth value.
     masks = [] if masks is None else list(masks)
     circles = [] if circles is None else list(circles)
@@ -156,7 +163,7 @@ def calibrate_spheres(
     placed = place(cones, radii, camera)
     warnings += off_the_plane(placed, camera)
     if len(images) > 1:
-        return _positions(names, images, cones, radii, camera, warnings, found=found)
+        return _positions(names, images, cones, radii, camera, known, warnings, found=found)
     if left_out:
         raise EstimateError(
             f"{'; '.join(map(str, left_out))}; positions require two spheres: give masks or "
@@ -267,6 +274,7 @@ def _positions(
     cones: list[Cone],
     radii: Array,
     camera: CameraModel,
+    known: Array,
     warnings: list[Notice],
     *,
     found: bool,
@@ -290,7 +298,7 @@ def _positions(
         warnings.append(Notice("sphere-contradicts", text))
         kept = [k for k in range(len(images)) if k != worst]
         images, cones = [images[k] for k in kept], [cones[k] for k in kept]
-        return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
+        return _positions(names, images, cones, radii[kept], camera, known, warnings, found=found)
     points, rays = observed_rays(camera, replace(placed, centres_mm=centres), highlights)
     residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
     disagreement = float(np.median(residuals))
@@ -306,12 +314,11 @@ def _positions(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
-    off_plane = any(warning.code == "spheres-off-the-plane" for warning in warnings)
-    if disagreement <= _UNTRUSTED_DEG and not off_plane:
+    if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
         weighed = np.where(used, sigma_px, np.inf)
         tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
-        warnings += doubts(tests, camera, radii)
+        warnings += doubts(tests, camera, radii, known)
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"

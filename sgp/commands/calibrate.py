@@ -11,7 +11,7 @@ from sgp._exit import UsageError
 from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, RigOption, numbers
 from sgp._output import check_file
 from sgp._result import Result
-from sgp._rig_lights import rig_notices, rig_with_positions
+from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._spheres import (
     describe_spheres,
     draw_spheres,
@@ -69,8 +69,9 @@ def spheres(
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
     rig
-        Rig file (.toml) whose led_positions_mm the lights are compared with; default: the
-        configured rig if the session was recorded with it.
+        Rig file (.toml) whose led_positions_mm the lights are compared with, and which decide
+        between a wrong radius and a wrong working distance; default: the configured rig if the
+        session was recorded with it.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -105,6 +106,7 @@ def spheres(
             circles=outlines,
             camera=opened.camera,
             radius_mm=given_radii(radius_mm),
+            led_positions_mm=led_positions(rig, opened.setup.rig),
         )
     except calibration.EstimateError as error:
         _explain_masks(error, opened, marked)
