@@ -318,7 +318,7 @@ def _positions(
         outlines = [image.points_px for image in images]
         weighed = np.where(used, sigma_px, np.inf)
         tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
-        warnings += doubts(tests, camera, radii, known)
+        warnings = _with_doubts(warnings, doubts(tests, camera, radii, known))
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
@@ -338,6 +338,15 @@ def _positions(
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
     spheres = placed_spheres(images, centres, radii)
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
+
+
+def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
+    """Add doubts about the given values; a warning that spheres are off the plane takes them up."""
+    off = [k for k, warning in enumerate(warnings) if warning.code == "spheres-off-the-plane"]
+    if not (off and doubts):
+        return warnings + doubts
+    text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
+    return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
 
 
 def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:

@@ -187,6 +187,10 @@ def test_spheres_off_the_plane_are_reported(monkeypatch):
     images = [seen(((x, 0.0, 80.0), 20.0), LIGHTS) for x in (-60, 60)]
     result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
     assert codes(result) == ["spheres-off-the-plane"]
+    # A radius of 20 mm at 80 mm looks like a larger one on the plane.
+    assert "60 mm above the working plane" in result.warnings[0].text
+    assert "radius 22.22 mm" in result.warnings[0].text
+    assert "working distance 540.0 mm" in result.warnings[0].text
 
 
 @pytest.mark.parametrize(
