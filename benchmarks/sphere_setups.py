@@ -54,7 +54,7 @@ def lights_of(
     centres = np.array([(x, y, radius_mm) for x, y in places], np.float64)
     radii = np.full(len(centres), radius_mm)
     truth = dome()
-    exact = _Exact() if rng is None else rng
+    exact = Exact() if rng is None else rng
     assumed = assumed or model
     cones = [
         viewing_cone(
@@ -74,7 +74,7 @@ def lights_of(
     return found
 
 
-class _Exact(np.random.Generator):
+class Exact(np.random.Generator):
     """A generator without errors."""
 
     def __init__(self) -> None:
