@@ -352,6 +352,9 @@ class SphereMetrics(TypedDict):
     radius_mm: Annotated[float | None, "mm", "its radius; null unless camera and radius are known"]
     coverage: Annotated[float, "0..1", "visible share of its outline"]
     rms_px: Annotated[float, "px", "scatter of the points of its outline"]
+    recording: NotRequired[
+        Annotated[str, "", "the recording that shows it, if there are several recordings"]
+    ]
 
 
 class SpheresMetrics(TypedDict):

@@ -22,16 +22,22 @@ _SAME_SIZE = 0.08
 
 
 def one_radius_each(
-    radii: Array, images: list[SphereImage], camera: CameraModel | None = None, *, found: bool
+    radii: Array,
+    images: list[SphereImage],
+    camera: CameraModel | None = None,
+    *,
+    found: bool,
+    each: bool = True,
 ) -> Array:
     """Return one radius for each sphere, in their order.
 
-    If `found`, radii and spheres are sorted by size. If their numbers differ, each sphere has the
-    radius that fits its apparent size on the working plane, to 8 %.
+    If `found`, radii and spheres are sorted by size. If their numbers differ, or the radii are not
+    one for `each` sphere, each sphere has the radius that fits its apparent size on the working
+    plane, to 8 %.
     """
     if len(radii) == 1:
         return np.repeat(radii, len(images))
-    if found and len(radii) != len(images) and camera is not None:
+    if found and camera is not None and not (each and len(radii) == len(images)):
         sizes = np.array([radius_on_plane_mm(camera, image) for image in images])
         off = np.abs(sizes[:, None] / radii - 1)
         if off.min(axis=1).max() < _SAME_SIZE:
