@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from harness import command_line
-from light_uncertainty import HIGHLIGHT_PX, camera, dome, outline_points
+from light_uncertainty import COMMON_PX, HIGHLIGHT_PX, camera, dome, outline_points
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
@@ -55,10 +55,12 @@ def lights_of(
     radii = np.full(len(centres), radius_mm)
     truth = dome()
     exact = Exact() if rng is None else rng
+    common_px = float(exact.normal(0, COMMON_PX))
     assumed = assumed or model
     cones = [
         viewing_cone(
-            assumed.rays(outline_points(model, centre, radius_mm, exact)), 1 / assumed.focal_px
+            assumed.rays(outline_points(model, centre, radius_mm, exact, common_px)),
+            1 / assumed.focal_px,
         )
         for centre in centres
     ]

@@ -57,8 +57,9 @@ def trial(count: int, kind: str, size: float, seed: int) -> list[InputTest]:
     centres, radii = light_uncertainty.spheres(layout, rng)
     centres = centres + [0, 0, 1] * rng.normal(0, 0.2, (count, 1))
     truth = light_uncertainty.dome()
+    common_px = rng.normal(0, light_uncertainty.COMMON_PX)
     points = [
-        light_uncertainty.outline_points(real, c, r, rng)
+        light_uncertainty.outline_points(real, c, r, rng, common_px)
         for c, r in zip(centres, radii, strict=True)
     ]
     cones = [viewing_cone(given.rays(p), 1 / given.focal_px) for p in points]

@@ -18,8 +18,8 @@ from calibration._spheres.input_tests import check_inputs, doubts
 from calibration._spheres.known_places import known_places
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask
-from calibration._spheres.outline_noise import circle_covariance, viewing_cone
-from calibration._spheres.placed import off_the_plane, place, systematic
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance, viewing_cone
+from calibration._spheres.placed import COMMON_SHARE, common_error, off_the_plane, place, systematic
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
 from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
@@ -260,8 +260,13 @@ def _calibrate(
             rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
             return np.stack(rays, axis=1)
 
-        covariances = [circle_covariance(image.points_px, image.outline) for image in images]
-        return _directions(shown, seen_spheres(images), orthographic, covariances, warnings)
+        # Centre x, centre y and radius of each outline.
+        common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(images), 1))
+        own = [circle_covariance(image.points_px, image.outline) for image in images]
+        own = [
+            of_one - np.outer(shared, shared) for of_one, shared in zip(own, common, strict=True)
+        ]
+        return _directions(shown, seen_spheres(images), orthographic, own, common, warnings)
     cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
 
     def perspective(pixels: Array, change: Array) -> Array:
@@ -271,8 +276,9 @@ def _calibrate(
     known = [of_one for of_one in radii if of_one is not None]
     if not known:
         spheres = seen_spheres(images)
-        covariances = [cone.covariance + systematic(cone, camera) for cone in cones]
-        return _directions(shown, spheres, perspective, covariances, warnings)
+        own = [cone.covariance + systematic(cone, camera) for cone in cones]
+        common = np.array([common_error(cone, camera) for cone in cones])
+        return _directions(shown, spheres, perspective, own, common, warnings)
     radii_mm = np.concatenate(known)
     placed = place(cones, radii_mm, camera)
     warnings += off_the_plane(placed, camera)
@@ -287,8 +293,8 @@ def _calibrate(
     text = "one sphere gives only directions: positions require two spheres"
     warnings.append(Notice("one-sphere", text))
     spheres = placed_spheres(images, placed.centres_mm, radii_mm)
-    covariances = [placed.covariance_mm2 / radii_mm[0] ** 2]
-    return _directions(shown, spheres, perspective, covariances, warnings)
+    own = [placed.covariance_mm2 / radii_mm[0] ** 2]
+    return _directions(shown, spheres, perspective, own, np.zeros((1, 3)), warnings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,6 +370,7 @@ def _directions(
     spheres: tuple[Sphere, ...],
     rays_of: Callable[[Array, Array], Array],
     outline_covariances: list[Array],
+    outlines_common: Array,
     warnings: list[Notice],
 ) -> SphereCalibration:
     """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
@@ -388,7 +395,9 @@ def _directions(
         )
         warnings.append(Notice("lights-near", text))
     errors = LightErrors(
-        direction_covariances(rays_of, highlights, sigma_px, np.array(outline_covariances)),
+        direction_covariances(
+            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
+        ),
         spheres=seen.sum(axis=1),
     )
     lights = Lights(directions=directions, ids=names, errors=errors)
