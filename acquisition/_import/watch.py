@@ -18,7 +18,6 @@ from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.images import image_form
-from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
@@ -30,6 +29,7 @@ from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.transfer_notice import transfer_notices
+from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr

@@ -13,9 +13,8 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition._import.image import ImportedImage, read_for_import
 from acquisition._import.watch_match import Arrival
 from acquisition._import.watch_names import in_order
-from acquisition._pixels.raw import is_raw
 from acquisition._session.session_frame import pixels_sha256
-from acquisition._suffixes import IMAGE_SUFFIXES
+from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from rig import MAX_PIXELS, Notice
 
 # Number of images kept in memory between the check that they decode and their recording.

@@ -14,11 +14,11 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
-from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._pixels.raw import read_raw
 from acquisition._source.alpha_mask import with_alpha_mask
 from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.source import Frame, Source
-from acquisition._suffixes import IMAGE_SUFFIXES
+from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import light_id
 from acquisition._values.transfer_curve import LINEAR, TransferCurve

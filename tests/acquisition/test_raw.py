@@ -18,10 +18,11 @@ from acquisition._import.image import read_for_import, read_shot_data
 from acquisition._import.watch import watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import read_image, write_png
-from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._pixels.raw import read_raw
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
+from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 
 DATA = os.environ.get("SGP_DATA")
