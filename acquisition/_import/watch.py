@@ -146,7 +146,9 @@ class _Watcher:
         self._on_progress = on_progress
         self._labels = labels
         self._said: dict[Notice, None] = {}
-        self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
+        self._files = WatchedFolder(
+            watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
+        )
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
@@ -164,6 +166,8 @@ class _Watcher:
                 changed_s = time.monotonic()
             self._files.report_overwritten()
             late = time.monotonic() - changed_s >= self._watch.timeout_s
+            if late:
+                self._files.wait_no_longer()
             recorded = self._record(self._match(decide=late))
             if late:
                 break
