@@ -3,6 +3,11 @@
 import os
 import signal
 
+# Before numpy and numba are imported, and for programs that tests start: threads that wait actively
+# would take the cores from the other workers.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 import pytest
 
 from tests.compile_once import one_by_one

@@ -103,7 +103,8 @@ class Occluders:
             solid,
             lamps,
             near,
-            self.spheres,
+            # Contiguous in all cases: numba compiles a kernel for each layout of its arguments.
+            np.ascontiguousarray(self.spheres),
             np.ascontiguousarray(self.boxes),
             self._heights.ravel(),
             self._heights.shape[1],
