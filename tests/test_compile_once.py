@@ -34,7 +34,7 @@ def test_a_kernel_that_is_compiled_while_it_is_compiled_does_not_wait(tmp_path):
 
     again = one_by_one(compiler, tmp_path)
     assert again(kernel("a folder"), 3) == "compiled"
-    assert again(kernel("a folder"), 0) == "compiled", "the first is not active any more"
+    assert again(kernel("a folder"), 0) == "compiled", "the first has ended"
 
 
 def test_functions_of_numba_do_not_wait(tmp_path):
