@@ -13,6 +13,10 @@ from typing import Annotated, Final, Literal, NotRequired
 # Before Python 3.12, pydantic cannot check a `typing.TypedDict`.
 from typing_extensions import TypedDict
 
+# Of the record that a command leaves in its output folder: docs/result-format.md.
+RECORD_FORMAT: Final = "sgp-result"
+RECORD_VERSION: Final = 1
+
 
 class QualityMetrics(TypedDict, total=False):
     """Agreement of images, lights and normals; records of earlier programs do not have them."""

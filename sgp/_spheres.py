@@ -178,8 +178,8 @@ def brightest_of(stack: calibration.Stack) -> npt.NDArray[np.float32]:
     """Return the brightest value ``(H, W)`` of each pixel; saturated values are 1."""
     brightest = np.zeros(stack.values.shape[1:], np.float32)
     for image in stack.values:
-        np.fmax(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
-    return brightest
+        np.maximum(brightest, image, out=brightest)
+    return np.nan_to_num(brightest, copy=False, nan=1.0)
 
 
 def draw_spheres(

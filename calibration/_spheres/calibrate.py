@@ -18,7 +18,7 @@ from calibration._spheres.input_tests import check_inputs, doubts
 from calibration._spheres.known_places import known_places
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance, viewing_cone
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, cone_of, outline_covariance
 from calibration._spheres.placed import COMMON_SHARE, common_error, off_the_plane, place, systematic
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
 from calibration._spheres.recordings_agree import light_difference
@@ -262,12 +262,12 @@ def _calibrate(
 
         # Centre x, centre y and radius of each outline.
         common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(images), 1))
-        own = [circle_covariance(image.points_px, image.outline) for image in images]
+        own = [outline_covariance(image) for image in images]
         own = [
             of_one - np.outer(shared, shared) for of_one, shared in zip(own, common, strict=True)
         ]
         return _directions(shown, seen_spheres(images), orthographic, own, common, warnings)
-    cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
+    cones = [cone_of(camera, image) for image in images]
 
     def perspective(pixels: Array, change: Array) -> Array:
         centres = np.array([cone.axis / cone.sine for cone in cones]) + change
