@@ -12,7 +12,6 @@ from acquisition import DataError, LightErrors, Lights, tangent_basis
 from calibration._intensities.blocks import blocks_of
 from calibration._intensities.doubts import doubts
 from calibration._intensities.fit import Fit, covariance_of
-from calibration._intensities.joint_fit import JointFit
 from calibration._intensities.model import Geometry, position_slopes
 from calibration._intensities.surface import Array, MatteSurface
 from calibration._intensities.vignetting import Vignetting, fit_vignetting
@@ -74,14 +73,9 @@ def calibrate_intensities(
     any pattern, and vignetting and the exposure of a recording cancel. Shadows, highlights and
     objects on a surface are outliers with a low weight (Cauchy). `mu` and axis differ between
     lights by a normal distribution whose width is estimated (MacKay, Bayesian interpolation,
-    1992). Standard deviations are those of a sandwich estimate (Huber, 1981). They do not include
-    deviations of the surface from the model.
-
-    If `Lights.errors` has covariances of the positions, these are refined in the same fit, with the
-    covariances as priors and a common error of the surface's height of 1 mm: strengths and
-    positions become better. Positions are not refined if there is a doubt about the surface, or if
-    strengths were estimated before, perhaps from the same images; then their covariances are
-    propagated. Errors of different positions count as independent.
+    1992). Standard deviations are those of a sandwich estimate (Huber, 1981) plus the propagated
+    covariances of the positions, if `Lights.errors` has them; errors of different positions count
+    as independent. They do not include deviations of the surface from the model.
 
     Parameters
     ----------
@@ -126,30 +120,16 @@ def calibrate_intensities(
     for part in parts:
         check_type("surfaces", part, MatteSurface, "MatteSurface.card(values, camera)")
     _check(parts, lights)
-    repeated = lights.errors is not None and lights.errors.axis_std_deg is not None
-    if repeated:
+    if lights.errors is not None and lights.errors.axis_std_deg is not None:
         lights = replace(lights, axes=None)  # estimated before, perhaps from the same images
     blocks = blocks_of(parts, lights)
     fit = Fit(blocks.values, Geometry.of(lights, blocks.points_mm, blocks.normals))
     fit.run()
-    warnings = doubts(fit, blocks, lights)
-    known = None if lights.errors is None else lights.errors.covariances
-    joint = None
-    if known is not None and np.isfinite(known).all() and not (repeated or warnings):
-        joint = JointFit.of(fit, lights, blocks, known)
-        joint.run()
-        if joint.contradicted:
-            warnings, joint = (*warnings, _contradiction(joint)), None
-    given = lights.errors
-    if joint is not None and given is not None:
-        fit, covariance = joint, covariance_of(joint)
-        lights, placed = joint.placed(covariance)
-        given = replace(given, covariances=placed)
     calibrated = _lights(lights, fit)
-    if joint is None:
-        slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
-        covariance = covariance_of(fit, slopes, known)
-    errors = _errors(fit, covariance, np.asarray(calibrated.intensities), given)
+    slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
+    known = None if lights.errors is None else lights.errors.covariances
+    covariance = covariance_of(fit, slopes, known)
+    errors = _errors(fit, covariance, np.asarray(calibrated.intensities), lights.errors)
     return IntensityCalibration(
         replace(calibrated, errors=errors),
         float(fit.mu.mean()),
@@ -160,18 +140,8 @@ def calibrate_intensities(
         fit.scale,
         blocks.pixels,
         fit_vignetting(fit, blocks, covariance) if even else None,
-        warnings,
+        doubts(fit, blocks, lights),
     )
-
-
-def _contradiction(joint: JointFit) -> Notice:
-    moved = float(np.linalg.norm(joint.shift, axis=0).mean())
-    text = (
-        f"the images of the surface contradict the positions of the lights: these would have to "
-        f"move by {moved:.1f} mm on average, far more than their standard deviations; they were "
-        "kept: check card, camera and positions"
-    )
-    return Notice("positions-contradicted", text)
 
 
 def _check(surfaces: list[MatteSurface], lights: Lights) -> None:
@@ -217,8 +187,7 @@ def _errors(
         strength = intensities[:, c]
         change = np.diag(strength) @ (np.eye(lights) - strength / lights)
         deviations[:, c] = np.sqrt(np.diag(change @ covariance[own, own] @ change.T))
-    first = channels * lights
-    variance = np.diag(covariance)[first : first + 3 * lights].reshape(3, lights)
+    variance = np.diag(covariance)[channels * lights :].reshape(3, lights)
     return replace(
         LightErrors() if given is None else given,
         intensity_std=deviations,

@@ -66,7 +66,7 @@ class Fit:
         lights = self.values.shape[1]
         self.mu, self.tilt = np.ones(lights), np.zeros((2, lights))
         self.own_mu, self.own_tilt = np.ones(lights, np.bool_), np.ones(lights, np.bool_)
-        log = np.log(self.values) - self.pattern()[0]
+        log = np.log(self.values) - self._pattern()[0]
         self.strength = np.zeros(self.values.shape[:2])
         for _ in range(3):
             self.albedo = np.nanmedian(log - self.strength[..., None], axis=1)
@@ -75,20 +75,20 @@ class Fit:
 
     def run(self) -> None:
         """Fit shared patterns, then those of each light, and share those that stay unknown."""
-        self.converge(_SHARED_ROUNDS)
+        self._converge(_SHARED_ROUNDS)
         self.spreads = (_MU_SPREAD[0], _TILT_SPREAD[0])
-        covariance = self.converge(_OWN_ROUNDS, spreads=True)
+        covariance = self._converge(_OWN_ROUNDS, spreads=True)
         lights = len(self.mu)
         first = self.strength.size
-        deviation = np.sqrt(np.diag(covariance)[first : first + 3 * lights]).reshape(3, lights)
+        deviation = np.sqrt(np.diag(covariance)[first:]).reshape(3, lights)
         self.own_mu = deviation[0] < _OWN * self.spreads[0]
         self.own_tilt = deviation[1:].max(axis=0) < _OWN * self.spreads[1]
         self.tilt[:, ~self.own_tilt] = 0
         if not self.own_mu.all():
             self.mu[~self.own_mu] = self.mu.mean()
-        self.converge(_LAST_ROUNDS)
+        self._converge(_LAST_ROUNDS)
 
-    def converge(self, rounds: int, *, spreads: bool = False) -> Array:
+    def _converge(self, rounds: int, *, spreads: bool = False) -> Array:
         """Repeat steps until they are far below the standard deviations; return the covariance."""
         while True:
             rounds -= 1
@@ -101,7 +101,7 @@ class Fit:
             if rounds == 0 or (steady and np.all(np.abs(step) <= _STEADY * deviations)):
                 return covariance
 
-    def pattern(self) -> tuple[Array, Array]:
+    def _pattern(self) -> tuple[Array, Array]:
         """Return the logarithm of the model without strength and albedo, and its columns."""
         ratio, slope = self.geometry.pattern(self.tilt)
         columns = np.concatenate([ratio[None], self.mu[:, None] * slope])
@@ -109,7 +109,7 @@ class Fit:
 
     def residuals(self) -> tuple[Array, Array, Array, Array]:
         """Return relative residuals, weights, z = residual / scale and the columns."""
-        model, columns = self.pattern()
+        model, columns = self._pattern()
         log = self.strength[..., None] + self.albedo[:, None] + model
         with np.errstate(over="ignore"):
             residuals = self.values / np.exp(log) - 1
@@ -177,26 +177,21 @@ class Fit:
         channels, lights = self.strength.shape
         first = channels * lights
         ahead = np.clip(step[:first].reshape(channels, lights), -1, 1)
-        change = step[first:].reshape(-1, lights)
+        change = step[first:].reshape(3, lights)
         moved = residuals - ahead[..., None] - np.einsum("jk,jkp->kp", change, columns)
         total = weights.sum(axis=1)
         self.albedo += np.clip(
             (weights * moved).sum(axis=1) / np.where(total > 0, total, 1.0), -1, 1
         )
         self.strength += ahead
-        self.move(change)
-        return np.asarray(free @ covariance @ free.T), step
-
-    def move(self, change: Array) -> None:
-        """Add a step ``(3, K)`` to mu and tilts."""
         self.mu = np.clip(self.mu + change[0], 0.0, None)
         self.tilt = np.clip(self.tilt + change[1:], -1.0, 1.0)
+        return np.asarray(free @ covariance @ free.T), step
 
     def _update_spreads(self, covariance: Array) -> None:
         """Estimate the spreads among the LEDs from their values (MacKay, 1992)."""
         lights = len(self.mu)
-        first = self.strength.size
-        variance = np.diag(covariance)[first : first + 3 * lights].reshape(3, lights)
+        variance = np.diag(covariance)[self.strength.size :].reshape(3, lights)
         found = []
         for values, uncertain, limits, spread, lost in (
             (self.mu - self.mu.mean(), variance[0], _MU_SPREAD, self.spreads[0], 1),
@@ -222,8 +217,8 @@ def slope_share(z: Array, known: npt.NDArray[np.bool_]) -> float:
     return float(np.sum((1 - square) / (1 + square) ** 2) / np.sum(1 / (1 + square)))
 
 
-def covariance_of(fit: Fit, slopes: Array | None = None, positions: Array | None = None) -> Array:
-    """Return the covariance of all unknowns, `NormalEquations` explains the order.
+def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> Array:
+    """Return the covariance of strengths, mu and tilts, `NormalEquations` explains the order.
 
     It is the sandwich estimate with the block as its unit, plus the distribution among the LEDs,
     plus the propagated covariances of the positions.
@@ -233,17 +228,18 @@ def covariance_of(fit: Fit, slopes: Array | None = None, positions: Array | None
     fit
         A fit that has run.
     slopes
-        ``(3, K, P)`` derivatives by the positions; None if these are unknowns of the fit.
+        ``(3, K, P)`` derivatives by the positions.
     positions
-        ``(K, 3, 3)`` covariances in mm^2; None if they are not known, or unknowns of the fit.
+        ``(K, 3, 3)`` covariances in mm^2; None if they are not known.
     """
     residuals, weights, z, columns = fit.residuals()
-    lights = len(fit.mu)
-    size = fit.strength.size + len(columns) * lights
-    if slopes is not None:
-        columns = np.concatenate([columns, np.where(np.isfinite(slopes), slopes, 0.0)])
-    equations = NormalEquations.of(residuals, weights, columns, scores=True)
+    slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+    equations = NormalEquations.of(
+        residuals, weights, np.concatenate([columns, slopes]), scores=True
+    )
     scores = equations.scores
+    lights = len(fit.mu)
+    size = fit.strength.size + 3 * lights
     share = max(slope_share(z, weights > 0), 0.1)
     precision, _ = fit.prior()
     free = fit.reduction()
@@ -259,7 +255,7 @@ def covariance_of(fit: Fit, slopes: Array | None = None, positions: Array | None
         gain = -inverse @ cross[:size, place]
         gain[place, np.arange(len(place))] += 1
         covariance = covariance + (gain * variance[shared]) @ gain.T
-    if positions is not None and slopes is not None:
+    if positions is not None:
         columns_of = size + np.arange(3 * lights).reshape(3, lights)
         for k in range(lights):
             if np.isfinite(positions[k]).all():

@@ -69,8 +69,8 @@ def scores(truth, found):
 
 
 def test_errors_of_a_card_agree_with_their_standard_deviations():
-    """Positions are wrong by .7 mm, and their covariances say so; they are refined."""
-    found, before, after = [], [], []
+    """Positions are wrong by .7 mm, and their covariances say so."""
+    found = []
     for seed in range(SEEDS):
         random = np.random.default_rng(seed)
         truth = truth_of(random)
@@ -82,67 +82,9 @@ def test_errors_of_a_card_agree_with_their_standard_deviations():
         assert result.own_mu.all()
         assert result.own_axis.all()
         assert result.warnings == ()
-        before.append(np.linalg.norm(positions - truth.positions, axis=1).mean())
-        off = result.lights.positions_mm - truth.positions
-        after.append(np.linalg.norm(off, axis=1).mean())
-        solved = np.linalg.solve(result.lights.errors.covariances, off[..., None])[..., 0]
-        found.append((*scores(truth, result), np.mean(np.sum(off * solved, axis=1)) / 3))
-    # All of the unknowns have the standard deviations that are stated, positions included.
+        np.testing.assert_array_equal(result.lights.errors.covariances, known.covariances)
+        found.append(scores(truth, result))
     assert np.all(np.abs(np.mean(found, axis=0) - 1.025) < 0.225), np.mean(found, axis=0)
-    assert np.mean(after) < 0.93 * np.mean(before)
-
-
-def near_lights(random, off_mm, stated_mm, **how):
-    """Return a card, its truth, and lights that are off by more or less than stated."""
-    truth = truth_of(random, count=12)
-    values = images(random, truth, CAMERA.points_on_plane(how.get("z_mm", 0.0)), noise=0.001)
-    positions = truth.positions + random.normal(0, off_mm, truth.positions.shape)
-    known = LightErrors(covariances=np.tile(stated_mm**2 * np.eye(3), (12, 1, 1)))
-    return MatteSurface.card(values, CAMERA), truth, Lights(positions_mm=positions, errors=known)
-
-
-def test_positions_are_refined_once_for_the_same_images():
-    card, _, lights = near_lights(np.random.default_rng(11), 0.6, 0.6)
-    first = calibrate_intensities(card, lights).lights
-    moved = np.linalg.norm(first.positions_mm - lights.positions_mm, axis=1)
-    assert 0.1 < moved.mean() < 1.2
-    again = calibrate_intensities(card, first).lights
-    np.testing.assert_array_equal(again.positions_mm, first.positions_mm)
-    np.testing.assert_array_equal(again.errors.covariances, first.errors.covariances)
-
-
-def test_a_card_of_another_height_does_not_move_the_positions_with_it():
-    """A card that is 1 mm too thick is a common error that the positions do not take over."""
-    card, truth, lights = near_lights(np.random.default_rng(12), 0.6, 0.6, z_mm=1.0)
-    found = calibrate_intensities(card, lights)
-    assert found.warnings == ()
-    given = np.mean(lights.positions_mm - truth.positions, axis=0)[2]
-    off = np.mean(found.lights.positions_mm - truth.positions, axis=0)[2]
-    assert abs(off - given) < 0.25
-
-
-def test_covariances_that_are_too_small_are_enlarged():
-    card, truth, lights = near_lights(np.random.default_rng(14), 1.2, 0.4)
-    found = calibrate_intensities(card, lights)
-    assert found.warnings == ()
-    off = [np.linalg.norm(one.positions_mm - truth.positions) for one in (lights, found.lights)]
-    assert off[1] < 0.85 * off[0]
-    assert np.sqrt(np.trace(found.lights.errors.covariances.mean(axis=0)) / 3) > 0.6
-
-
-@pytest.mark.parametrize(
-    ("off_mm", "stated_mm", "z_mm", "code"),
-    [
-        pytest.param(3.0, 0.1, 0.0, "positions-contradicted", id="positions"),
-        pytest.param(0.1, 0.1, 12.0, "card-off-plane", id="card"),
-    ],
-)
-def test_positions_are_kept_if_the_images_contradict_them(off_mm, stated_mm, z_mm, code):
-    card, _, lights = near_lights(np.random.default_rng(13), off_mm, stated_mm, z_mm=z_mm)
-    found = calibrate_intensities(card, lights)
-    assert code in [notice.code for notice in found.warnings]
-    np.testing.assert_array_equal(found.lights.positions_mm, lights.positions_mm)
-    np.testing.assert_array_equal(found.lights.errors.covariances, lights.errors.covariances)
 
 
 @pytest.mark.slow
