@@ -15,7 +15,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import find_mirror
-from calibration._spheres.outline import outline_image, refine_outline
+from calibration._spheres.outline import SHARP_PX, OutlineImages, outline_image, refine_sharpest
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
@@ -100,21 +100,33 @@ def _by_edges(
     radii_px: Sequence[float],
     known: Sequence[SphereImage],
 ) -> list[SphereImage]:
-    """Find spheres around clusters of highlights by the round edges of the mean image."""
-    image = outline_image(values)
-    circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
+    """Find spheres around clusters of highlights by the round edges of the mean image.
+
+    The first of overlapping outlines is kept, unless it is not sharp and a later one is.
+    """
+    pictures = OutlineImages(values)
+    circles = [circle for circle in _circles(pictures.upper) if _expected(circle, radii_px)]
     spheres: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
         if not any(inside(cluster, circle) for cluster in clusters):
             continue
-        if any(overlap(circle, sphere.outline) for sphere in (*known, *spheres)):
+        sharp = [sphere for sphere in spheres if sphere.rms_px < SHARP_PX]
+        if _rivals(circle, [*known, *sharp]):
             continue
-        sphere = _verify(values, image, circle)
+        sphere = _verify(values, pictures, circle)
         if sphere is None or not _expected(sphere.outline, radii_px):
             continue
-        if not any(overlap(sphere.outline, s.outline) for s in (*known, *spheres)):
-            spheres.append(sphere)
+        if _rivals(sphere.outline, known):
+            continue
+        rivals = _rivals(sphere.outline, spheres)
+        if all(sphere.rms_px < SHARP_PX < rival.rms_px for rival in rivals):
+            spheres = [other for other in spheres if other not in rivals] + [sphere]
     return spheres
+
+
+def _rivals(outline: Ellipse, spheres: Sequence[SphereImage]) -> list[SphereImage]:
+    """Return the spheres that overlap an outline."""
+    return [sphere for sphere in spheres if overlap(outline, sphere.outline)]
 
 
 def inside(cluster: SpotCluster, outline: Ellipse) -> bool:
@@ -133,7 +145,7 @@ def round_edges(values: npt.NDArray[np.float32]) -> list[Ellipse]:
 
 
 def _verify(
-    values: npt.NDArray[np.float32], image: npt.NDArray[np.float32], circle: Ellipse
+    values: npt.NDArray[np.float32], pictures: OutlineImages, circle: Ellipse
 ) -> SphereImage | None:
     """Refine a candidate; return it if its highlights are those of a mirror sphere.
 
@@ -144,7 +156,7 @@ def _verify(
         return None
     try:
         reach = max(3.0, 0.03 * circle.radius_px)
-        outline, points, coverage = refine_outline(image, circle, reach)
+        outline, points, coverage = refine_sharpest(pictures, circle, reach)
     except EstimateError:
         return None
     if coverage < _LEAST_COVERAGE or abs(outline.radius_px / circle.radius_px - 1) > 0.15:

@@ -13,7 +13,7 @@ from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, 
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
-from calibration._spheres.outline import mask_outlines, outline_image, refine_outline
+from calibration._spheres.outline import OutlineImages, mask_outlines, refine_sharpest
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import reduce_stack
@@ -63,7 +63,7 @@ def circled_spheres(
     `calibrate_spheres`.
     """
     images = []
-    picture: npt.NDArray[np.float32] | None = None
+    pictures = OutlineImages(values)
     plane = MirroredPlane(values, reduce_stack(values), camera)
     for x, y, radius in circles:
         if not (np.isfinite([x, y, radius]).all() and radius > 0):
@@ -77,8 +77,7 @@ def circled_spheres(
         if mirror is not None:
             images.append(outlined_mirror(values, plane, mirror))
             continue
-        picture = outline_image(values) if picture is None else picture
-        outline, points, coverage = refine_outline(picture, guess, reach)
+        outline, points, coverage = refine_sharpest(pictures, guess, reach)
         images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
     return images
 

@@ -19,6 +19,7 @@ from calibration._spheres.sphere_image import (
     missing_highlights_warning,
     partial_outline_warning,
     saturation_warning,
+    uneven_outline_warning,
 )
 from rig import Notice, pluralize, short_repr
 
@@ -109,6 +110,8 @@ def seen_in(
         images = circled_spheres(values, circles, camera)
     else:
         images, left_out = searched_spheres(values, camera, radii_mm)
+    if not masks:
+        left_out = [*left_out, *uneven_outline_warning(images)]
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)

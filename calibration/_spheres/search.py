@@ -8,14 +8,13 @@ import numpy.typing as npt
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.find import find_spheres, overlap, round_outlines
+from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from calibration._spheres.spots import reduce_stack
 from rig import Notice
 
-# Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
-_SHARP_OUTLINE_PX = 0.25
 _SHARP_OUTLINE_RATIO = 3.0
 
 
@@ -97,7 +96,7 @@ def searched_spheres(
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:
     """Return spheres that mirror a plane or have sharp outlines, and much less sharp outlines."""
-    limit_px = _SHARP_OUTLINE_PX
+    limit_px = SHARP_PX
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
     sharp = [

@@ -8,11 +8,14 @@ import numpy as np
 
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
+from calibration._spheres.outline import scatter_px
 from calibration._spheres.robust import Array
 from rig import Notice, short_repr
 
 # Below this share of visible outline, another circle nearby may fit as well.
 SAFE_COVERAGE = 0.6
+# Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
+_UNEVEN_PX = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ class SphereImage:
     @property
     def rms_px(self) -> float:
         """Robust scatter of the outline points about the outline."""
-        return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
+        return scatter_px(self.outline, self.points_px)
 
 
 def missing_highlights_warning(images: list[SphereImage]) -> list[Notice]:
@@ -86,6 +89,19 @@ def partial_outline_warning(images: list[SphereImage]) -> list[Notice]:
         "be misplaced: light the background, give a mask, or give circles"
     )
     return [Notice("outline-partly-seen", text)]
+
+
+def uneven_outline_warning(images: list[SphereImage]) -> list[Notice]:
+    """Return a warning about spheres whose outline is not sharp, or an empty list."""
+    uneven = [image for image in images if image.rms_px > _UNEVEN_PX]
+    if not uneven:
+        return []
+    scatter = ", ".join(f"{image.rms_px:.1f} px" for image in uneven)
+    text = (
+        f"the outline of {places(uneven)} scatters by {scatter}, so it may be misplaced: light the "
+        "background evenly, or give a mask"
+    )
+    return [Notice("outline-uneven", text)]
 
 
 def places(images: list[SphereImage]) -> str:
