@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +15,11 @@ from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.input_tests import check_inputs, doubts
+from calibration._spheres.known_places import known_places
 from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask
-from calibration._spheres.outline_noise import circle_covariance, viewing_cone
-from calibration._spheres.placed import off_the_plane, place, systematic
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, cone_of, outline_covariance
+from calibration._spheres.placed import COMMON_SHARE, common_error, off_the_plane, place, systematic
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
 from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
@@ -49,6 +50,7 @@ def calibrate_spheres(
     circles: Sequence[Circle] | None = None,
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None = None,
 ) -> SphereCalibration:
     """Estimate lights from their highlights on mirror spheres.
 
@@ -78,6 +80,10 @@ def calibrate_spheres(
     radius_mm
         Radius of the spheres, or one radius for each in the order of masks or circles. For spheres
         that were searched for, larger radii are assigned to larger outlines.
+    led_positions_mm
+        Positions of LEDs that are known independently, by the ids of the lights, for example from
+        the rig file: x, y, z in mm in the house frame. They do not enter the lights. If the images
+        contradict the radius or the working distance, they decide which of the two is wrong.
 
     Returns
     -------
@@ -103,7 +109,8 @@ def calibrate_spheres(
     Lights(3 directions, L00 to L02)
     """
     radii = None if radius_mm is None else _radii(radius_mm, camera)
-    return _calibrate([seen_in(stack, masks, circles, camera, radii)], ("",), camera)
+    seen = seen_in(stack, masks, circles, camera, radii)
+    return _calibrate([seen], ("",), camera, led_positions_mm)
 
 
 def calibrate_moved_spheres(
@@ -114,6 +121,7 @@ def calibrate_moved_spheres(
     circles: Sequence[Sequence[Circle] | None] = (),
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None = None,
 ) -> SphereCalibration:
     """Estimate lights from several recordings of the same lights, with the spheres moved between.
 
@@ -139,6 +147,8 @@ def calibrate_moved_spheres(
         all: spheres that were searched for have the radius that fits their size; marked spheres
         have the radii in the order of masks or circles if there is one for each, else those that
         fit.
+    led_positions_mm
+        As in `calibrate_spheres`.
 
     Returns
     -------
@@ -199,7 +209,7 @@ def calibrate_moved_spheres(
             f"moved spheres need two or more recordings, and at most one name and one list of "
             f"masks or circles for each: {pluralize(len(seen), 'recording')} given"
         )
-    return _calibrate(seen, tuple(labels), camera)
+    return _calibrate(seen, tuple(labels), camera, led_positions_mm)
 
 
 def _known_lights(
@@ -222,10 +232,14 @@ def _known_lights(
 
 
 def _calibrate(
-    seen: list[SeenSpheres], recordings: tuple[str, ...], camera: CameraModel | None
+    seen: list[SeenSpheres],
+    recordings: tuple[str, ...],
+    camera: CameraModel | None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None,
 ) -> SphereCalibration:
     """Calibrate from the spheres of all recordings together."""
     names = seen[0].names
+    places_mm = known_places(led_positions_mm, names)
     images = [image for one in seen for image in one.images]
     of_recording = [k for k, one in enumerate(seen) for _ in one.images]
     radii = [one.radii_mm for one in seen]
@@ -236,7 +250,8 @@ def _calibrate(
         for k, one in enumerate(seen)
         for notice in one.warnings()
     ]
-    shown = _Shown(names, images, of_recording, recordings, [seen[k].found for k in of_recording])
+    found = [seen[k].found for k in of_recording]
+    shown = _Shown(names, places_mm, images, of_recording, recordings, found)
     if camera is None:
         outlines = [image.outline for image in images]
 
@@ -245,9 +260,14 @@ def _calibrate(
             rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
             return np.stack(rays, axis=1)
 
-        covariances = [circle_covariance(image.points_px, image.outline) for image in images]
-        return _directions(shown, seen_spheres(images), orthographic, covariances, warnings)
-    cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
+        # Centre x, centre y and radius of each outline.
+        common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(images), 1))
+        own = [outline_covariance(image) for image in images]
+        own = [
+            of_one - np.outer(shared, shared) for of_one, shared in zip(own, common, strict=True)
+        ]
+        return _directions(shown, seen_spheres(images), orthographic, own, common, warnings)
+    cones = [cone_of(camera, image) for image in images]
 
     def perspective(pixels: Array, change: Array) -> Array:
         centres = np.array([cone.axis / cone.sine for cone in cones]) + change
@@ -256,8 +276,9 @@ def _calibrate(
     known = [of_one for of_one in radii if of_one is not None]
     if not known:
         spheres = seen_spheres(images)
-        covariances = [cone.covariance + systematic(cone, camera) for cone in cones]
-        return _directions(shown, spheres, perspective, covariances, warnings)
+        own = [cone.covariance + systematic(cone, camera) for cone in cones]
+        common = np.array([common_error(cone, camera) for cone in cones])
+        return _directions(shown, spheres, perspective, own, common, warnings)
     radii_mm = np.concatenate(known)
     placed = place(cones, radii_mm, camera)
     warnings += off_the_plane(placed, camera)
@@ -272,18 +293,20 @@ def _calibrate(
     text = "one sphere gives only directions: positions require two spheres"
     warnings.append(Notice("one-sphere", text))
     spheres = placed_spheres(images, placed.centres_mm, radii_mm)
-    covariances = [placed.covariance_mm2 / radii_mm[0] ** 2]
-    return _directions(shown, spheres, perspective, covariances, warnings)
+    own = [placed.covariance_mm2 / radii_mm[0] ** 2]
+    return _directions(shown, spheres, perspective, own, np.zeros((1, 3)), warnings)
 
 
 @dataclass(frozen=True, eq=False)
 class _Shown:
     """Names of N lights; K spheres, the number of the recording of each, whether it was found.
 
-    ``names`` has a name for each recording, empty if there is only one.
+    ``places_mm (N, 3)`` are the places of the lights that are known independently, and ``names``
+    has a name for each recording, empty if there is only one.
     """
 
     lights: tuple[str, ...]
+    places_mm: Array
     images: list[SphereImage]
     of_recording: list[int]
     names: tuple[str, ...]
@@ -347,6 +370,7 @@ def _directions(
     spheres: tuple[Sphere, ...],
     rays_of: Callable[[Array, Array], Array],
     outline_covariances: list[Array],
+    outlines_common: Array,
     warnings: list[Notice],
 ) -> SphereCalibration:
     """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
@@ -371,7 +395,9 @@ def _directions(
         )
         warnings.append(Notice("lights-near", text))
     errors = LightErrors(
-        direction_covariances(rays_of, highlights, sigma_px, np.array(outline_covariances)),
+        direction_covariances(
+            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
+        ),
         spheres=seen.sum(axis=1),
     )
     lights = Lights(directions=directions, ids=names, errors=errors)
@@ -423,12 +449,11 @@ def _positions(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
-    off_plane = any(warning.code == "spheres-off-the-plane" for warning in warnings)
-    if disagreement <= _UNTRUSTED_DEG and not off_plane:
+    if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
         weighed = np.where(used, sigma_px, np.inf)
         tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
-        warnings += doubts(tests, camera, radii)
+        warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
@@ -448,6 +473,15 @@ def _positions(
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
     spheres = shown.numbered(placed_spheres(images, centres, radii))
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
+
+
+def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
+    """Add doubts about the given values; a warning that spheres are off the plane takes them up."""
+    off = [k for k, warning in enumerate(warnings) if warning.code == "spheres-off-the-plane"]
+    if not (off and doubts):
+        return warnings + doubts
+    text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
+    return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
 
 
 def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:

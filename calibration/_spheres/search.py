@@ -100,7 +100,9 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
     limit_px = _SHARP_OUTLINE_PX
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
-    sharp = [image for image in images if image.mirrors or image.rms_px <= limit_px]
+    sharp = [
+        image for image in images if image.covariance_px2 is not None or image.rms_px <= limit_px
+    ]
     return sharp, [image for image in images if image not in sharp]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from sgp._exit import UsageError
 from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, RigOption
 from sgp._output import check_file
 from sgp._result import Result
-from sgp._rig_lights import rig_notices, rig_with_positions
+from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
     ShownSpheres,
@@ -82,8 +82,9 @@ def spheres(
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
     rig
-        Rig file (.toml) whose led_positions_mm the lights are compared with; default: the
-        configured rig if the session was recorded with it.
+        Rig file (.toml) whose led_positions_mm the lights are compared with, and which decide
+        between a wrong radius and a wrong working distance; default: the configured rig if the
+        session was recorded with it.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -97,12 +98,13 @@ def spheres(
     marks = marks_of([str(path) for path in mask], sphere, len(source))
     recordings, files = _open(source, marks, camera=camera, gamma=gamma, max_pixels=max_pixels)
     calibration.check_recordings([one.source for one in recordings])
+    first = recordings[0].source
+    places_mm = led_positions(rig, first.setup.rig)
     estimate = calibration.record_setup(
-        _estimate(recordings, radius_mm), *[one.source for one in recordings]
+        _estimate(recordings, radius_mm, places_mm), *[one.source for one in recordings]
     )
     result = describe_spheres(estimate, source)
     result.outputs = outputs
-    first = recordings[0].source
     result.warnings = [
         *[notice for one in recordings for notice in one.notices],
         *estimate.warnings,
@@ -178,7 +180,9 @@ def _open(
 
 
 def _estimate(
-    recordings: Sequence[_Recording], radius_mm: Sequence[float]
+    recordings: Sequence[_Recording],
+    radius_mm: Sequence[float],
+    places_mm: Mapping[str, Sequence[float]],
 ) -> calibration.SphereCalibration:
     """Calibrate from one recording, or from all of them together."""
     cameras = [one.source.camera for one in recordings if one.source.camera is not None]
@@ -192,6 +196,7 @@ def _estimate(
                 circles=[one.circles for one in recordings],
                 camera=camera,
                 radius_mm=radii,
+                led_positions_mm=places_mm,
             )
         return calibration.calibrate_spheres(
             recordings[0].read(),
@@ -199,6 +204,7 @@ def _estimate(
             circles=recordings[0].circles,
             camera=camera,
             radius_mm=radii,
+            led_positions_mm=places_mm,
         )
     except calibration.EstimateError as error:
         for one in recordings:
