@@ -9,6 +9,8 @@ Each row is measured in a process of its own, and is given in CPU seconds of all
 multiples of the yardstick, and with its peak of memory:
 
 - bytes: the bytes of all files are read, without decoding them;
+- memory: an array of the size of the linear stack, float32, is filled once; pages that a process
+  touches first cost most of it, on virtual machines several times as much as on others;
 - images: `linear_images` one after the other, which are dropped. This is the yardstick;
 - command: `sgp calibrate spheres`, from the files to lights.json and lights.png.
 
@@ -62,6 +64,15 @@ def cost_of_bytes(images: Path) -> Cost:
     return measured(lambda: sum(len(path.read_bytes()) for path in images.iterdir()))[0]
 
 
+def cost_of_memory(images: int) -> Cost:
+    """Return the cost of filling an array of the size of the stack."""
+
+    def fill() -> None:
+        np.zeros((images, HEIGHT, WIDTH), np.float32)[:] = 1
+
+    return measured(fill)[0]
+
+
 def cost_of_images(images: Path) -> Cost:
     """Return the cost of reading and developing the images."""
     from calibration import linear_images
@@ -99,6 +110,7 @@ def main() -> None:
         images, out = folder / "images", Path(temporary) / "lights.json"
         rows = {
             "bytes": alone(cost_of_bytes, images),
+            "memory": alone(cost_of_memory, options.lights),
             "images": alone(cost_of_images, images),
             "command": alone(cost_of_command, images, out),
         }
