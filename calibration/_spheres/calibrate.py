@@ -168,16 +168,11 @@ def calibrate_moved_spheres(
     >>> from calibration import calibrate_moved_spheres
     >>> from simulator import render, scene_named
     >>> scene = scene_named("spheres", width=320, height=256, leds=3)
-    >>> first, second = (replace(scene, spheres=scene.spheres[i : i + 2]) for i in (0, 2))
-    >>> seen = [render(first), render(second)]
-    >>> result = calibrate_moved_spheres(
-    ...     [rendering.planes for rendering in seen],
-    ...     masks=[list(rendering.truth.sphere_masks) for rendering in seen],
-    ...     camera=seen[0].truth.camera,
-    ...     radius_mm=[sphere.radius_mm for sphere in scene.spheres[:2]],
-    ... )
-    >>> result.lights, [sphere.recording for sphere in result.spheres]
-    (Lights(3 positions in mm, L00 to L02), [0, 0, 1, 1])
+    >>> pairs = [replace(scene, spheres=scene.spheres[i : i + 2]) for i in (0, 2)]
+    >>> stacks, truth = zip(*[(r.planes, r.truth) for r in map(render, pairs)])
+    >>> masks = [list(one.sphere_masks) for one in truth]
+    >>> calibrate_moved_spheres(stacks, masks=masks, camera=truth[0].camera, radius_mm=20).lights
+    Lights(3 positions in mm, L00 to L02)
     """
     radii = None if radius_mm is None else _radii(radius_mm, camera)
     labels = list(names)
