@@ -319,7 +319,9 @@ class _Developer:
     def _exposed(
         self, frame: Frame, radiance: FloatImage, saturated: npt.NDArray[np.bool_]
     ) -> FloatImage:
-        radiance /= np.float32((frame.exposure_us or self._longest) / self._longest)
+        share = np.float32((frame.exposure_us or self._longest) / self._longest)
+        if share != 1:
+            radiance /= share
         radiance[saturated] = np.nan
         return radiance
 
@@ -333,7 +335,9 @@ class _Developer:
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            image /= np.float32(intensity.mean())
+            strength = np.float32(intensity.mean())
+            if strength != 1:
+                image /= strength
             return image
         image /= intensity.astype(np.float32)
         return image if self._channel == "rgb" else luma(image)

@@ -23,6 +23,7 @@ _FAINTEST_FLUX = 0.03
 _RIVAL_FLUX = 0.5
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
+_BAND_ROWS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +73,8 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         Unsaturated peaks are located by an iterated Gaussian-weighted centroid, saturated peaks by
         the contours of their cores, which ignore rays and glare.
     """
-    # Contains 0.85 of the long axis even if the axes have a ratio of 1.5.
-    reach = 1.1 * outline.radius_px
+    # The windows of spots at the rim extend a little beyond 0.85 of the radius.
+    reach = (_LARGEST_RADIUS + 0.05) * max(outline.semi_axes_px) + 4
     x0, y0 = (np.array(outline.centre_px) - reach).astype(int).clip(0)
     x1, y1 = (np.array(outline.centre_px) + reach).astype(int) + 2
     crop = values[:, y0:y1, x0:x1]
@@ -88,7 +89,7 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         return Highlights(pixels, peak_saturated, sigma_px)
     filled = np.where(saturated, np.nanmax(crop), crop)
     if len(filled) >= 3:
-        filled = filled - np.percentile(filled, 25, axis=0, method="lower").astype(np.float32)
+        _subtract_shared(filled)
     last = np.array(values.shape[:0:-1]) - 1
     border = np.any((places == 0) | (places == last), axis=-1)
     sample = np.flatnonzero(within)
@@ -111,6 +112,14 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         if np.linalg.norm(outline.unit(place)) < _LARGEST_RADIUS:
             pixels[i], sigma_px[i], peak_saturated[i] = place, spot.sigma_px, clipped.any()
     return Highlights(pixels, peak_saturated, sigma_px)
+
+
+def _subtract_shared(stack: npt.NDArray[np.float32]) -> None:
+    """Subtract the lower quartile over the images ``(N, H, W)`` at each pixel, in place."""
+    quartile = (len(stack) - 1) // 4
+    for top in range(0, stack.shape[1], _BAND_ROWS):
+        band = stack[:, top : top + _BAND_ROWS]
+        band -= np.partition(band, quartile, axis=0)[quartile]
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,14 +71,23 @@ def reduce_stack(values: Values) -> ReducedStack:
     mean = np.zeros((count, rows, columns), np.float32)
     peak = np.zeros_like(mean)
     for k, image in enumerate(values):
-        filled = without_nan(image)
         if factor == 1:
-            mean[k] = peak[k] = filled
+            mean[k] = peak[k] = without_nan(image)
             continue
-        mean[k] = reduced_image(filled, (columns, rows), factor)
-        # First down: whole rows are contiguous.
-        down = filled[: rows * factor].reshape(rows, -1, width).max(axis=1)
+        mean[k] = reduced_image(image, (columns, rows), factor)
+        # First down: whole rows are contiguous. Blocks with NaN become NaN.
+        down = image[: rows * factor].reshape(rows, -1, width).max(axis=1)
         peak[k] = down[:, : columns * factor].reshape(rows, columns, -1).max(axis=2)
+        y, x = np.nonzero(~np.isfinite(peak[k]))
+        if len(y):
+            # Only these blocks are copied.
+            across = np.arange(factor)
+            rows_of = np.minimum(y[:, None] * factor + across, height - 1)[:, :, None]
+            columns_of = np.minimum(x[:, None] * factor + across, width - 1)[:, None, :]
+            blocks = image[rows_of, columns_of]
+            others = np.max(peak[k], initial=1.0, where=np.isfinite(peak[k]))
+            filled = without_nan(blocks, float(others))
+            mean[k, y, x], peak[k, y, x] = filled.mean(axis=(1, 2)), filled.max(axis=(1, 2))
     return ReducedStack(factor, mean, peak)
 
 
@@ -88,12 +97,12 @@ def reduced_image(image: Values, size: tuple[int, int], factor: int) -> Values:
     return cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
 
 
-def without_nan(image: Values) -> Values:
-    """Return an image whose saturated samples have its largest value, at least 1."""
+def without_nan(image: Values, least: float = 1.0) -> Values:
+    """Return an image whose saturated samples have its largest value, or ``least`` if larger."""
     if np.isfinite(np.max(image)):  # NaN spreads: one pass shows whether there is any
         return image
     saturated = ~np.isfinite(image)
-    filled = np.where(saturated, np.float32(1), image)
+    filled = np.where(saturated, np.float32(least), image)
     filled[saturated] = filled.max()
     return filled
 
